@@ -1,4 +1,4 @@
-//! The example of `docs/embedding.md` does what it says.
+//! Runs the example of `docs/embedding.md`.
 
 #[path = "../examples/embed.rs"]
 mod embed;

@@ -1,10 +1,12 @@
-//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `verify/checker/src/run.rs` hold in every cycle;
-//! and when they stop doing it, the robot can be armed again within a second.
-//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
-//! motors only; one runs the robot of three vendors' motors, with four buses and twelve motors; and one has native motors among
-//! them, half of these three on a serial line at a fifth of the rate. In every fourth seed the cycle polls for the last replies.
-//! `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a
-//! failure says.
+//! Goal: for any behaviour of buses, motors, controllers and the clock, the invariants of
+//! `verify/checker/src/run.rs` hold in every cycle. When the faults end, the robot can be armed
+//! again within a second.
+//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
+//! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
+//! buses and twelve motors. One has native motors among them; half of these seeds put three on a
+//! serial line at a fifth of the rate. In every fourth seed the cycle polls for the last replies.
+//! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
+//! `MOTORD_SEED` runs one alone, as the message of a failure describes.
 
 use motord_bus::Duration;
 use motord_core::settings::{BusSettings, Settings};
@@ -18,50 +20,51 @@ use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operat
 use motord_simulator::Mode;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Runs of a plain `cargo test`.
+/// Number of runs of a plain `cargo test`.
 const SEEDS: u64 = 300;
 /// Length of each run, s of robot time.
 const SECONDS: u64 = 2;
-/// When the faults have stopped, an operator and a well-behaved controller need this many cycles at most.
+/// Most cycles that an operator and a well-behaved controller need after the end of the faults.
 const ARMABLE_CYCLES: u32 = 1000;
 
-/// Buses that the cycle has given up are opened again this often.
+/// Interval at which buses that the cycle has given up are opened again.
 const REOPEN_CYCLES: u64 = 100;
 
-/// Times that are strict as on a robot.
+/// Times as strict as on a robot.
 const SAFETY: &str = "[safety]\nsetpoint-timeout-ms = 20\ndamp-seconds = 0.3\n";
 
-/// This seed runs the robot of three vendors' motors.
+/// Returns `true` when this seed runs the robot of three vendors' motors.
 const fn is_mixed(seed: u64) -> bool {
     seed % 3 == 2
 }
 
-/// Whether the cycle polls for the last replies.
+/// Returns `true` when the cycle polls for the last replies.
 const fn polls(seed: u64) -> bool {
     seed % 4 == 1
 }
 
-/// In this seed half of the motors speak the native protocol.
+/// Returns `true` when half of this seed's motors speak the native protocol.
 const fn has_native(seed: u64) -> bool {
     seed % 3 == 1
 }
 
-/// In this seed one bus of native motors is a serial line.
+/// Returns `true` when one of this seed's buses of native motors is a serial line.
 const fn has_line(seed: u64) -> bool {
     matches!(seed % 12, 1 | 4)
 }
 
-/// The motors of the line share a host id, so that only the order of requests tells whose reply it is.
+/// Returns `true` when the motors of the line share a host id. Then only the order of requests
+/// identifies a reply's sender.
 const fn shares_host_id(seed: u64) -> bool {
     seed % 24 < 12
 }
 
-/// Farther from its zero, rad, a native joint that stands still is switched off and on, and then counts its turns anew: its zero
-/// is no matter of the cycle.
+/// Distance from its zero, rad, beyond which a native joint at rest is switched off and on, which
+/// resets its count of turns. The cycle does not control its zero.
 const NATIVE_FAR: f32 = 5.0;
 
-/// Two groups that share both buses, and every policy once. With native motors each group has two of three, with room for a
-/// turn.
+/// Returns two groups that share both buses, with every policy once. With native motors each group
+/// has two of three, with room for a turn.
 fn settings(seed: u64) -> Settings {
     let native = has_native(seed);
     let mut text =
@@ -94,8 +97,9 @@ fn settings(seed: u64) -> Settings {
     robot::settings(&text)
 }
 
-/// The buses and motors of the shipped mixed robot. Two groups share all its buses and vendors. A motor that restarts or is
-/// zeroed anywhere stands within its limits, so that it can be armed again.
+/// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
+/// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
+/// be armed again.
 fn mixed_settings() -> Settings {
     let file = include_str!("../../config/mixed-simulated.toml");
     let from = file.find("[[bus]]").expect("the robot has buses");
@@ -129,7 +133,7 @@ const BUS_FAULTS: [&str; 13] = [
     "fd",
     "overflow 5",
 ];
-/// Of a serial line.
+/// Faults of a serial line.
 const LINE_FAULTS: [&str; 7] = ["gone", "blocked", "silent", "echo", "loss 5%", "glue 16ms", "corrupt 1%"];
 const MOTOR_FAULTS: [&str; 14] = [
     "off",
@@ -174,7 +178,9 @@ fn no_fault_sends_forbidden_frames_or_prevents_arming() {
     );
 }
 
-/// Goal: a robot whose controllers are sane is never stopped for nothing.
+/// Goal: a robot with healthy controllers is never stopped without a reason.
+/// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of
+/// healthy hardware.
 /// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
 #[test]
 #[ignore = "an hour of robot time takes a minute: run it with --release and --ignored"]
@@ -182,27 +188,28 @@ fn an_hour_of_sane_control_is_never_stopped() {
     sane::walk(robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(3600));
 }
 
-/// A robot to which faults happen at random.
+/// A robot with random faults.
 struct Run {
     random: Random,
     robot: Robot,
     checker: Checker,
     controllers: [FuzzClient; 2],
-    /// Cycles between two faults, on average.
+    /// Mean number of cycles between two faults.
     interval: usize,
-    /// Requests that were not answered yet: all but service requests to motors are answered at once.
+    /// Requests without an answer yet. All except service requests to motors are answered
+    /// immediately.
     pending: Vec<u32>,
-    /// Of each motor, as it was configured.
+    /// By motor: its memory as it was configured.
     memories: Vec<String>,
     /// The line damages or loses bytes.
     damages: bool,
-    /// How often a motor had to be configured again.
+    /// Number of times that a motor had to be configured again.
     damaged: u64,
 }
 
 impl Run {
     fn new(seed: u64) -> Self {
-        // A limp joint comes to rest in a part of a second, as one with a leg on it does.
+        // A limp joint comes to rest in a fraction of a second, as one with a leg on it does.
         let mut settings = if is_mixed(seed) { mixed_settings() } else { settings(seed) };
         if polls(seed) {
             settings.cycle.busy_poll = Duration::from_micros(30);
@@ -233,7 +240,7 @@ impl Run {
         }
     }
 
-    /// One cycle in which anything may happen.
+    /// Runs one cycle in which any fault may occur.
     fn step_with_faults(&mut self) {
         if self.random.once_in(self.interval) {
             self.disturb();
@@ -325,9 +332,10 @@ impl Run {
         self.damages = !is_over && (self.damages || ["corrupt 1%", "loss 5%"].contains(&fault));
     }
 
-    /// No checksum covers the payload of a frame on a line: one damaged byte makes a reset of the configuration, or an update of
-    /// the firmware, of a command; so does a lost one, after which a value stands where the command was. A technician writes anew
-    /// what each motor remembers, and switches it off and on: it may also have got what it forgets without power.
+    /// Restores the memory of a motor. No checksum covers the payload of a frame on a line. A
+    /// damaged or lost byte can turn a command into a reset of the configuration, or into an update
+    /// of the firmware. A technician writes the memory again, and switches the motor off and on:
+    /// its volatile state may also have changed.
     fn recommission(&mut self, motor: usize) {
         let truth = self.robot.truth(motor);
         let memory = &self.memories[motor];
@@ -344,7 +352,7 @@ impl Run {
         self.robot.disturb(&format!("{name} {fault}"));
     }
 
-    /// A bus or a motor is well again.
+    /// Ends the fault of a bus or a motor.
     fn lift(&mut self) {
         let (buses, motors) = (self.robot.buses.len(), self.robot.settings.motors.len());
         match self.random.below(buses + motors) {
@@ -353,14 +361,15 @@ impl Run {
         }
     }
 
-    /// Every fault is lifted.
+    /// Ends every fault.
     fn lift_all(&mut self) {
         (0..self.robot.buses.len()).for_each(|bus| self.disturb_bus(bus, "ok"));
         (0..self.robot.settings.motors.len()).for_each(|motor| self.disturb_motor(motor, "ok"));
     }
 
-    /// An operator who clears, resets and enables, and controllers that hold still, get the robot to `Active`. What was
-    /// asked of motors while faults happened may take the time it is given.
+    /// Checks that an operator who clears, resets and enables, and controllers that hold still,
+    /// make the robot `Active`. Requests to motors from the time of the faults may take their time
+    /// limit.
     fn must_be_armable(&mut self) {
         while !self.pending.is_empty() {
             self.hold_all();
@@ -383,7 +392,8 @@ impl Run {
         (0..self.controllers.len()).for_each(|group| self.hold_still(group));
     }
 
-    /// The owner asks its joints to stay where they are, or went while it was active.
+    /// Sends setpoints of the owner that hold the joints at their positions, or at those of the
+    /// active time.
     fn hold_still(&mut self, group: usize) {
         let active = self.is_active(group);
         let Self { robot, checker, controllers, .. } = self;
@@ -398,8 +408,8 @@ impl Run {
         controller.follow(robot, checker);
     }
 
-    /// One attempt of an operator to activate the group: clears faults, sets zeros, resets, enables. The operator
-    /// repeats it until the group is active.
+    /// Makes one attempt of an operator to activate the group: clears faults, sets zeros, resets,
+    /// enables. The operator repeats it until the group is active.
     fn arm(&mut self, group: usize) {
         let state = self.robot.state();
         if state.groups[group].lease == 0 {
@@ -410,7 +420,8 @@ impl Run {
             if joint.mode == MotorMode::Fault.code() {
                 self.ask(Operation::ClearFault, group, motor);
             } else if self.is_native(motor) {
-                // Each look of the operator may meet a cycle in which a question for faults replaced the request for a state.
+                // Each check of the operator may fall on a cycle in which a fault request replaced
+                // the request for a state.
                 if joint.age_cycles <= 1 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
                     self.disturb_motor(motor, "power-cycle");
                 }
@@ -422,7 +433,7 @@ impl Run {
         self.ask(Operation::Enable, group, 0);
     }
 
-    /// Native motors on such buses that follow setpoints.
+    /// Returns the number of native motors on such buses that follow setpoints.
     fn active_native(&mut self, on: fn(&BusSettings) -> bool) -> u64 {
         let state = self.robot.state();
         let Settings { buses, motors, .. } = &self.robot.settings;
@@ -446,12 +457,13 @@ impl Run {
     }
 }
 
-/// The lines of a memory but for the position at power-off (GIM document, table 7, ConfID 0x15), which the motor writes itself.
+/// Returns the lines of a memory except the position at power-off (GIM document, table 7, ConfID
+/// 0x15), which the motor writes itself.
 fn written(memory: &str) -> impl Iterator<Item = &str> {
     memory.lines().filter(|line| !line.starts_with("int 0x15 "))
 }
 
-/// Opens the buses again that the cycle has given up.
+/// Reopens the buses that the cycle has given up.
 fn reopen(robot: &mut Robot) {
     let given_up = [BusCondition::Off.code(), BusCondition::Gone.code()];
     for bus in
@@ -461,12 +473,12 @@ fn reopen(robot: &mut Robot) {
     }
 }
 
-/// Where a joint is not known yet, the owner asks for nothing.
+/// Returns the setpoint with zeros where a joint's state is not known yet.
 fn finite(setpoint: JointSetpoint) -> JointSetpoint {
     if setpoint.position.is_finite() { setpoint } else { JointSetpoint::default() }
 }
 
-/// Controllers that behave.
+/// Controllers without faults.
 mod sane {
     use super::robot::random::Random;
     use super::robot::{self, Robot};
@@ -485,7 +497,7 @@ mod sane {
             Self { amplitude: between(random, 0.05, 0.3), frequency: between(random, 0.2, 2.0) }
         }
 
-        /// Position and velocity, rad and rad/s.
+        /// Returns position and velocity, rad and rad/s.
         fn at(&self, time: f64) -> (f32, f32) {
             let omega = std::f64::consts::TAU * self.frequency;
             let (sine, cosine) = (omega * time).sin_cos();
@@ -518,7 +530,7 @@ mod sane {
         }
     }
 
-    /// A cycle that begins late, or a reply that is lost, now and then.
+    /// Occasionally makes a cycle begin late, or a reply get lost.
     fn disturb(random: &mut Random, robot: &mut Robot) {
         if random.once_in(1000) {
             robot.oversleep(Duration::from_nanos(random.draw() % 1_500_000));

@@ -1,4 +1,4 @@
-//! The limits, which are the last thing before the wire.
+//! The limits, which are the last step before the wire.
 
 use motord_core::control::{Applied, Circumstances, damp, limit};
 use motord_core::joint::{Impedance, JointSide, Measured, Setpoint};

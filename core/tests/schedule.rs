@@ -1,14 +1,15 @@
-//! The rounds of safe frames that one bus is owed.
+//! The rounds of safe frames of one bus.
 
 use motord_bus::{Duration, Instant};
 use motord_core::stopper::schedule::{SafeFrame, Schedule};
 
-/// Between two tries on a bus that refuses for longer than the damping.
+/// Time between two attempts on a bus that refuses for longer than the damping.
 const RETRY: Duration = Duration::from_millis(100);
 const DAMP: Duration = Duration::from_millis(100);
 const BEGIN: Instant = Instant::from_nanos(1_000_000_000);
 
-/// The rounds that the bus was given, in ms since the begin, when it takes those of which `takes` is true.
+/// Returns the rounds of the bus, in ms since the begin, when it accepts those for which `takes` is
+/// true.
 fn given(millis: u64, takes: impl Fn(u64) -> bool) -> Vec<(u64, SafeFrame)> {
     let mut schedule = Schedule::begin(DAMP, BEGIN);
     let mut given = Vec::new();
@@ -21,7 +22,7 @@ fn given(millis: u64, takes: impl Fn(u64) -> bool) -> Vec<(u64, SafeFrame)> {
     given
 }
 
-/// Damping at 100 Hz from `begin` on, then the stops.
+/// Returns damping at 100 Hz from `begin` on, then the stops.
 fn whole_from(begin: u64) -> Vec<(u64, SafeFrame)> {
     let at = |round: u64| begin + 10 * round;
     (0..10)

@@ -1,4 +1,4 @@
-//! The stopper serves every bus, whatever the others do.
+//! The stopper serves every bus independently of the others.
 
 #![expect(clippy::disallowed_types, reason = "the buses of a test share a log")]
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
@@ -8,7 +8,7 @@ use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, PATIENCE, Stopper};
 use std::sync::{Arc, Mutex};
 
-/// Writes its name down when it is sent to, and in capitals when it is looked for.
+/// Records its name at each send, and in capitals at each search.
 struct Missing {
     name: char,
     log: Arc<Mutex<String>>,
@@ -65,7 +65,7 @@ fn absent_interfaces_are_checked_ten_times_a_second() {
     }
 }
 
-/// Time that passes only while somebody sleeps.
+/// Time that advances only in a sleep.
 struct Virtual(Instant);
 
 impl Clock for Virtual {
@@ -86,7 +86,7 @@ impl Clock for Virtual {
     }
 }
 
-/// A bus that refuses frames from time to time, and writes down when it took which.
+/// A bus that refuses frames at times, and records the time of each accepted one.
 struct Jammed {
     refuses: fn(Instant) -> bool,
     taken: Vec<(Instant, Frame)>,
@@ -102,7 +102,7 @@ impl Outlet for Jammed {
     }
 }
 
-/// A bus that takes all but the last frame of every round.
+/// A bus that accepts all except the last frame of every round.
 #[derive(Default)]
 struct Narrow(Vec<Frame>);
 

@@ -8,7 +8,7 @@ use motord_shared::MotorMode;
 
 const CYCLES: u32 = 1000;
 
-/// A robot that is never asked for its faults, and how often its cycle sleeps or waits in [`CYCLES`] cycles.
+/// Returns a robot without fault requests, and the number of sleeps and waits in [`CYCLES`] cycles.
 fn waits(busy_poll: Duration, reading: Duration, disturbance: Option<&str>) -> (Robot, u32) {
     let mut settings = robot::three_motors();
     settings.cycle.busy_poll = busy_poll;
@@ -43,7 +43,7 @@ fn polling_ends_at_its_bound_and_is_counted() {
     assert!(in_vain < 10, "replies come when they came before: {in_vain}");
     robot.disturb("thigh off");
     let Polled { time, reads, in_vain } = polled(&mut robot);
-    // A reading of the clock may be the step over the bound, and a few are on the way.
+    // The limit may be exceeded by one reading of the clock, and a few readings precede it.
     let bound = Duration::from_micros(30)..Duration::from_micros(40);
     assert!(in_vain && bound.contains(&time), "{time:?}");
     assert!((2..40).contains(&reads), "a read of one bus at each step of the clock: {reads}");
@@ -85,7 +85,7 @@ fn cycles_start_on_tick_despite_late_wakeups() {
     }
 }
 
-/// A motor that is offline is asked ten times a second, and only then its reply is awaited.
+/// An offline motor is requested ten times a second, and only then its reply is awaited.
 #[test]
 fn absent_motor_delays_states_once_per_hundred_cycles() {
     let mut robot = Robot::new(robot::three_motors(), 1);
@@ -106,7 +106,7 @@ fn absent_motor_delays_states_once_per_hundred_cycles() {
     assert!((9..=11).contains(&questions), "the others are asked for their faults: {questions}");
 }
 
-/// The polling of the next cycle.
+/// Returns the polling of the next cycle.
 fn polled(robot: &mut Robot) -> Polled {
     robot.cycle_only();
     robot.client.record().expect("one for each cycle").polled
@@ -121,7 +121,7 @@ fn motor_that_is_off_is_polled_when_asked() {
     assert!(polls.iter().all(|polled| polled.reads > 0));
 }
 
-/// Three of four replies come much later than the polling for the fourth ends.
+/// Three of four replies arrive much later than the end of the polling for the fourth.
 #[test]
 fn two_fruitless_polls_skip_the_next() {
     let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), None);

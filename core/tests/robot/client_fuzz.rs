@@ -1,7 +1,9 @@
-//! Goal: whatever a controller does, the invariants of `verify/checker/src/run.rs` hold on the bytes that reach the motors.
-//! Method: seeded runs of a fuzzing client on virtual time: absurd values, NaN, stutter, silence, old messages and those
-//! of other owners, requests at the wrong time, and death. A seed that fails is printed; `MOTORD_SEED=n` runs it alone, and
-//! `MOTORD_SEEDS=n` runs more than the thousand.
+//! Goal: for any behaviour of a controller, the invariants of `verify/checker/src/run.rs` hold on
+//! the bytes that reach the motors.
+//! Method: seeded runs of a fuzzing client on virtual time: absurd values, NaN, stutter, silence,
+//! old messages and those of other owners, requests at the wrong time, and exit. A seed that fails
+//! is printed. `MOTORD_SEED=n` runs it alone, and `MOTORD_SEEDS=n` sets the number of seeds, a
+//! thousand by default.
 
 use motord_harness::robot;
 use motord_harness::robot::Robot;
@@ -15,7 +17,7 @@ fn client_fuzz_never_sends_forbidden_frames() {
     robot::for_each_seed("robot client_fuzz", 1000, run);
 }
 
-/// One controller, from its claim to well after its death.
+/// Runs one controller, from its claim to some time after its exit.
 fn run(seed: u64) {
     let mut random = Random::new(seed);
     let mut robot = Robot::new(robot::three_motors(), seed);

@@ -172,7 +172,7 @@ fn late_setpoint_is_counted_and_dated() {
     let joints = robot.activate();
     let mut used = |answered: u64, oversleep: u64| {
         let (before, late) = (robot.state().cycle, robot.group().late);
-        // Relative to the newest states; 0 and a cycle that has not been tell nothing.
+        // Relative to the newest states; 0 and a future cycle have no meaning.
         let answers = if answered == 0 { 0 } else { before + 2 - answered };
         let message = motord_shared::SetpointMessage { cycle: answers, ..robot.message(&joints) };
         robot.deliver(&message);
@@ -249,7 +249,7 @@ fn late_states_after_stall_are_no_faults() {
     }
 }
 
-/// A robot whose thigh answers every question one cycle late, for so long that no miss is remembered.
+/// Returns a robot whose thigh answers every request one cycle late, until no miss is remembered.
 fn lagging_by_a_cycle() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
@@ -282,8 +282,9 @@ fn fault_is_known_although_answers_lag() {
     }
 }
 
-/// Goal: a motor that was lost and is found by late answers is not believed to be in fault: only an operator could mend that.
-/// Method: its answers come so late that those to other questions meet the question for its fault.
+/// Goal: a lost motor that is found by late answers is not treated as faulty, which only an
+/// operator could clear.
+/// Method: its answers are so late that those to other requests meet the fault request.
 #[test]
 fn late_states_of_lost_motor_are_no_faults() {
     for delay in [60, 110, 250, 333, 410, 450, 505] {
@@ -300,8 +301,8 @@ fn late_states_of_lost_motor_are_no_faults() {
     }
 }
 
-/// Goal: a bug in the cycle does not leave motors with their last command.
-/// Method: the clock panics in mid-cycle; what the daemon's thread does then is done here.
+/// Goal: a panic in the cycle does not leave motors with their last command.
+/// Method: the clock panics in mid-cycle, and the test then does what the daemon's thread does.
 #[test]
 fn panic_in_cycle_damps_then_stops_joints() {
     let mut robot = Robot::new(robot::quadruped(), 1);
@@ -383,9 +384,9 @@ fn returning_stiffness_pulls_from_present_position() {
     }
 }
 
-/// Goal: what was held is damped before it goes limp, also when it has stood still all the time.
-/// Method: the owner of a robot that stands falls silent. The holding ends by its time, by an emergency stop soon after it
-/// began, or by one just before its end.
+/// Goal: a held joint is damped before it goes limp, even when it was at rest all the time.
+/// Method: the owner of a robot at rest becomes silent. The holding ends by its time, by an
+/// emergency stop soon after its begin, or by one just before its end.
 #[test]
 fn held_stop_is_damped_before_limp() {
     for (held_for, emergency) in [(2000, false), (200, true), (1950, true)] {
@@ -506,7 +507,8 @@ fn motors_at(motors: u8, rate_hz: u32) -> Settings {
 }
 
 /// Goal: every rate that the configuration accepts works.
-/// Method: the highest rate with one, three and six motors on a bus, for 10 s with motors that follow a sine.
+/// Method: the highest rate with one, three and six motors on a bus, for 10 s with motors that
+/// follow a sine.
 #[test]
 fn highest_accepted_rate_misses_no_reply() {
     for motors in [1, 3, 6] {

@@ -9,7 +9,7 @@ fn of_joint(robot: &mut Robot, operation: Operation, joint: u32) -> Result<(), R
     robot.ask(request).map(|_| ())
 }
 
-/// Three motors, of which the second may be excluded.
+/// Returns three motors, of which the second may be excluded.
 fn with_excludable_thigh() -> Robot {
     let mut settings = robot::three_motors();
     settings.motors[1].may_be_excluded = true;
@@ -25,7 +25,7 @@ fn excluded_joint_receives_stops_only() {
     assert_eq!(robot.mode(1), MotorMode::Excluded);
     robot.claim().expect("the group is free");
     let mut joints = robot.hold(20.0, 1.0);
-    // A controller that knows nothing of the joint asks for nonsense.
+    // A controller that does not use the joint sends invalid values.
     joints[1] = JointSetpoint { position: f32::NAN, ..Default::default() };
     robot.follow(&joints);
     robot.operate(Operation::Enable).expect("it may be excluded");
@@ -89,7 +89,8 @@ fn joint_of_moving_group_cannot_be_excluded() {
     }
 }
 
-/// A setpoint for an excluded joint is not checked, so it is not used when the joint is back.
+/// A setpoint for an excluded joint is not checked, so it is not used after the joint is included
+/// again.
 #[test]
 fn ignored_setpoint_is_not_used_after_inclusion() {
     let mut robot = with_excludable_thigh();

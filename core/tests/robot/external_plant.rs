@@ -1,4 +1,5 @@
-//! Twelve motors whose shafts somebody else moves, under the real cycle, on virtual time, with the client in process.
+//! Twelve motors with an external plant, under the real cycle, on virtual time, with the client in
+//! process.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -14,7 +15,7 @@ const LEG: usize = 3;
 /// Cycles of a trot: two seconds.
 const TROT: usize = 2000;
 
-/// Each shaft alone, as the built-in mechanics have it: inertia, dry and viscous friction.
+/// Moves each shaft separately, like the built-in mechanics: inertia, dry and viscous friction.
 struct Alone;
 
 impl Plant for Alone {
@@ -51,7 +52,8 @@ impl Legs {
             [0, 1, 2].map(|joint| torques[joint] - Self::FRICTION * [hip, thigh, knee][joint].velocity);
         let (sine, cosine) = knee.position.sin_cos();
         let below = weight * (thigh.position + knee.position).sin();
-        // Lagrange's equations of a double pendulum of equal points, the knee's angle measured from the thigh.
+        // Lagrange's equations of a double pendulum of equal points, with the knee's angle relative
+        // to the thigh.
         let [m11, m12, m22] =
             [inertia * (3.0 + 2.0 * cosine) + Self::ROTOR, inertia * (1.0 + cosine), inertia + Self::ROTOR];
         let swing = swing - 2.0 * weight * thigh.position.sin() - below
@@ -78,7 +80,8 @@ impl Plant for Legs {
     }
 }
 
-/// Every joint at `time` of a trot at 2 Hz that begins softly: diagonal legs together, the knee twice as far as the thigh.
+/// Returns every joint at `time` of a trot at 2 Hz that begins softly: diagonal legs together, the
+/// knee twice as far as the thigh.
 fn trot(time: f32) -> Vec<JointSetpoint> {
     let joint = |motor: usize| {
         let phase = TAU * (2.0 * time + if matches!(motor / LEG, 0 | 3) { 0.0 } else { 0.5 });
@@ -89,7 +92,7 @@ fn trot(time: f32) -> Vec<JointSetpoint> {
     (0..MOTORS).map(joint).collect()
 }
 
-/// Claims, enables, and trots. Returns where each joint was in each cycle, rad.
+/// Claims, enables, and trots. Returns the position of each joint in each cycle, rad.
 fn trotted(robot: &mut Robot) -> Vec<[f32; MOTORS]> {
     robot.steps(10);
     robot.claim().unwrap();
@@ -106,7 +109,7 @@ fn trotted(robot: &mut Robot) -> Vec<[f32; MOTORS]> {
     track
 }
 
-/// Root of the mean square, rad, of what `differs` tells of each cycle and joint.
+/// Returns the root mean square, rad, of `differs` over each cycle and joint.
 fn rms(differs: impl Fn(usize, usize) -> f32) -> f32 {
     let squares: f32 = (0..TROT * MOTORS).map(|at| differs(at / MOTORS, at % MOTORS).powi(2)).sum();
     (squares / (TROT * MOTORS) as f32).sqrt()

@@ -1,5 +1,5 @@
-//! The fault catalogue, part A: what motors and buses do, against simulated buses on virtual time. `docs/faults.md`
-//! tells which item each test holds.
+//! The fault catalogue, part A: faults of motors and buses, with simulated buses on virtual time.
+//! `docs/faults.md` lists the item of each test.
 
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Command, Reported};
@@ -11,14 +11,15 @@ use motord_harness::robot::{Meaning, PERIOD, Robot};
 use motord_shared::{BusCondition, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, message};
 use motord_simulator::MotorSettings;
 
-/// An active robot of three motors, and what its owner asks.
+/// Returns an active robot of three motors, and the setpoints of its owner.
 pub(crate) fn active() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     (robot, joints)
 }
 
-/// Runs cycles until the group is stopped, and tells how many that took. From the cycle after, nothing moves.
+/// Runs cycles until the group is stopped, and returns their number. From the next cycle on, no
+/// command moves a motor.
 pub(crate) fn stopped_within(robot: &mut Robot, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
     for cycle in 1..=cycles {
         robot.follow(joints);
@@ -105,10 +106,10 @@ fn unexpected_ids_are_counted_and_change_nothing() {
         robot.follow(&joints);
     }
     assert_eq!(robot.bus(0).unexpected_id - before, 2000);
-    assert_eq!((robot.phase(), robot.take_events()), (Phase::Active, vec![]), "nothing is told to the log");
+    assert_eq!((robot.phase(), robot.take_events()), (Phase::Active, vec![]), "the log contains no event");
 }
 
-/// A second motor with the thigh's ids, somewhere else.
+/// Returns a robot with a second motor with the thigh's ids, at another position.
 fn with_a_double() -> Robot {
     Robot::built(robot::three_motors(), 1, |_, motors| {
         let double = MotorSettings { name: "double".into(), initial_position: 1.0, ..motors[1].clone() };
@@ -168,7 +169,7 @@ fn frames_of_no_motor_are_counted_not_decoded() {
     assert_eq!(robot.phase(), Phase::Active);
 }
 
-/// The hip's drive, that was asked at 1 s, and when an answer comes.
+/// Returns the hip's drive with a request sent at 1 s, and the time at which an answer arrives.
 fn asked_drive(settings: &Settings, command: &Command) -> (Drive, Instant) {
     let mut drive = Drive::new(&settings.motors[0], Duration::ZERO, false);
     let now = Instant::from_nanos(1_000_000_000);
@@ -244,16 +245,17 @@ fn answer_to_old_fault_question_is_no_state() {
     let fault = [1, 0x40, 0, 0, 0, 0];
     let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::GetFault);
     drive.request(&Command::Stop, later);
-    // The last four bytes of a fault report mean nothing (MIT document 1.2), so they may be anything.
+    // The last four bytes of a fault report have no meaning (MIT document 1.2), so they may have
+    // any value.
     let answer = drive.receive(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
     assert_eq!(answer, Received::Reply(Reported::Late));
     let (mut first, later) = asked_drive(&robot::three_motors(), &Command::Stop);
     assert_eq!(first.receive(&fault, later), Received::Malformed, "not even as the first state of all");
 }
 
-/// Goal: a reply that is dropped changes nothing, not even the count of turns.
-/// Method: a fault report, read as a position, lies just beyond half a turn from the state before and just within from the
-/// state after it. Counting it would leave a turn too many.
+/// Goal: a dropped reply changes nothing, including the count of turns.
+/// Method: a fault report, read as a position, lies just beyond half a turn from the state before,
+/// and just within it from the state after. If it were counted, one turn too many would result.
 #[test]
 fn dropped_reply_keeps_the_turn_count() {
     let mut settings = robot::three_motors();

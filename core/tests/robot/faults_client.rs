@@ -1,5 +1,5 @@
-//! The fault catalogue, part B: what controllers and operators do, as far as it reaches the cycle. `docs/faults.md` tells
-//! which item each test holds.
+//! The fault catalogue, part B: faults of controllers and operators, as far as they reach the
+//! cycle. `docs/faults.md` lists the item of each test.
 
 use motord_bus::Duration;
 use motord_harness::robot;
@@ -21,7 +21,8 @@ fn rejected(robot: &mut Robot, rejection: Rejection) -> u32 {
     robot.group().rejected[rejection.code() as usize]
 }
 
-/// Sends `message` and runs a cycle; it must be rejected for this reason, and leave the setpoint before in use.
+/// Sends `message` and runs a cycle. It must be rejected for this reason, and the previous setpoint
+/// must stay in use.
 fn must_reject(robot: &mut Robot, message: &SetpointMessage, reason: Rejection) {
     let (before, accepted) = (rejected(robot, reason), robot.group().accepted);
     robot.deliver(message);
@@ -51,7 +52,7 @@ fn silent_owner_stops_group_after_20_ms() {
     assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "new messages do not resume it");
 }
 
-/// Tells the cycle that the process with `lease` has ended, as the daemon does.
+/// Reports to the cycle that the process with `lease` has exited, as the daemon does.
 fn dies(robot: &mut Robot, lease: u64) {
     robot.client.alarms().owner_ended(Lease::from_raw(lease).expect("it owns the group"));
     robot.step();
@@ -81,7 +82,7 @@ fn dead_owner_stops_group_in_next_cycle() {
     assert_eq!(robot.cause(), Some(Cause::OwnerDied));
 }
 
-/// A kernel that tells late, or a process id that was given anew, stops no healthy robot.
+/// A late report of the kernel, or a reused process id, does not stop a healthy robot.
 #[test]
 fn death_of_former_owner_stops_no_group() {
     let (mut robot, _) = active();
@@ -116,7 +117,7 @@ fn unreachable_daemon_stops_groups_with_first_cause() {
         assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::DirectoryLost)));
         assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
         let joints = (!leaves).then(|| activate_again(&mut robot));
-        assert!(joints.is_none_or(|_| robot.cause().is_none()), "it is told once");
+        assert!(joints.is_none_or(|_| robot.cause().is_none()), "it is reported once");
     }
 }
 
@@ -141,7 +142,7 @@ fn required_switch_absent_stops_robot_until_it_returns() {
     }
     assert_eq!(robot.cause(), Some(Cause::SwitchLost));
     robot.client.alarms().stand(None);
-    // So long that its owner has gone.
+    // Long enough that its owner has exited.
     robot.steps(2000);
     activate_again(&mut robot);
 }
@@ -235,7 +236,8 @@ fn value_beyond_range_is_clamped_alone() {
         let asked = [joints[1].position, 0.0, 40.0, 1.0, 0.0].map(f64::from);
         let codes = [4e-4, 0.033, 0.13, 0.002, 0.12];
         for other in (0..5).filter(|other| *other != field) {
-            // A large value may make the bound on the whole torque scale the others down together, never up.
+            // A large value may make the bound on the total torque scale the others down in common,
+            // never up.
             let excess = sent[other].abs() - asked[other].abs();
             assert!(
                 excess <= codes[other],
@@ -383,7 +385,7 @@ fn newest_of_many_messages_is_used() {
     assert_eq!(group.sequence, robot.message(&joints).sequence - 1);
 }
 
-/// The requests that all clients together may have under way.
+/// Most requests that all clients together may have in flight.
 const AT_ONCE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 
 #[test]
@@ -424,7 +426,7 @@ fn senseless_requests_are_answered_few_per_cycle() {
     assert_eq!((answers, robot.phase()), (200 * AT_ONCE, Phase::Active));
 }
 
-/// Asks to enable, and tells why not.
+/// Requests an enable, and returns the refusal.
 fn refused_enable(robot: &mut Robot) -> Refusal {
     robot.operate(Operation::Enable).expect_err("something is wrong")
 }

@@ -142,9 +142,9 @@ fn over_voltage_is_damped_less() {
     );
 }
 
-/// Goal: no setpoint warms a winding beyond what the rated torque warms it to.
-/// Method: a hip that cannot turn is asked for twice its rated torque for a minute; what was on the wire is judged by
-/// the square of its torque, weighed as the heat of the winding is.
+/// Goal: no setpoint heats a winding more than the rated torque does.
+/// Method: a blocked hip gets setpoints of twice its rated torque for a minute. The test computes
+/// the heat of the winding from the square of the torque on the wire.
 #[test]
 fn twice_rated_torque_falls_to_rated_after_while() {
     let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[0].coulomb_friction = 100.0);
@@ -168,7 +168,7 @@ fn twice_rated_torque_falls_to_rated_after_while() {
         (last / f64::from(rated) - 1.0).abs() < 0.02 && heat < 1.01,
         "{last} N·m in the end, heat {heat}"
     );
-    assert_ne!(robot.joint(0).limits & Limit::Overload.bit(), 0, "and it is told");
+    assert_ne!(robot.joint(0).limits & Limit::Overload.bit(), 0, "and it is reported");
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
 }
 
@@ -201,7 +201,8 @@ fn set_zero_of_turning_joint_is_refused() {
     assert_eq!(robot.ask(request).unwrap_err(), Refusal::Moving);
 }
 
-/// While a motor writes its zero into its flash, nobody knows whether it is silent for that or for good.
+/// While a motor writes its zero into its flash, its silence cannot be distinguished from a
+/// failure.
 #[test]
 fn motor_lost_during_set_zero_is_never_enabled() {
     let (mut robot, joints) = active();
@@ -215,7 +216,7 @@ fn motor_lost_during_set_zero_is_never_enabled() {
     while robot.mode(0) != MotorMode::Offline {
         robot.send(&joints);
         assert!(robot.operate(Operation::Enable).is_err(), "its group stays stopped");
-        assert_eq!(robot.joint(0).flags & message::JOINT_FRESH, 0, "what it told last is not told as fresh");
+        assert_eq!(robot.joint(0).flags & message::JOINT_FRESH, 0, "its last report does not count as fresh");
         cycles += 1;
     }
     assert!(cycles <= 3000 + 20, "{cycles}");

@@ -1,5 +1,5 @@
-//! The fault catalogue, part C: what the clock and the scheduler do to the cycle. `docs/faults.md` tells which item each
-//! test holds.
+//! The fault catalogue, part C: effects of the clock and the scheduler on the cycle.
+//! `docs/faults.md` lists the item of each test.
 
 use motord_bus::{Duration, Instant};
 use motord_harness::robot;
@@ -20,8 +20,10 @@ fn slightly_late_cycle_skips_and_continues() {
     assert_eq!(robot.state().overruns, 200);
 }
 
-/// Goal: a robot whose computer is too slow is stopped, not moved at a part of its rate.
-/// Method: with a fifth of the ticks allowed to be missed, every cycle begins 1.2 ms late, so that half are.
+/// Goal: a robot with a computer that is too slow is stopped, and does not move at a fraction of
+/// its rate.
+/// Method: a fifth of the ticks may be missed. Every cycle begins 1.2 ms late, so that half of them
+/// are missed.
 #[test]
 fn too_many_missed_ticks_stop_the_robot() {
     let mut settings = robot::three_motors();
@@ -64,7 +66,8 @@ fn suspended_computer_resumes_into_a_stop() {
     assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "from the first frame on");
 }
 
-/// The two clocks cannot be read at once: a delay between the readings looks like less suspension for one cycle.
+/// The two clocks cannot be read at the same time: a delay between the readings reduces the
+/// suspension for one cycle.
 #[test]
 fn delay_between_clock_readings_is_no_suspension() {
     let mut robot = Robot::new(robot::three_motors(), 1);
@@ -84,7 +87,7 @@ fn daemon_asleep_half_a_second_resumes_stopped() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let mut joints = robot.activate();
     joints.iter_mut().for_each(|joint| joint.torque = 3.0);
-    // The owner was alive meanwhile, and its newest message waits.
+    // The owner was running meanwhile, and its newest message waits.
     robot.send(&joints);
     robot.take_sent();
     robot.oversleep(Duration::from_millis(500));
@@ -94,8 +97,10 @@ fn daemon_asleep_half_a_second_resumes_stopped() {
     assert_eq!(robot.state().overruns, 500);
 }
 
-/// Goal: a daemon that goes on after its motors were stopped by others does not move them with what it decided before.
-/// Method: it is frozen at every place of a cycle where it reads the clock, so before every bus.
+/// Goal: a resumed daemon whose motors were stopped by another process does not send its earlier
+/// decisions to them.
+/// Method: the daemon is frozen at every point of a cycle at which it reads the clock, and thus
+/// before every bus.
 #[test]
 fn thawed_daemon_sends_no_old_decisions() {
     for place in 0..12 {
@@ -114,8 +119,9 @@ fn thawed_daemon_sends_no_old_decisions() {
     }
 }
 
-/// Goal: a cycle that is interrupted while it sends awaits the replies to all that it sent.
-/// Method: for 3 ms, which is not too long, at every place where it reads the clock.
+/// Goal: a cycle that is interrupted while it sends awaits the replies to all frames that it sent.
+/// Method: an interruption of 3 ms, which is not too long, at every point at which it reads the
+/// clock.
 #[test]
 fn interrupted_send_misses_no_reply() {
     for place in 0..12 {
@@ -145,7 +151,7 @@ fn backward_clock_changes_no_command() {
     }
 }
 
-/// Goal: nothing breaks where counters and times are near their ends.
+/// Goal: the cycle works when counters and times are near their ends.
 /// Method: a robot whose clock began 292 years ago, where a signed count of nanoseconds ends.
 #[test]
 fn clock_near_its_end_behaves_normally() {

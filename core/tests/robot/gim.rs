@@ -18,7 +18,7 @@ fn arm() -> Robot {
     Robot::new(robot::settings(&text), 1)
 }
 
-/// Setpoints of one mode, with `value` in its field, for both joints.
+/// Returns setpoints of one mode, with `value` in its field, for both joints.
 fn setpoints(mode: SetpointMode, value: f32) -> Vec<JointSetpoint> {
     let mut joint = JointSetpoint { mode: mode.code(), ..Default::default() };
     match mode {
@@ -31,7 +31,7 @@ fn setpoints(mode: SetpointMode, value: f32) -> Vec<JointSetpoint> {
 
 fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
     robot.steps(300);
-    assert_eq!([robot.mode(0), robot.mode(1)], [MotorMode::Idle; 2], "they tell their angle while stopped");
+    assert_eq!([robot.mode(0), robot.mode(1)], [MotorMode::Idle; 2], "they report their angle while stopped");
     robot.claim().expect("the group is free");
     robot.follow(joints);
     robot.operate(Operation::Enable).expect("all is well");
@@ -59,7 +59,7 @@ fn gim_motors_follow_torque_speed_and_position() {
             SetpointMode::Position => assert!((joint.position - value).abs() < 0.02, "{}", joint.position),
             _ => assert!(joint.position > 0.1, "{}", joint.position),
         }
-        assert!(joint.temperature.is_finite(), "native replies tell a temperature");
+        assert!(joint.temperature.is_finite(), "native replies contain a temperature");
     }
 }
 
@@ -123,7 +123,7 @@ fn motor_too_hot_for_a_second_stops_group() {
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 1));
 }
 
-/// A drive that is told a speed gives what torque it takes, and nothing can be derated.
+/// A drive that follows a speed produces the torque that it needs, so its torque cannot be reduced.
 #[test]
 fn autonomous_drive_is_stopped_before_winding_overheats() {
     let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
@@ -140,7 +140,8 @@ fn autonomous_drive_is_stopped_before_winding_overheats() {
     assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
 }
 
-/// The arm's joints that follow setpoints of one mode, in turns of 10 ms, and how its shafts are loaded.
+/// Returns the arm's joints that follow setpoints of one mode, in turns of 10 ms, with this load on
+/// the shafts.
 fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoint>) {
     let settings = robot::settings(include_str!("../../../config/arm-native.toml"));
     let mut robot = Robot::built(settings, 1, |_, motors| {
@@ -159,9 +160,10 @@ fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoi
     (robot, joints)
 }
 
-/// Goal: the motors of the shipped arm follow its controller, over a line at 100 Hz, wherever it sends them at once.
-/// Method: each joint is asked to go into its range, for the wrist farther than its following error permits it to lag, and must be there
-/// a second later.
+/// Goal: the motors of the shipped arm follow steps of the setpoints within their range, over a
+/// line at 100 Hz.
+/// Method: each joint gets a setpoint in its range, for the wrist farther than its permitted
+/// following error. It must be there a second later.
 #[test]
 fn shipped_arm_follows_position_steps_over_line() {
     for size in [0.15, 0.3, 1.0] {
@@ -177,9 +179,9 @@ fn shipped_arm_follows_position_steps_over_line() {
     }
 }
 
-/// Goal: a stop takes the motion out of a native joint, however slow its turns are and however light it is.
-/// Method: the wrist of the shipped arm turns at 2 rad/s, alone or with a load, when somebody stops it. Its shaft must slow down in
-/// every cycle, and must not turn back.
+/// Goal: a stop brakes a native joint, however long its turns are and however light it is.
+/// Method: the wrist of the shipped arm turns at 2 rad/s, alone or with a load, at the time of the
+/// stop. Its shaft must slow down in every cycle, and must not turn back.
 #[test]
 fn stop_brakes_native_joint_at_100_hz() {
     for load_inertia in [1e-6, 0.01, 0.3] {
@@ -200,8 +202,9 @@ fn stop_brakes_native_joint_at_100_hz() {
     }
 }
 
-/// Goal: a braked joint hears no command that drives it, whether its states come or not.
-/// Method: its motor falls silent, and what it hears until it is lost goes to zero from the speed that it had.
+/// Goal: a braked joint receives no command that drives it, with or without states.
+/// Method: its motor becomes silent. Until it is lost, the commanded speeds fall from its speed to
+/// zero.
 #[test]
 fn silent_native_joint_brakes_with_falling_speeds() {
     let mut robot = arm();
@@ -221,7 +224,8 @@ fn silent_native_joint_brakes_with_falling_speeds() {
     assert!(speeds.is_sorted_by(|before, after| before > after && *after > 0.0), "{speeds:?}");
 }
 
-/// A damped joint under a load sinks until something bears it. A braked one stands, and would fall.
+/// A damped joint under a load sinks until it reaches a support. A braked one stops, and would
+/// fall.
 #[test]
 fn native_joint_is_released_at_rest_or_timeout() {
     for (load, least, most) in [(0.0, 0.05, 0.5), (3.0, 1.99, 2.1)] {
@@ -245,7 +249,8 @@ fn native_joint_is_released_at_rest_or_timeout() {
     }
 }
 
-/// 20 rad/s in half a second are 0.04 rad/s in a cycle; 1 rad/s is 60 / 2π rpm. The velocity of a torque setpoint means nothing.
+/// 20 rad/s in half a second are 0.04 rad/s in a cycle; 1 rad/s is 60 / 2π rpm. The velocity of a
+/// torque setpoint has no meaning.
 #[test]
 fn speed_setpoint_starts_at_present_speed() {
     let mut robot = arm();
@@ -264,13 +269,13 @@ fn stiff(position: f32, kp: f32) -> Vec<JointSetpoint> {
     vec![JointSetpoint { position, kp, kd: 1.0, ..Default::default() }; 2]
 }
 
-/// The value of a control command (GIM document, 3.2.7 to 3.2.9).
+/// Returns the value of a control command (GIM document, 3.2.7 to 3.2.9).
 fn value(command: u8, sent: &robot::Sent) -> Option<f32> {
     let [first, a, b, c, d, ..] = sent.bytes;
     (first == command).then_some(f32::from_le_bytes([a, b, c, d]))
 }
 
-/// The torque of a torque command, N·m.
+/// Returns the torque of a torque command, N·m.
 fn commanded_torque(sent: &robot::Sent) -> Option<f32> {
     value(0x93, sent)
 }
@@ -292,7 +297,8 @@ fn impedance_setpoints_hold_a_native_joint() {
     assert!(sent.iter().all(|sent| [0x93, 0xB2, 0xB4].contains(&sent.bytes[0])), "torques and questions");
 }
 
-/// 40 N·m/rad over 0.1 rad, from a state that no other follows: it is one turn old, then two, three, four.
+/// 40 N·m/rad over 0.1 rad, from a state that no other follows: its age is one turn, then two,
+/// three, four.
 #[test]
 fn older_state_gives_less_computed_stiffness() {
     let mut robot = arm();
@@ -340,8 +346,10 @@ fn every_control_command_says_how_long_it_lasts() {
     }
 }
 
-/// Goal: with a duration, and if its end means that, the drive itself lets a killed daemon's motor go; without, it never does.
-/// Method: the cycle is not run any more, and no switch is there. Both readings of the document are simulated.
+/// Goal: a duration that ends the torque lets a killed daemon's motor go limp. Without one, it
+/// never does.
+/// Method: the cycle stops running, and there is no dead man's switch. Both readings of the
+/// document are simulated.
 #[test]
 fn duration_is_watchdog_if_its_end_is_limp() {
     let cases = [

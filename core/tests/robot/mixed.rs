@@ -1,5 +1,6 @@
-//! Goal: motors of several vendors work side by side in one robot.
-//! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated twins.
+//! Goal: motors of several vendors work together in one robot.
+//! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated
+//! twins.
 
 use motord_harness::robot;
 use motord_harness::robot::Robot;
@@ -62,7 +63,8 @@ fn clients_know_every_fault_word_and_bit() {
     assert_eq!(known, reported);
 }
 
-/// No document names bit 20, and as the shape of a report it is unexpected: after a healthy motor's first reports, too.
+/// Bit 20 is not documented, and as the shape of a report it is unexpected, even after a healthy
+/// motor's first reports.
 #[test]
 fn undocumented_fault_of_healthy_motor_is_reported() {
     let mut robot = mixed();
@@ -76,7 +78,8 @@ fn undocumented_fault_of_healthy_motor_is_reported() {
     assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::of_unknown_code(20).0);
 }
 
-/// A drive that lost its supply for a moment boots disabled, without a fault, and answers every command.
+/// A drive that lost its supply for a moment boots disabled, without a fault, and answers every
+/// command.
 #[test]
 fn motor_reporting_off_while_following_stops_group() {
     let mut robot = Robot::built(

@@ -1,4 +1,4 @@
-//! How often, and for how many frames, a cycle asks its buses.
+//! Number of reads of a cycle, and of frames that each requests.
 
 use core::num::NonZero;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
@@ -14,11 +14,11 @@ use motord_simulator::SharedBus;
 #[derive(Debug, Clone, Default)]
 struct Reads {
     count: Shared<usize>,
-    /// The arrivals that the last one asked for.
+    /// Number of arrivals that the last read requested.
     asked: Shared<usize>,
-    /// When the last one was.
+    /// Time of the last read.
     at: Shared<Instant>,
-    /// After the next one a frame comes that nobody awaits.
+    /// An unexpected frame arrives after the next read.
     is_followed_by_another: Shared<bool>,
 }
 
@@ -49,13 +49,13 @@ impl Bus for Counted {
     }
 }
 
-/// A robot that is never asked for its faults, and the reads of its first bus.
+/// Returns a robot without fault requests, and the reads of its first bus.
 fn counted(settings: Settings) -> (Robot, Reads) {
     let (robot, reads) = counted_by_bus(settings);
     (robot, reads[0].clone())
 }
 
-/// A robot that is never asked for its faults, and the reads of each bus; `count` is that of all.
+/// Returns a robot without fault requests, and the reads of each bus; `count` is that of all.
 fn counted_by_bus(mut settings: Settings) -> (Robot, Vec<Reads>) {
     settings.safety.fault_poll_hz = 0.0;
     let simulated = Robot::new(settings.clone(), 1);
@@ -72,13 +72,13 @@ fn counted_by_bus(mut settings: Settings) -> (Robot, Vec<Reads>) {
     (robot, reads)
 }
 
-/// How many joints have a state of the last cycle.
+/// Returns the number of joints with a state of the last cycle.
 fn fresh(robot: &mut Robot) -> usize {
     let state = robot.state();
     state.joints().iter().filter(|joint| joint.flags & JOINT_FRESH != 0).count()
 }
 
-/// The search for a frame that is not there costs the kernel time in every cycle; replies that are late are few.
+/// A read that finds no frame costs kernel time in every cycle, and late replies are rare.
 #[test]
 fn read_waits_for_awaited_replies_only() {
     let (mut robot, reads) = counted(robot::three_motors());
@@ -100,8 +100,9 @@ fn read_waits_for_awaited_replies_only() {
     takes_all_for(&mut robot, 51, "a reply that did not come");
 }
 
-/// From the read of the first bus to those of the others, µs, in a cycle that is woken 30 µs before the last replies are expected.
-/// The knee of the last bus answers later than the others by `delay`.
+/// Returns the times from the read of the first bus to those of the others, µs, in a cycle that
+/// wakes 30 µs before the last replies. The knee of the last bus answers later than the others by
+/// `delay`.
 fn after_the_first_read(delay: &str) -> [u64; 3] {
     let (mut robot, reads) = counted_by_bus(robot::quadruped());
     robot.disturb(&format!("rear-right-knee delayed {delay}"));
@@ -115,23 +116,24 @@ fn after_the_first_read(delay: &str) -> [u64; 3] {
     [1, 2, 3].map(|bus: usize| reads[bus].at.get().since(reads[0].at.get()).as_micros() as u64)
 }
 
-/// A cycle that is woken too soon for the last replies reads the other buses meanwhile.
+/// A cycle that wakes too soon for the last replies reads the other buses meanwhile.
 #[test]
 fn overdue_bus_is_read_while_awaiting_another() {
-    // The last reply comes 54 µs after those of the other buses.
+    // The last reply arrives 54 µs after those of the other buses.
     let [second, third, last] = after_the_first_read("210us");
     assert!(second <= third && third < 5 && last > 20, "{second}, {third}, {last}");
 }
 
-/// Replies may come a little later than expected, and a read in vain leaves no calls in the budget but a sleep until the deadline.
+/// Replies may be slightly later than expected. After a read without a result, the budget only
+/// permits a sleep until the deadline.
 #[test]
 fn bus_is_not_read_at_typical_reply_time() {
-    // The last reply comes 19 µs after those of the other buses.
+    // The last reply arrives 19 µs after those of the other buses.
     let [second, third, last] = after_the_first_read("175us");
     assert!(second <= third && third <= last && last < 5, "{second}, {third}, {last}");
 }
 
-/// A reply to the command of an earlier cycle may come in any.
+/// A reply to the command of an earlier cycle may arrive in any cycle.
 #[test]
 fn bus_with_turns_is_read_in_full() {
     let mut settings = robot::three_motors();
@@ -143,13 +145,14 @@ fn bus_with_turns_is_read_in_full() {
     }
 }
 
-/// Goal: a frame in front of an awaited reply leaves the reply to this cycle, however late the cycle is woken.
-/// Method: each time the bus has been quiet for long enough that a read asks for no more than the replies.
+/// Goal: a frame before an awaited reply does not delay the reply to another cycle, however late
+/// the cycle wakes.
+/// Method: before each check the bus was quiet for so long that a read requests only the replies.
 #[test]
 fn reply_behind_other_frames_is_read_in_time() {
     let (mut robot, reads) = counted(robot::three_motors());
     let joints = robot.activate();
-    // From the beginning of a cycle to the sleep for its replies.
+    // Time from the beginning of a cycle to the sleep for its replies.
     let lateness = Shared::new(Duration::ZERO);
     let (late, next) = (robot.clock.late.clone(), lateness.clone());
     robot.cycle.on_begin(move |_| late.set(next.take()));
@@ -167,8 +170,8 @@ fn reply_behind_other_frames_is_read_in_time() {
     }
 }
 
-/// Goal: a late answer of a motor that is lost leaves the replies of the others to their cycle.
-/// Method: it comes when the bus has been quiet for long enough.
+/// Goal: a late answer of a lost motor does not move the replies of the others to another cycle.
+/// Method: it arrives after the bus has been quiet for long enough.
 #[test]
 fn late_answer_of_lost_motor_hides_nothing() {
     let mut settings = robot::three_motors();
@@ -178,7 +181,7 @@ fn late_answer_of_lost_motor_hides_nothing() {
     robot.steps(200);
     assert_eq!(robot.mode(1), MotorMode::Offline);
     for after in 50..100 {
-        // From the first cycle in which it is asked again.
+        // From the first cycle with a new request to it.
         while robot.take_sent_to(2).is_empty() {
             robot.step();
         }
@@ -191,8 +194,8 @@ fn late_answer_of_lost_motor_hides_nothing() {
     }
 }
 
-/// Goal: a reply that comes by the deadline is read, although a frame that nobody awaits is in front of it.
-/// Method: both come after the first read of the cycle.
+/// Goal: a reply that arrives by the deadline is read, although an unexpected frame precedes it.
+/// Method: both arrive after the first read of the cycle.
 #[test]
 fn reply_at_deadline_is_read_behind_other_frames() {
     let (mut robot, reads) = counted(robot::three_motors());
@@ -207,7 +210,8 @@ fn reply_at_deadline_is_read_behind_other_frames() {
     assert_eq!((fresh(&mut robot), reads.count.get(), robot.bus(0).unexpected_id), (3, 3, 1));
 }
 
-/// Late replies of others are read before the next decision, too, on the bus of a motor that is not there.
+/// Late replies of other motors are also read before the next decision on the bus of a missing
+/// motor.
 #[test]
 fn always_late_motor_beside_excluded_one_is_lost() {
     let mut settings = robot::three_motors();
@@ -223,8 +227,9 @@ fn always_late_motor_beside_excluded_one_is_lost() {
     assert_eq!(robot.cause(), Some(Cause::MotorLost));
 }
 
-/// Goal: no traffic makes a cycle call the system more often than its budget says.
-/// Method: one fault after the other on one motor, and on one of each bus; sleeps, waits and reads are counted.
+/// Goal: no traffic makes a cycle exceed its budget of system calls.
+/// Method: each fault on one motor, and on one motor of each bus. The test counts sleeps, waits and
+/// reads.
 #[test]
 fn system_calls_stay_within_budget_under_any_traffic() {
     let faults = [

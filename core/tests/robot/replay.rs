@@ -1,8 +1,8 @@
-//! A recorded run, replayed into the cycle.
+//! Replays a recorded run into the cycle.
 //!
-//! Method: a log of `candump -L` holds both directions. On virtual time each cycle begins when it began on the day, what
-//! came from a bus arrives when it did then, and the client enables when it did then. What the cycle sends must be what it
-//! sent on the day, byte by byte. `verify/rigs/record-log` records the log.
+//! Method: a log of `candump -L` holds both directions. On virtual time, cycles, arrivals and the
+//! client's enable occur at their recorded times. The frames that the cycle sends must equal the
+//! recorded ones, byte by byte. `verify/rigs/record-log` records the log.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 #![expect(clippy::disallowed_types, reason = "the test reads what its bus recorded")]
@@ -20,12 +20,13 @@ use std::sync::{Arc, Mutex};
 
 const ROBOT: &str = include_str!("logs/two-legs.toml");
 const LOG: &str = include_str!("logs/two-legs.log");
-/// Stiffness and damping that the client of the log asked for: those of the client's example `hold`.
+/// Stiffness and damping that the client of the log requested: those of the client's example
+/// `hold`.
 const GAINS: (f32, f32) = (20.0, 0.5);
-/// From a tick of the daemon to the first frame of its cycle, when that was not late.
+/// Time from a tick of the daemon to the first frame of its cycle, when that was not late.
 const LEAD: Duration = Duration::from_micros(300);
 
-/// A frame, and when it was on the bus.
+/// A frame, and its time on the bus.
 type Stamped<T> = (Instant, T);
 
 /// The traffic of one bus in a log.
@@ -35,7 +36,7 @@ struct Track {
     arrivals: VecDeque<Arrival>,
 }
 
-/// A bus on which everything happens as it was recorded, whatever is sent.
+/// A bus on which all arrivals occur as recorded, whatever is sent.
 struct RecordedBus {
     arrivals: VecDeque<Arrival>,
     sent: Arc<Mutex<Vec<Frame>>>,
@@ -58,13 +59,13 @@ impl Bus for RecordedBus {
     }
 }
 
-/// Reads a log; refuses it for its first bad line, counted from 1.
+/// Parses a log. Returns the number of the first bad line, counted from 1, as an error.
 fn read(log: &str) -> Result<Vec<LogLine<'_>>, (usize, InvalidLine)> {
     let lines = log.lines().enumerate();
     lines.map(|(index, line)| LogLine::parse(line).map_err(|wrong| (index + 1, wrong))).collect()
 }
 
-/// Parts what went to the motors from what came, by bus.
+/// Separates commands from arrivals, by bus.
 fn tracks(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Track> {
     let mut tracks = vec![Track::default(); settings.buses.len()];
     for line in log {
@@ -87,12 +88,13 @@ fn tracks(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Track> {
     tracks
 }
 
-/// The motor stays without torque, whatever else it is asked (MIT document 1.1: stop, get and clear fault).
+/// Returns `true` when the motor stays without torque (MIT document 1.1: stop, get and clear
+/// fault).
 fn leaves_alone(frame: &Frame) -> bool {
     frame.payload().starts_with(&[0xFF; 6]) && frame.payload().last() != Some(&0xFC)
 }
 
-/// Runs the cycle on the replies of `log`, and returns what it sent on each bus.
+/// Runs the cycle on the replies of `log`, and returns the frames sent on each bus.
 fn replay(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Vec<Frame>> {
     let tracks = tracks(settings, log);
     let mut commands: Vec<_> = tracks.iter().flat_map(|track| track.commands.iter().copied()).collect();
@@ -107,7 +109,7 @@ fn replay(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Vec<Frame>> {
     let mut robot = Robot::on(buses.collect(), begun - LEAD, settings.clone());
     let mut client = Client::default();
     Client::ask(&mut robot, Operation::Claim);
-    // The first command after a tick tells when its cycle began.
+    // The first command after a tick determines the begin of its cycle.
     while let Some(&(woke, _)) = commands.get(commands.partition_point(|command| command.0 < robot.next())) {
         robot.oversleep(woke.since(robot.next()));
         client.act(&mut robot, enabled.is_some_and(|enabled| enabled <= woke));
@@ -117,7 +119,7 @@ fn replay(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Vec<Frame>> {
     sent.iter().map(|sent| std::mem::take(&mut *sent.lock().unwrap())).collect()
 }
 
-/// The client of the log: asks every joint to stay where it is.
+/// The client of the log, which holds every joint at its position.
 #[derive(Default)]
 struct Client {
     setpoints: Vec<JointSetpoint>,
@@ -174,7 +176,7 @@ fn replay_is_deterministic_whatever_was_done() {
         let sent = replay(&settings, &log);
         assert_eq!(sent, replay(&settings, &log));
         for frames in &sent {
-            assert!(frames.iter().all(is_allowed), "nobody asked for a zero, and zeros are no command");
+            assert!(frames.iter().all(is_allowed), "no zero was requested, and zeros are not a command");
         }
     });
 }
@@ -184,7 +186,7 @@ fn is_allowed(frame: &Frame) -> bool {
     payload != [0; 8] && payload != [255, 255, 255, 255, 255, 255, 255, 0xFE]
 }
 
-/// Does what a bad recording or a bad wire does.
+/// Simulates a bad recording or a bad wire.
 fn mutate(log: &mut Vec<LogLine<'_>>, random: &mut Random) {
     let (one, other) = (random.below(log.len()), random.below(log.len()));
     match random.below(6) {
@@ -197,7 +199,7 @@ fn mutate(log: &mut Vec<LogLine<'_>>, random: &mut Random) {
     }
 }
 
-/// One wrong bit in a frame that goes through all the same.
+/// Changes one bit in a frame that is still delivered.
 fn spoil(content: &mut Content, random: &mut Random) {
     if let Content::Frame(frame) = content {
         let mut payload = frame.payload().to_vec();

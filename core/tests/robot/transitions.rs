@@ -1,19 +1,20 @@
-//! Every event in every state: what becomes of a group, and of a motor. The drawings are above `Group` and `Motor` in
-//! `core/src/control`.
+//! The effect of every event in every state of a group and of a motor. The diagrams are above
+//! `Group` and `Motor` in `core/src/control`.
 
 use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_shared::{AdminRequest, MotorMode, Operation, Phase, Refusal};
 
-/// Three motors that are asked for their faults often, so that every event is seen while a group is damped.
+/// Returns three motors with frequent fault requests, so that every event is detected while a group
+/// is damped.
 fn robot() -> Robot {
     let mut settings = robot::three_motors();
     settings.safety.fault_poll_hz = 100.0;
     Robot::new(settings, 1)
 }
 
-/// A robot whose group is in this phase, and has an owner.
+/// Returns a robot whose group is in this phase, and has an owner.
 fn in_phase(phase: Phase) -> Robot {
     let mut robot = robot();
     let joints = robot.activate();
@@ -30,7 +31,7 @@ fn in_phase(phase: Phase) -> Robot {
     robot
 }
 
-/// Makes something happen. Returns why it was refused.
+/// Triggers an event. Returns the refusal, if there is one.
 type Event = fn(&mut Robot) -> Option<Refusal>;
 
 fn ask(robot: &mut Robot, operation: Operation) -> Option<Refusal> {
@@ -43,7 +44,7 @@ fn happens(event: impl FnOnce()) -> Option<Refusal> {
     None
 }
 
-/// The outcome of `event` as a text: `refusal: state after state; cause`.
+/// Returns the outcome of `event` as a text: `refusal: state after state; cause`.
 fn outcome<T: PartialEq + std::fmt::Debug>(
     robot: &mut Robot,
     event: Event,
@@ -112,7 +113,7 @@ fn group_transitions_match_the_table() {
     judge(&TABLE, |phase| in_phase(PHASES[phase]), Robot::phase);
 }
 
-/// A robot whose hip is in this mode.
+/// Returns a robot whose hip is in this mode.
 fn in_mode(mode: MotorMode) -> Robot {
     let mut robot = match mode {
         MotorMode::Starting => in_phase(Phase::Starting),

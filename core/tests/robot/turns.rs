@@ -4,7 +4,7 @@ use motord_harness::robot;
 use motord_harness::robot::{Meaning, Robot};
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
 
-/// Two native motors on a line at 200 Hz beside three MIT motors at 1 kHz, in two groups.
+/// Returns two native motors on a line at 200 Hz and three MIT motors at 1 kHz, in two groups.
 fn arm_and_leg() -> Robot {
     let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\n");
     text += "[[bus]]\nname = \"arm\"\ntype = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nevery = 5\n";
@@ -216,7 +216,8 @@ fn motors_take_turns_on_can_too() {
     assert_eq!(robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>(), 0);
 }
 
-/// Goal: nothing is taken for the velocity of a motor that it had before it was silent: it may have been switched off since.
+/// Goal: the velocity of a motor from before its silence is not used again: it may have been
+/// switched off since.
 #[test]
 fn returning_motor_forgets_its_old_velocity() {
     let mut robot = arm_and_leg();
@@ -238,8 +239,8 @@ fn returning_motor_forgets_its_old_velocity() {
     assert!(robot.joint(0).velocity.abs() < 0.1, "{}", robot.joint(0).velocity);
 }
 
-/// Goal: a motor that boots is there some turns after its first answer, which only tells that it is back. From there on it is asked
-/// in every turn, and no longer ten times a second.
+/// Goal: a motor that boots is back some turns after its first answer, which only shows its
+/// presence. From then on it gets a request in every turn, and no longer ten times a second.
 #[test]
 fn returning_native_motor_is_asked_for_everything() {
     for phase in 0..5 {
@@ -249,20 +250,21 @@ fn returning_native_motor_is_asked_for_everything() {
         robot.steps(1000 + 23 * phase);
         assert_eq!(robot.mode(0), MotorMode::Offline);
         robot.disturb("shoulder ok");
-        // It boots for 300 ms, and is asked at most 105 ms later.
+        // It boots for 300 ms, and gets a request at most 105 ms later.
         robot.steps(300 + 105 + 100);
         assert_eq!(robot.mode(0), MotorMode::Idle, "after {phase}");
     }
 }
 
-/// Goal: damage that the command and the numbers of a reply do not tell is in no state, as far as physics tells it.
+/// Goal: damage that the command and the numbers of a reply do not reveal reaches no state, as far
+/// as physics reveals it.
 #[test]
 fn impossible_speed_is_in_no_state() {
     let mut robot = arm_and_leg();
     robot.steps(500);
     let [a, b, c, d] = 1e21_f32.to_le_bytes();
     for _ in 0..200 {
-        // Indicator 0x14 (GIM document, table 10), which is asked for in one of ten turns.
+        // Indicator 0x14 (GIM document, table 10), which is requested in one of ten turns.
         robot.hear(0, 10, &[0xB4, 0x14, 0, 0, a, b, c, d]);
         robot.step();
         let velocity = robot.joint(0).velocity;
@@ -270,7 +272,7 @@ fn impossible_speed_is_in_no_state() {
     }
 }
 
-/// The drive's decoder takes it, and judges it by nothing but its form.
+/// The drive's decoder accepts it, and checks only its form.
 #[test]
 fn rejected_state_is_in_no_torque() {
     let mut robot = arm_and_leg();
@@ -294,7 +296,8 @@ fn rejected_state_is_in_no_torque() {
     assert!(torques.len() == 2 && torques.iter().all(|torque| *torque < 1.0), "{torques:?} at rest");
 }
 
-/// Goal: clients see every indicator of table 10, from a line and of motors that move, about once a second.
+/// Goal: clients receive every indicator of table 10, from a line and from moving motors, about
+/// once a second.
 #[test]
 fn native_indicators_are_known_after_a_second() {
     let mut robot = arm_and_leg();

@@ -1,8 +1,8 @@
-//! The bytes of the fuzzer as numbers, in their order. Where they end, everything is zero.
+//! The fuzzer's bytes as a sequence of numbers. After the end, every number is zero.
 
 use arbitrary::{Arbitrary, Unstructured};
 
-/// The rest of the bytes.
+/// The remaining bytes.
 pub(crate) struct Input<'a>(Unstructured<'a>);
 
 impl<'a> Input<'a> {
@@ -10,22 +10,22 @@ impl<'a> Input<'a> {
         Self(Unstructured::new(bytes))
     }
 
-    /// No byte is left.
+    /// Returns `true` when no byte is left.
     pub(crate) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// A number of any kind.
+    /// Returns a number of any type.
     pub(crate) fn any<T: Arbitrary<'a> + Default>(&mut self) -> T {
         self.0.arbitrary().unwrap_or_default()
     }
 
-    /// One of `items`, which are not empty and at most 256.
+    /// Returns one of `items`, which are not empty and at most 256.
     pub(crate) fn pick<T: Copy>(&mut self, items: &[T]) -> T {
         items[usize::from(self.any::<u8>()) % items.len()]
     }
 
-    /// The next 0 to `most` bytes.
+    /// Returns the next 0 to `most` bytes.
     pub(crate) fn bytes(&mut self, most: u8) -> &'a [u8] {
         let wanted = usize::from(self.any::<u8>() % (most + 1)).min(self.0.len());
         self.0.bytes(wanted).unwrap_or_default()

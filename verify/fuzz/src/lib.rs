@@ -1,11 +1,12 @@
-//! Fuzz targets: one for everything that motord reads from a wire, a file or another process.
+//! Fuzz targets: one for every input that motord reads from a wire, a file or another process.
 //!
-//! A target takes any bytes, hands them over as their real source does, and panics when a promise is broken. That it
-//! returns is the first promise of each: no bytes make a decoder panic, loop for ever, or take memory without bound. The others are
-//! said at each target.
+//! A target takes any bytes, passes them on as their real source does, and panics when a guarantee
+//! is broken. The first guarantee of each is that it returns. No bytes make a decoder panic, loop
+//! without end, or allocate without a bound. Each target documents its further guarantees.
 //!
-//! The targets are pure: the same bytes do the same. libFuzzer searches for bytes that break them; what it found
-//! worth keeping is in `corpus/`, and `tests/corpus.rs` runs it wherever the tests run. `docs/fuzzing.md` tells how, and what was found.
+//! The targets are pure: the same bytes give the same result. libFuzzer searches for bytes that
+//! break them. `corpus/` holds its useful findings, which `tests/corpus.rs` runs with the other
+//! tests. `docs/fuzzing.md` describes the use and the findings.
 
 #![forbid(unsafe_code)]
 
@@ -22,10 +23,10 @@ pub use wire::{commands, disarmed, drive, replies, serial};
 #[cfg(fuzzing)]
 pub use libfuzzer_sys;
 
-/// A function that takes any bytes, and panics when a promise is broken.
+/// A function that takes any bytes, and panics when a guarantee is broken.
 pub type Target = fn(&[u8]);
 
-/// Every target, under the name of its program and of its corpus.
+/// Every target, by the name of its program and of its corpus.
 pub const TARGETS: &[(&str, Target)] = &[
     ("replies", replies),
     ("commands", commands),
@@ -43,7 +44,8 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("states", states),
 ];
 
-/// The program of a target: the fuzzer where it is built for fuzzing, else one that runs the files that it is given.
+/// The program of a target: the fuzzer where it is built for fuzzing, otherwise a program that runs
+/// the given files.
 #[macro_export]
 macro_rules! program {
     ($target:path) => {

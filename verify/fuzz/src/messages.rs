@@ -1,4 +1,4 @@
-//! The bytes that come through shared memory: any, in every field.
+//! The bytes that arrive through shared memory: any values, in every field.
 
 use crate::input::Input;
 use crate::robot::{self, Robot, Sent};
@@ -14,8 +14,8 @@ use motord_shared::{
 /// Most cycles of one run.
 const CYCLES_MAX: usize = 16;
 
-/// Setpoints of an owner with a true lease, to a robot that moves: each field is good, or any bytes. Whatever comes, every
-/// command is within the limits of its joint, and the states stay numbers.
+/// Sends setpoints of an owner with a valid lease to a moving robot: each field is correct, or any
+/// bytes. Every command must be within the limits of its joint, and the states must stay numbers.
 pub fn setpoints(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let mut robot = Robot::active(robot::legs());
@@ -31,8 +31,8 @@ pub fn setpoints(bytes: &[u8]) {
     }
 }
 
-/// Requests of anybody, with any bytes in every field, between the owner's setpoints. Each has one answer, with a code that
-/// clients know; and a robot that nobody enabled does not move.
+/// Sends requests of any client, with any bytes in every field, between the owner's setpoints. Each
+/// must have one answer, with a code that clients know. A robot that was not enabled must not move.
 pub fn requests(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let mut robot = if input.any() { Robot::active(robot::legs()) } else { Robot::new(robot::mixed()) };
@@ -53,12 +53,12 @@ pub fn requests(bytes: &[u8]) {
             assert!(reply.refusal == 0 || Refusal::try_from(reply.refusal).is_ok(), "{reply:?}");
         }
         let still = |sent: &Sent| sent.is_harmless() || zero_asked && sent.meaning() == Meaning::SetZero;
-        assert!(was_active || robot.take_sent().iter().all(still), "nobody has enabled it");
+        assert!(was_active || robot.take_sent().iter().all(still), "it was not enabled");
         judge(&mut robot);
     }
 }
 
-/// Each field is that of the good message, or any.
+/// Returns a message in which each field is that of the correct message, or any value.
 fn setpoint(input: &mut Input<'_>, good: SetpointMessage) -> SetpointMessage {
     let spoiled = input.any::<u8>();
     let mut field = |bit: u8, good: u64| if spoiled >> bit & 1 == 1 { input.any() } else { good };
@@ -102,7 +102,8 @@ fn request(input: &mut Input<'_>, lease: Option<Lease>) -> AdminRequest {
     }
 }
 
-/// The commands since the last call are within the limits of their joints; what is published are numbers.
+/// Checks that the commands since the last call are within the limits of their joints, and that
+/// published values are numbers.
 fn judge(robot: &mut Robot) {
     for sent in robot.take_sent() {
         assert_ne!(sent.bytes, [0; 8], "all zero is full negative torque");
@@ -110,7 +111,7 @@ fn judge(robot: &mut Robot) {
             continue;
         };
         let (limits, scales) = (&sent.motor.limits, &sent.motor.scales);
-        // Half a code of rounding, and the error of the torque that is carried on.
+        // Half a code of rounding, and the error of the torque that is carried over.
         let code = |field: &motord_protocol::Field, codes: f64| field.max() * 2.0 / codes;
         let ends = [
             (position.abs(), 3.0 + code(&scales.position, 65535.0)),
@@ -130,8 +131,8 @@ fn judge(robot: &mut Robot) {
     }
 }
 
-/// The states as a client reads them: any bytes in every field. Nothing a daemon can write makes a client panic, and every
-/// index that it gets is one of its arrays.
+/// Reads the states as a client does: any bytes in every field. No bytes that a daemon can write
+/// make a client panic, and every index that it gets is within its arrays.
 pub fn states(bytes: &[u8]) {
     let state = State::from(&state(&mut Input::new(bytes)));
     let _head = (state.age(), state.time(), state.wake_latency(), state.realtime(), state.shutting_down());

@@ -1,5 +1,5 @@
-//! A whole robot on virtual time: the real cycle on buses whose other end is the target. Its motors answer every frame at
-//! once, with the state of a motor that stands still.
+//! A whole robot on virtual time: the real cycle on buses whose other end is the target. Its motors
+//! answer every frame immediately, with the state of a motor at rest.
 
 use motord_bus::frame::{Arrival, Content, Frame, FrameId};
 use motord_bus::{Bus, Inbox, Instant, Readiness, Sent as Accepted};
@@ -15,12 +15,12 @@ use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
-/// Where the clock begins: no age of a message is cut off by its zero.
+/// Start of the clock, so that no age of a message is limited by the clock's zero.
 const BEGIN: Instant = Instant::from_nanos(1_000_000_000);
-/// Cycles in which a robot that is enabled becomes active.
+/// Most cycles until an enabled robot becomes active.
 const STARTING_MAX: usize = 400;
 
-/// Motors of every dialect: three vendors' MIT, and the native protocol.
+/// Returns motors of every dialect: three vendors' MIT, and the native protocol.
 pub(crate) fn mixed() -> &'static Settings {
     static SETTINGS: LazyLock<Settings> = LazyLock::new(|| {
         let models = [("a", "GIM8108-8"), ("b", "DM-J8009-2EC"), ("c", "RS00")];
@@ -30,7 +30,7 @@ pub(crate) fn mixed() -> &'static Settings {
     &SETTINGS
 }
 
-/// Two motors that can be enabled, with short times.
+/// Returns two motors that can be enabled, with short times.
 pub(crate) fn legs() -> &'static Settings {
     static SETTINGS: LazyLock<Settings> = LazyLock::new(|| {
         let motors = [("hip", "GIM8108-8"), ("knee", "RS00")].map(|(name, model)| motor(name, model, "mit"));
@@ -39,7 +39,7 @@ pub(crate) fn legs() -> &'static Settings {
     &SETTINGS
 }
 
-/// A motor on a bus of its own.
+/// Returns a motor on a separate bus.
 fn motor(name: &str, model: &str, protocol: &str) -> String {
     format!(
         "[[bus]]\nname = \"{name}\"\ntype = \"simulated\"\n[[motor]]\nname = \"{name}\"\nbus = \"{name}\"\nid = 1\n\
@@ -59,7 +59,7 @@ fn settings(text: &str) -> Settings {
 struct Wire {
     sent: Vec<Frame>,
     arriving: VecDeque<Content>,
-    /// The reply of a motor at rest; none where it is to be silent.
+    /// The reply of a motor at rest; `None` when it must be silent.
     reply: Option<Frame>,
 }
 
@@ -113,12 +113,14 @@ impl fmt::Debug for Sent {
 }
 
 impl Sent {
-    /// It stops the motor, or only asks it: nothing in it makes the motor move, whatever the motor's mode.
+    /// Returns `true` when it stops the motor or only requests a value: the motor does not move, in
+    /// any mode.
     pub(crate) fn is_harmless(&self) -> bool {
         match (self.motor.protocol, self.meaning()) {
             (_, Meaning::Stop | Meaning::GetFault | Meaning::ClearFault) => true,
-            // A native command that a motor in MIT mode takes for no force. Only these have no effect in native mode, either:
-            // stop, get version, get fault, retrieve an indicator, retrieve a configuration.
+            // A native command that a motor in MIT mode reads as no torque. Only these also have no
+            // effect in native mode: stop, get version, get fault, retrieve an indicator, retrieve
+            // a configuration.
             (MotorProtocol::Gim, Meaning::Control { kp: 0.0, kd: 0.0, neutral: true, .. }) => {
                 matches!(self.bytes[0], 0x84 | 0x92 | 0xB1 | 0xB2 | 0xB4)
             }
@@ -127,12 +129,12 @@ impl Sent {
         }
     }
 
-    /// The command that its motor reads in it, if that speaks MIT.
+    /// Returns the command as its motor reads it, if that speaks MIT.
     pub(crate) fn mit_meaning(&self) -> Option<Meaning> {
         (self.motor.protocol == MotorProtocol::Mit).then(|| self.meaning())
     }
 
-    /// The command that a motor in MIT mode reads in it.
+    /// Returns the command as a motor in MIT mode reads it.
     pub(crate) fn meaning(&self) -> Meaning {
         let scales = &self.motor.scales;
         let ranges = Ranges {
@@ -166,7 +168,7 @@ impl Robot {
         Self { settings, cycle, client: LocalClient::new(ends), clock, wires, tick }
     }
 
-    /// A robot that follows its owner.
+    /// Returns a robot that follows its owner.
     pub(crate) fn active(settings: &'static Settings) -> Self {
         let mut robot = Self::new(settings);
         for motor in &settings.motors {
@@ -196,14 +198,14 @@ impl Robot {
         assert_eq!(reply.refusal, 0, "{operation:?}");
     }
 
-    /// One cycle in which the owner holds the joints where they are.
+    /// Runs a cycle in which the owner holds the joints at their positions.
     pub(crate) fn follow(&mut self) {
         let message = self.message();
         self.client.deliver(0, &message);
         self.step();
     }
 
-    /// A good message of the owner; one without a lease where there is none.
+    /// Returns a correct message of the owner; one without a lease when there is none.
     pub(crate) fn message(&mut self) -> SetpointMessage {
         let hold = JointSetpoint { kp: 20.0, kd: 1.0, ..JointSetpoint::default() };
         let mut joints = vec![hold; self.settings.motors.len()];
@@ -214,7 +216,7 @@ impl Robot {
         self.client.message(0, now, &joints).unwrap_or_default()
     }
 
-    /// One cycle.
+    /// Runs a cycle.
     pub(crate) fn step(&mut self) {
         self.tick = self.cycle.run(self.tick);
         while self.client.record().is_some() {}
@@ -225,32 +227,32 @@ impl Robot {
         Phase::try_from(self.client.state().groups[0].phase).ok()
     }
 
-    /// The bus hears `content` next, besides the motors' answers.
+    /// Delivers `content` on the bus next, in addition to the motors' answers.
     pub(crate) fn hear(&self, bus: usize, content: Content) {
         self.wires[bus % self.wires.len()].lock().arriving.push_back(content);
     }
 
-    /// The reply id of one of the motors.
+    /// Returns the reply id of one of the motors.
     pub(crate) fn reply_id(&self, motor: u8) -> FrameId {
         self.settings.motors[usize::from(motor) % self.settings.motors.len()].host_id
     }
 
-    /// Posts a request, good or bad.
+    /// Posts a request, valid or invalid.
     pub(crate) fn post(&mut self, request: AdminRequest) {
         let _full = self.client.post(request);
     }
 
-    /// The answers that have come.
+    /// Returns the answers that have arrived.
     pub(crate) fn take_answers(&mut self) -> Vec<AdminReply> {
         std::iter::from_fn(|| self.client.answer()).map(|(_, reply)| reply).collect()
     }
 
-    /// The frames that the motors have heard since the last call.
+    /// Returns the frames that the motors have received since the last call.
     pub(crate) fn take_sent(&self) -> Vec<Sent> {
         let heard = |motor: &'static MotorSettings| {
             let frames = std::mem::take(&mut self.wires[motor.bus].lock().sent);
             frames.into_iter().map(move |frame| {
-                assert_eq!(frame.id(), motor.command_id(), "nobody else is on its bus");
+                assert_eq!(frame.id(), motor.command_id(), "no other motor is on its bus");
                 Sent { motor, bytes: frame.payload().try_into().expect("every command has eight bytes") }
             })
         };
@@ -258,7 +260,7 @@ impl Robot {
     }
 }
 
-/// The state of a motor that stands still: the middle codes, and temperatures of a cool motor.
+/// Returns the state of a motor at rest: the middle codes, and temperatures of a cool motor.
 fn at_rest(motor: &MotorSettings) -> Frame {
     let len = motor.profile.reply.lengths[0];
     let state = [motor.id, 0x80, 0x00, 0x80, 0x08, 0x00, 0x19, 0x19];

@@ -1,4 +1,4 @@
-//! The text that is read: files that anybody may have damaged, and answers of another process.
+//! Text that motord reads: possibly damaged files, and answers of another process.
 
 use motord_bus::candump::{self, LogLine};
 use motord_bus::frame::{Content, Frame, FrameId};
@@ -19,8 +19,8 @@ use motord_simulator::{BusSettings, FaultVerb, SimulatedBus};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A configuration file. Every problem is printed with the name of the file; settings that are accepted are sane, and every
-/// motor of theirs has a frame that stops it.
+/// Reads a configuration file. Every error names the file. Accepted settings are valid, and every
+/// motor in them has a frame that stops it.
 pub fn config(bytes: &[u8]) {
     let machine = Machine { processors: vec![0, 1], priority_max: 98 };
     let settings = match parse(Path::new("fuzz.toml"), bytes, &machine) {
@@ -39,7 +39,7 @@ pub fn config(bytes: &[u8]) {
     assert!(grouped.into_iter().eq(0..settings.motors.len()), "each motor is in one group");
 }
 
-/// Every limit is a number, and no range is empty.
+/// Returns `true` when every limit is a number, and no range is empty.
 fn sane(motor: &MotorSettings) -> bool {
     let limits = &motor.limits;
     let bounds = [limits.velocity, limits.torque, limits.kp, limits.kd, motor.damping_kd];
@@ -48,7 +48,7 @@ fn sane(motor: &MotorSettings) -> bool {
         && bounds.iter().all(|bound| *bound >= 0.0)
 }
 
-/// The lock file beside a configuration: what it says of the motors is compared with their settings.
+/// Reads the lock file of a configuration, and compares its motors with their settings.
 pub fn lock(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
     let Ok(lock) = toml::from_str::<Lock>(text) else { return };
@@ -61,8 +61,8 @@ pub fn lock(bytes: &[u8]) {
     }
 }
 
-/// Logs of candump, and the marks of a rig between them. A frame that is read is printed as it was written, but for the case of
-/// its digits, and the flags of CAN FD that have no meaning here.
+/// Reads logs of candump, and the marks of a rig between them. A frame that was read is printed as
+/// it was written, except for the case of its digits, and the ignored flags of CAN FD.
 pub fn candump(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
     for line in text.lines() {
@@ -79,8 +79,8 @@ pub fn candump(bytes: &[u8]) {
     let _wiring = Wiring::parse(text);
 }
 
-/// The answers of the daemon that are JSON, as the client library reads them. Whatever limits they tell, a client can ask for
-/// them.
+/// Reads the JSON answers of the daemon as the client library does. A client must be able to
+/// request any limits in them.
 pub fn description(bytes: &[u8]) {
     if let Ok(robot) = serde_json::from_slice::<RobotDescription>(bytes) {
         let _period = robot.period();
@@ -95,13 +95,13 @@ pub fn description(bytes: &[u8]) {
     let _read = (serde_json::from_slice::<Telemetry>(bytes), serde_json::from_slice::<Histograms>(bytes));
 }
 
-/// A registration with the dead man's switch: which frames it sends, and when. Of a registration that is accepted only frames
-/// that it names are sent, however long it wants motors to be damped.
+/// Reads a registration with the dead man's switch, and sends its frames at their times. Of an
+/// accepted registration, only frames that it contains are sent, however long its damping lasts.
 pub fn registration(bytes: &[u8]) {
     let Ok(Request::Register(frames)) = serde_json::from_slice(bytes) else { return };
     let sent = Arc::new(Mutex::new(Vec::new()));
     let mut open = |_: &str, _| Ok(Box::new(Recorder(Arc::clone(&sent))) as Box<dyn Outlet>);
-    // A port would be opened; its frames are checked all the same.
+    // A port would be opened; its frames are still checked.
     let can = frames.buses.iter().map(|bus| InterfaceFrames { baud: None, ..bus.clone() });
     let Ok(opened) = can.map(|bus| Interface::open(&bus, &mut open)).collect::<Result<Vec<_>, _>>() else {
         return;
@@ -126,7 +126,7 @@ pub fn registration(bytes: &[u8]) {
 /// Most rounds of one registration: damping and stopping are two kinds of them.
 const ROUNDS_MAX: usize = 64;
 
-/// An interface that takes everything.
+/// An interface that accepts every frame.
 struct Recorder(Arc<Mutex<Vec<Frame>>>);
 
 impl Outlet for Recorder {
@@ -140,7 +140,8 @@ impl Outlet for Recorder {
     }
 }
 
-/// The lines that put faults into simulated buses, from `motorctl sim`. Whatever they say, the simulated bus goes on.
+/// Reads the lines of `motorctl sim`, which inject faults into simulated buses. The simulated bus
+/// continues after any line.
 pub fn sim(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
     let settings = motord_simulator::MotorSettings::default();

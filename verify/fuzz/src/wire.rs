@@ -1,4 +1,4 @@
-//! The bytes that come from motors: payloads, frames on a bus, the stream of a serial line.
+//! The bytes that arrive from motors: payloads, frames on a bus, the stream of a serial line.
 
 use crate::input::Input;
 use crate::robot::{self, Robot};
@@ -13,15 +13,15 @@ use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes};
 use motord_protocol::profile::{PROFILES, Profile};
 use motord_protocol::{Scales, StateCodes};
 
-/// The replies of every protocol. A state that is decoded is a number within the ranges of its codes, and a payload that is
-/// encoded again from what was decoded decodes to the same.
+/// Decodes the replies of every protocol. A decoded state is a number within the ranges of its
+/// codes. A reply that is encoded again decodes to the same value.
 pub fn replies(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let (profile, model) = (input.pick(PROFILES), input.any::<u8>());
     let model = &profile.models[usize::from(model) % profile.models.len()];
     let scales = model.scales().expect("a model in the table has scales");
     let (asked, id) = (input.pick(&[Asked::State, Asked::Fault, Asked::Clear]), input.any());
-    // Longer than any frame: the decoders take slices.
+    // Longer than any frame, because the decoders take slices.
     let payload = input.bytes(12);
     mit_reply(profile, &scales, asked, id, payload);
     native_reply(&scales, payload);
@@ -59,8 +59,9 @@ fn within(codes: StateCodes, scales: &Scales) {
     }
 }
 
-/// The commands of every protocol, as tools and logs read them. Every eight bytes are an MIT command. None becomes a special
-/// command, or stops being one, when it is encoded again; a native command means the same then.
+/// Decodes the commands of every protocol, as tools and logs do. Every eight bytes are an MIT
+/// command. Encoding it again never changes whether it is a special command, nor the meaning of a
+/// native one.
 pub fn commands(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let scales = input.pick(PROFILES).models[0].scales().expect("a model in the table has scales");
@@ -68,7 +69,7 @@ pub fn commands(bytes: &[u8]) {
     let decoded = mit::decode_command(payload, &scales);
     assert_eq!(decoded.is_ok(), payload.len() == 8);
     if let Ok(codes) = CommandCodes::decode(payload) {
-        // A control command that begins as a special one is encoded with its neighbour.
+        // A control command with the beginning of a special one is encoded as its neighbour.
         let again = codes.encode();
         assert_eq!(CommandCodes::decode(&again).map(CommandCodes::encode), Ok(again), "{codes:?}");
         let is_special = |bytes: &[u8]| !matches!(CommandCodes::decode(bytes), Ok(CommandCodes::Control(_)));
@@ -85,8 +86,8 @@ pub fn commands(bytes: &[u8]) {
     let _matched = gim::repeats(payload, input.bytes(12));
 }
 
-/// One drive of every protocol: requests and payloads in any order and at any time, through the correlator. A state that is
-/// reported is a number, and nothing is a reply while no request was ever sent.
+/// Runs one drive of every protocol: requests and payloads in any order and at any time. A reported
+/// state is a number, and nothing is a reply before the first request.
 pub fn drive(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let settings = robot::mixed();
@@ -94,7 +95,7 @@ pub fn drive(bytes: &[u8]) {
     let mut drive = Drive::new(motor, Duration::from_micros(200), input.any());
     let (mut now, mut asked) = (Instant::from_nanos(1_000_000_000), false);
     while !input.is_empty() {
-        // Some steps are longer than a reply may be late.
+        // Some steps are longer than the latest reply.
         now = now + Duration::from_micros(u64::from(input.any::<u8>()) * input.pick(&[1, 10, 1000]));
         match input.any::<u8>() % 4 {
             0 | 1 => asked |= drive.request(&command(&mut input), now).is_some(),
@@ -132,8 +133,8 @@ fn command(input: &mut Input<'_>) -> Command {
     }
 }
 
-/// A whole robot of four vendors' dialects that nobody has enabled, and anything on its buses. Whatever comes, its motors hear
-/// only what stops them or asks them for their faults.
+/// Runs a disabled robot of four vendors' dialects, with any content on its buses. Its motors
+/// receive only frames that stop them or request their faults.
 pub fn disarmed(bytes: &[u8]) {
     let mut input = Input::new(bytes);
     let mut robot = Robot::new(robot::mixed());
@@ -151,10 +152,11 @@ pub fn disarmed(bytes: &[u8]) {
     }
 }
 
-/// Most cycles of one run: as many show what a motor that speaks in turns can do.
+/// Most cycles of one run, enough for every case of a motor that takes turns.
 const CYCLES_MAX: usize = 24;
 
-/// Anything that a bus can report. Mostly a frame that bears the reply id of a motor: others do not reach a decoder.
+/// Returns any content that a bus can report. Usually a frame with the reply id of a motor: others
+/// do not reach a decoder.
 fn content(input: &mut Input<'_>, robot: &Robot) -> Content {
     let known = robot.reply_id(input.any());
     let id = if input.any::<u8>() < 200 { known } else { id(input.any()) };
@@ -169,14 +171,15 @@ fn content(input: &mut Input<'_>, robot: &Robot) -> Content {
     }
 }
 
-/// Any id: one with the upper bit has 29 bits.
+/// Returns any id: one with the upper bit has 29 bits.
 fn id(raw: u16) -> FrameId {
     let id = if raw & 0x8000 == 0 { FrameId::new(raw & 0x7FF) } else { FrameId::extended(raw.into()) };
     id.expect("it has eleven bits, or 29")
 }
 
-/// The stream of a serial line. Each byte is skipped or part of an accepted frame: none is both and none is lost. A frame that is
-/// awaited is found behind all of it, but for one of its own bytes: with that the stream could hold its beginning.
+/// Decodes the stream of a serial line. Each byte is either skipped or part of an accepted frame,
+/// and none is lost. An expected frame is found after any of it, except after one of its own bytes,
+/// which could be its beginning.
 pub fn serial(bytes: &[u8]) {
     let Some((&seed, stream)) = bytes.split_first() else { return };
     let accept = |frame: &SerialFrame| frame.receiver() & 3 == seed & 3;

@@ -1,5 +1,5 @@
-//! Every input of the corpus, on the stable toolchain and without a fuzzer: what was once found stays mended, and what once
-//! led somewhere keeps its promises.
+//! Runs every input of the corpus, on the stable toolchain and without a fuzzer, so that earlier
+//! findings stay fixed.
 
 use motord_fuzz::TARGETS;
 use std::collections::BTreeSet;
