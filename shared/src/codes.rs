@@ -75,7 +75,7 @@ codes! {
 }
 
 codes! {
-    /// Where a group of joints is between standing still and following setpoints.
+    /// The phase of a group of joints, from rest to following setpoints.
     Phase {
         Disarmed = 0 "disarmed" "Every motor of the group is stopped.",
         Starting = 1 "starting" "The motors of the group are being started.",
@@ -85,7 +85,7 @@ codes! {
 }
 
 codes! {
-    /// Why a group was stopped. It stays latched until a reset.
+    /// The cause of a group's stop. It stays latched until a reset.
     Cause {
         SetpointTimeout = 1 "setpoint-timeout" "The owner sent no valid setpoint within the setpoint timeout.",
         EmergencyStop = 2 "emergency-stop" "An emergency stop was requested.",
@@ -206,7 +206,7 @@ codes! {
 }
 
 codes! {
-    /// Why an administrative request was refused. 0 is success; 19 was used once, and stays free.
+    /// The reason why an administrative request was refused. 0 is success; 19 was used once, and stays free.
     Refusal {
         UnknownOperation = 1 "unknown-operation" "The daemon does not know this request; is the client newer than the daemon?",
         UnknownGroup = 2 "unknown-group" "There is no such group.",
@@ -346,7 +346,7 @@ impl Refusal {
 }
 
 codes! {
-    /// Why a setpoint message was rejected, whole.
+    /// The reason why a whole setpoint message was rejected.
     Rejection {
         NotFinite = 0 "not-finite" "A value was not a finite number.",
         WrongLease = 1 "wrong-lease" "The lease does not own the group.",
@@ -416,7 +416,7 @@ impl Indicator {
 }
 
 codes! {
-    /// How a joint's setpoint is meant.
+    /// The control mode of a joint's setpoint.
     SetpointMode {
         Impedance = 0 "impedance" "Position, velocity, stiffness, damping and torque.",
         Torque = 1 "torque" "Torque only (native motors).",
@@ -426,7 +426,7 @@ codes! {
 }
 
 codes! {
-    /// A limit that changed a setpoint on its way to the wire; the number is its bit in `JointState::limits`.
+    /// A limit that changed a setpoint before it was sent; the number is its bit in `JointState::limits`.
     Limit {
         Position = 0 "position" "The position was clamped.",
         Velocity = 1 "velocity" "The velocity was clamped.",

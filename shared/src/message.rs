@@ -110,7 +110,7 @@ plain! {
         pub tick_ns: u64,
         /// Delay of the start, ns.
         pub wake_latency_ns: u64,
-        /// When the states were complete, ns of `CLOCK_MONOTONIC`.
+        /// Time when the states were complete, ns of `CLOCK_MONOTONIC`.
         pub publish_ns: u64,
         /// Ticks missed since the start.
         pub overruns: u64,
@@ -234,7 +234,7 @@ plain! {
         pub lease: u64,
         /// Must increase with every message of a lease; the first is 1 or more.
         pub sequence: u64,
-        /// When it was sent, ns of `CLOCK_MONOTONIC`.
+        /// Time of sending, ns of `CLOCK_MONOTONIC`.
         pub time_ns: u64,
         /// The cycle whose states it answers; for measuring only.
         pub cycle: u64,
