@@ -1,6 +1,6 @@
 //! Moves one joint, or all joints of a group, along a sine around where they are.
 //!
-//! With `--persist` it goes on after a stop and after a restart of the daemon: for a simulated robot, or one on a stand.
+//! With `--persist` it continues after a stop and after a restart of the daemon: for simulated robots and robots on a stand.
 
 use clap::Parser;
 use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, Slot};

@@ -26,7 +26,7 @@ use std::thread::{JoinHandle, sleep, spawn};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Longer than a shared machine stalls a process, so only the test makes the switch act.
+/// Longer than a shared machine stalls a process, so only the test triggers the switch.
 const PATIENCE: Duration = Duration::from_millis(400);
 const DAMP: Duration = Duration::from_millis(200);
 const DAMPING: &str = "001#64616D70696E6721";
