@@ -20,15 +20,16 @@ pub struct UnexpectedIds {
 }
 
 impl UnexpectedIds {
-    /// The most batches that one [`count`](Self::count) reads: more than a receive buffer of the default 208 KiB holds.
+    /// Most batches that one [`count`](Self::count) reads: more than a receive buffer of the
+    /// default 208 KiB holds.
     const BATCHES: usize = 8;
 
-    /// Counts on the interface of `link` every frame, of any kind but error reports, whose id is not in `expected`.
-    /// `expected` holds the ids of the motors' replies and the ids of the commands to them.
+    /// Counts every frame on the interface of `link` whose id is not in `expected`, except error
+    /// reports. `expected` holds the ids of the motors' replies and of the commands to them.
     ///
     /// # Errors
     ///
-    /// [`OpenError::NotCan`] when the interface is gone, or [`OpenError::System`].
+    /// [`OpenError::NotCan`] when the interface is unplugged, or [`OpenError::System`].
     pub fn open(link: &Link, expected: &[FrameId]) -> Result<Self, OpenError> {
         let socket = open_socket(link.interface, link.index, |socket| {
             socket.set_filters(&others(expected))?;
@@ -123,8 +124,8 @@ fn ranges_without(expected: &[u32]) -> Vec<(u32, u32)> {
     filters
 }
 
-/// Appends the ranges of ids that are not `expected` among the `size` ids from `start`, each as start and size. `size` is a
-/// power of two.
+/// Appends the ranges of unexpected ids among the `size` ids from `start`, each as start and size.
+/// `size` is a power of two.
 fn append_ranges(expected: &[u32], start: u32, size: u32, ranges: &mut Vec<(u32, u32)>) {
     let range = start..start + size;
     if !expected.iter().any(|id| range.contains(id)) {
