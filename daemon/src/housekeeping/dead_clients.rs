@@ -33,7 +33,8 @@ impl DeadClients {
         Self { housekeeper, changed: None, checked: Instant::ZERO, cleaned: Instant::ZERO }
     }
 
-    /// Cleans up when a client has connected or left since the last cleaning, or after [`SWEEP`]. At most one check in [`CHECK`].
+    /// Cleans up when a client has connected or left since the last cleaning, or after `SWEEP`. At most one check
+    /// in `CHECK`.
     pub fn clean(&mut self) {
         let now = clock::monotonic();
         let Some(housekeeper) = self.housekeeper.as_ref().filter(|_| now.since(self.checked) >= CHECK) else {

@@ -2,10 +2,10 @@
 //!
 //! | type | job |
 //! |---|---|
-//! | [`Measurements`] | histograms and metrics |
-//! | [`Log`] | the lines of the log about events and requests |
-//! | [`Groups`] | owners and stops of the groups, for the answers |
-//! | [`UnexpectedCounts`] | frames with unexpected ids |
+//! | `Measurements` | histograms and metrics |
+//! | `Log` | the lines of the log about events and requests |
+//! | `Groups` | owners and stops of the groups, for the answers |
+//! | `UnexpectedCounts` | frames with unexpected ids |
 //! | [`BusWatch`] | buses that must be opened again |
 //! | [`Housekeeping`] | dead clients, the runtime directory, the configuration file |
 //!

@@ -184,7 +184,7 @@ impl ClientPorts {
         Ok(SetpointPort { port: port.map_err(Part::Setpoint.failed())? })
     }
 
-    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`] may be open at a time.
+    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`](motord_shared::limits::REQUESTS_PER_CLIENT) may be open at a time.
     ///
     /// # Errors
     /// [`Obstacle::Missing`] when there is no daemon; otherwise a damaged connection.
