@@ -30,7 +30,7 @@ apt() {
 # User Mode Linux 6.1 exits at its first program on a processor with AMX: it cannot restore that many registers (put_fp_registers).
 uml_runs() { ! grep -qw amx_tile /proc/cpuinfo; }
 
-# What boots a whole system: uml or qemu.
+# Prints the hypervisor of `fresh-debian`: uml or qemu.
 hypervisor() { echo "${RIG_HYPERVISOR:-$(uml_runs && echo uml || echo qemu)}"; }
 
 must_run_uml() {
