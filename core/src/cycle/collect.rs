@@ -1,7 +1,7 @@
 //! Waits for replies and reads them.
 
 use super::Cycle;
-use super::channel::{Batch, BusChannel, CanChannel};
+use super::channel::{Batch, CanChannel};
 use super::link::Polled;
 use crate::drive::Received;
 use motord_bus::{Duration, Instant, Readiness, Ready};
@@ -217,13 +217,11 @@ impl Cycle {
             }
             received
         };
-        match channel {
-            BusChannel::Can(can) => {
-                if !can.receive(now, judge) {
-                    can.settle(drives);
-                }
-            }
-            BusChannel::Line(line) => line.receive(now, judge),
+        let arrivals = channel.receive(now, judge);
+        if let Some(can) = channel.can_mut()
+            && !can.took(arrivals, now)
+        {
+            can.settle(drives);
         }
         control.bus_changed(bus, channel.wire().condition());
     }

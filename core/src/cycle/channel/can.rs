@@ -1,7 +1,7 @@
 //! A CAN bus in the cycle: which replies the cycle waits for, and for how long.
 
-use super::wire::Wire;
-use crate::drive::{Drive, LATEST_REPLY, Received};
+use super::wire::{Arrivals, Wire};
+use crate::drive::{Drive, LATEST_REPLY};
 use crate::plan::BusPlan;
 use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
 
@@ -142,16 +142,16 @@ impl CanChannel {
         self.is_cut_short
     }
 
-    /// Reads at most one inbox full, as [`Wire::receive`] does. Returns whether the arrivals are the awaited replies and
-    /// nothing else; if not, [`settle`](Self::settle) follows. At most one system call.
+    /// Prepares the next read: it takes as many arrivals as the cycle awaits, or an inbox full.
     #[inline]
-    pub(crate) fn receive(
-        &mut self,
-        now: Instant,
-        judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
-    ) -> bool {
+    pub(super) fn begin_read(&mut self) {
         self.wire.clear_inbox_for(self.space());
-        let arrivals = self.wire.receive(now, judge);
+    }
+
+    /// Judges what a read at `now` took. Returns whether the `arrivals` are the awaited replies and nothing else; if not,
+    /// [`settle`](Self::settle) follows.
+    #[inline]
+    pub(crate) fn took(&mut self, arrivals: Arrivals, now: Instant) -> bool {
         if arrivals.answers < arrivals.all {
             self.unsettle(now);
         } else if arrivals.answers == self.awaited && !self.owes && self.is_settled() {

@@ -9,8 +9,10 @@ mod wire;
 
 pub(super) use can::{Batch, CanChannel};
 pub(super) use line::LineChannel;
+use wire::Arrivals;
 pub(super) use wire::Wire;
 
+use crate::drive::Received;
 use crate::plan::BusPlan;
 use crate::settings::Settings;
 use crate::stopper::Outlet;
@@ -54,6 +56,20 @@ impl BusChannel {
             Self::Can(channel) => Some(channel),
             Self::Line(_) => None,
         }
+    }
+
+    /// Reads at most one inbox full, as [`Wire::receive`] does. At most one system call.
+    #[inline]
+    pub(super) fn receive(
+        &mut self,
+        now: Instant,
+        judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+    ) -> Arrivals {
+        match self {
+            Self::Can(channel) => channel.begin_read(),
+            Self::Line(channel) => channel.wire.clear_inbox(),
+        }
+        self.wire_mut().receive(now, judge)
     }
 
     /// Returns the part that all buses have in common.

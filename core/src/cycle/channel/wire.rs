@@ -31,7 +31,7 @@ pub(super) struct Accepted {
 
 /// The outcome of a read.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Arrivals {
+pub(crate) struct Arrivals {
     /// The number of arrivals.
     pub(super) all: usize,
     /// Those of them that answer a request which was open.
