@@ -213,7 +213,7 @@ fn mit_motor_is_found_jogged_and_zeroed() {
     let native = line.bad("config list @", 1);
     assert!(native.contains("serial port"), "{native}");
     let way_back = line.bad("protocol gim @ --yes", 1);
-    assert!(way_back.contains("no way back from MIT"), "{way_back}");
+    assert!(way_back.contains("use its serial port"), "{way_back}");
     drop(line);
 
     let line = knee();
