@@ -164,4 +164,4 @@ pub use motord_shared::{
 pub use records::Records;
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};
-pub use stop::emergency_stop;
+pub use stop::{emergency_stop, emergency_stop_in};

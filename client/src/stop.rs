@@ -9,6 +9,7 @@ use motord_ports::stop_socket::{AskedStop, StopError};
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::{AdminRequest, Operation};
+use std::path::Path;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -25,8 +26,19 @@ const POLL: Duration = Duration::from_millis(1);
 /// The stop is unconfirmed, and motors may still move: [`Error::NotRunning`],
 /// [`Error::Permission`], [`Error::NotStopped`], and those of an invalid name or directory.
 pub fn emergency_stop(instance: &str) -> Result<(), Error> {
-    let instance = Instance::find(instance).map_err(Error::of_instance)?;
-    let mut first = FirstWay::send(&instance);
+    stop(&Instance::find(instance).map_err(Error::of_instance)?)
+}
+
+/// Damps and stops every motor of `instance` in the runtime directory `runtime`, as [`emergency_stop`] does.
+///
+/// # Errors
+/// Those of [`emergency_stop`].
+pub fn emergency_stop_in(runtime: &Path, instance: &str) -> Result<(), Error> {
+    stop(&Instance::below(runtime, instance).map_err(Error::of_instance)?)
+}
+
+fn stop(instance: &Instance) -> Result<(), Error> {
+    let mut first = FirstWay::send(instance);
     if first.is_confirmed(FIRST_WAY) {
         return Ok(());
     }
@@ -46,7 +58,7 @@ pub fn emergency_stop(instance: &str) -> Result<(), Error> {
             return Ok(());
         }
     }
-    Err(first.reason(refused, &instance))
+    Err(first.reason(refused, instance))
 }
 
 /// A stop request through the socket.

@@ -19,6 +19,17 @@ pub(crate) enum Failure {
     /// An emergency stop was not confirmed.
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {0}")]
     NotStopped(Error),
+    /// `estop --all` found no daemon.
+    #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: no motord runs on this computer")]
+    NothingToStop,
+    /// `estop --all` stopped only some daemons.
+    #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {}", .0.join("\nmotorctl: "))]
+    NotAllStopped(Vec<String>),
+    /// An emergency stop was confirmed, but these motors do not answer.
+    #[error(
+        "the stop is confirmed, but these motors do not answer and may still move, so cut the power: {0}"
+    )]
+    NotHeard(String),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
@@ -63,6 +74,9 @@ impl Failure {
         match self {
             Self::Client(error) => exit_status::of_client(error),
             Self::NotStopped(error) => exit_status::of_stop(error),
+            Self::NothingToStop => exit_status::UNAVAILABLE,
+            Self::NotAllStopped(_) => exit_status::NOT_STOPPED,
+            Self::NotHeard(_) => exit_status::NOT_HEARD,
             Self::Output(_) => exit_status::IO,
             Self::Demo(error) => error.status(),
             Self::Doctor(failure) => failure.status(),

@@ -19,7 +19,7 @@ struct Entry {
 
 impl From<RunningInstance> for Entry {
     fn from(running: RunningInstance) -> Self {
-        let command = command(&running);
+        let command = format!("{} status", line(&running));
         let RunningInstance { name, runtime, pid, uid } = running;
         Self { instance: name, runtime_directory: runtime.display().to_string(), pid, uid, command }
     }
@@ -58,22 +58,25 @@ fn table(entries: &[Entry]) -> Table {
 }
 
 /// Returns the commands for the running daemons as lines to paste; `None` if none runs.
-pub(crate) fn instead() -> Option<String> {
-    let lines: Vec<String> =
-        running_instances().iter().map(|running| format!("  {}", command(running))).collect();
+pub(crate) fn instead(verb: &str) -> Option<String> {
+    let running = running_instances();
+    let mut lines: Vec<String> =
+        running.iter().map(|running| format!("  {} {verb}", line(running))).collect();
+    if verb == "estop" && lines.len() > 1 {
+        lines.push("  motorctl estop --all".to_owned());
+    }
     (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")))
 }
 
-/// Returns the command that shows the state of `running`. Its words need no quotes: see
-/// [`running_instances`].
-fn command(running: &RunningInstance) -> String {
+/// Returns the beginning of the commands for `running`. Its words need no quotes: see [`running_instances`].
+pub(crate) fn line(running: &RunningInstance) -> String {
     let RunningInstance { name, runtime, .. } = running;
     let directory = match runtime.to_str() {
         Some("/run/motord") => String::new(),
         _ => format!("{RUNTIME_DIR_VARIABLE}={} ", runtime.display()),
     };
-    let instance = if name == DEFAULT_INSTANCE { String::new() } else { format!("--instance {name} ") };
-    format!("{directory}motorctl {instance}status")
+    let instance = if name == DEFAULT_INSTANCE { String::new() } else { format!(" --instance {name}") };
+    format!("{directory}motorctl{instance}")
 }
 
 #[cfg(test)]
@@ -83,9 +86,9 @@ mod tests {
     #[test]
     fn daemon_is_reached_by_pasted_line() {
         let of = |name: &str, runtime: &str| {
-            command(&RunningInstance { name: name.into(), runtime: runtime.into(), pid: 1, uid: 0 })
+            line(&RunningInstance { name: name.into(), runtime: runtime.into(), pid: 1, uid: 0 })
         };
-        assert_eq!(of(DEFAULT_INSTANCE, "/run/motord"), "motorctl status");
-        assert_eq!(of("arm", "/tmp/x"), "MOTORD_RUNTIME_DIR=/tmp/x motorctl --instance arm status");
+        assert_eq!(of(DEFAULT_INSTANCE, "/run/motord"), "motorctl");
+        assert_eq!(of("arm", "/tmp/x"), "MOTORD_RUNTIME_DIR=/tmp/x motorctl --instance arm");
     }
 }

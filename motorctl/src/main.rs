@@ -8,6 +8,7 @@
 
 mod advice;
 mod demo;
+mod estop;
 mod exit_status;
 mod explain;
 mod failure;
@@ -19,6 +20,7 @@ mod joint_report;
 mod monitor;
 mod operate;
 mod report;
+mod say;
 mod sim;
 mod status;
 mod watch;
@@ -59,7 +61,7 @@ Examples:
 
 Exit status: 0 done; 1 refused, or not as it should be; 64 usage; 65 a file or a frame has mistakes; 69 no daemon, bus or motor
 answers; 74 a file or the output cannot be written; 75 another program uses the bus; 77 no permission; 78 a configuration has
-mistakes; 79 an emergency stop was not confirmed; 130 interrupted.";
+mistakes; 79 an emergency stop was not confirmed; 80 it was, but motors do not answer; 130 interrupted.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -310,7 +312,8 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_printed() => ExitCode::from(failure.status()),
         Err(failure) => {
             eprintln!("motorctl: {}", printable(&failure.to_string()));
-            if let Some(others) = failure.is_not_running().then(instances::instead).flatten() {
+            let verb = if matches!(failure, Failure::NotStopped(_)) { "estop" } else { "status" };
+            if let Some(others) = failure.is_not_running().then(|| instances::instead(verb)).flatten() {
                 eprintln!("motorctl: {}", printable(&others.to_string()));
             }
             ExitCode::from(failure.status())

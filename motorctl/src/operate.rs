@@ -1,13 +1,13 @@
 //! The commands of an operator. Each sends a request and prints its effect.
 
 use crate::advice::motorctl;
+use crate::estop;
 use crate::failure::Failure;
+use crate::say::say;
 use crate::status::{self, PATIENCE};
 use clap::Subcommand;
-use motord_client::{Client, Error, Joint, JointDescription, MotorMode, Phase, Refusal};
+use motord_client::{Client, Error, JointDescription, Phase, Refusal};
 use motord_direct::Confirm;
-use motord_terminal::printable;
-use std::io::{self, Write};
 use std::time::Duration;
 
 /// Longest wait for stopped motors. A configuration holds and damps for at most 30 s each.
@@ -37,11 +37,21 @@ pub(crate) enum Operate {
     ///
     /// The command sends the stop before every other step. It needs neither files nor a client
     /// slot: the daemon has a separate socket for stops. If the daemon does not confirm the stop
-    /// within about a second, the exit status is 79: cut the power.
+    /// within about a second, the exit status is 79; if it does, but motors do not answer, it is
+    /// 80. In both cases: cut the power.
+    ///
+    /// If no daemon of this name runs here, but one runs for another user or in another runtime
+    /// directory, that one is stopped; if several run, their lines are printed.
     ///
     /// This is a software stop. It does not replace a switch that cuts the power.
-    #[command(after_help = "Example:\n  motorctl estop || echo 'cut the power'")]
-    Estop,
+    #[command(
+        after_help = "Examples:\n  motorctl estop || echo 'cut the power'\n  motorctl estop --all      # every robot of this computer"
+    )]
+    Estop {
+        /// Stop the motors of every daemon of this computer.
+        #[arg(long)]
+        all: bool,
+    },
     /// Remove the owner of a group. The motors of an active group stop.
     #[command(after_help = "Example:\n  motorctl release legs --force")]
     Release {
@@ -80,7 +90,7 @@ pub(crate) fn run(instance: &str, command: Operate) -> Result<(), Failure> {
         Operate::Enable(GroupArgument { group }) => enable(instance, group.as_deref()),
         Operate::Disable(GroupArgument { group }) => disable(instance, group.as_deref()),
         Operate::Reset { group, wait } => reset(instance, group.group.as_deref(), wait),
-        Operate::Estop => estop(instance),
+        Operate::Estop { all } => estop::run(instance, all),
         Operate::Release { group, .. } => release(instance, &group),
         Operate::Exclude { joint } => exclude(instance, &joint),
         Operate::Include { joint } => include(instance, &joint),
@@ -121,36 +131,6 @@ fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure>
 fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {
     client.wait_for(group, Phase::Disarmed, STOPPED)?;
     client.reset(group)
-}
-
-/// `motorctl estop`: damps and stops every motor.
-fn estop(instance: &str) -> Result<(), Failure> {
-    motord_client::emergency_stop(instance).map_err(Failure::NotStopped)?;
-    let reset = format!("{} reset", motorctl(instance));
-    say(&format!(
-        "confirmed: every motor is being damped, then stopped; `{reset}` clears the emergency stop"
-    ));
-    // Check the motors only after the stop: no wait may delay it.
-    if let Some(warning) = unheard(instance) {
-        let _nobody_reads = writeln!(io::stderr(), "motorctl: {warning}");
-    }
-    Ok(())
-}
-
-/// Returns a warning about offline motors, which may not have received the stop.
-fn unheard(instance: &str) -> Option<String> {
-    let seen =
-        status::connect(instance).and_then(|client| Ok((client.description(), client.wait(PATIENCE)?)));
-    let (robot, state) = match seen {
-        Ok(seen) => seen,
-        Err(error) => return Some(format!("the motors were not checked: {error}")),
-    };
-    let offline = |(joint, state): (&JointDescription, Joint)| {
-        (state.mode == Some(MotorMode::Offline)).then(|| joint.name.clone())
-    };
-    let silent: Vec<String> = robot.joints.iter().zip(state.joints()).filter_map(offline).collect();
-    let text = format!("no answer, so possibly not stopped: {}", silent.join(", "));
-    (!silent.is_empty()).then_some(text)
 }
 
 /// `motorctl release --force`: removes the owner of a group.
@@ -232,15 +212,6 @@ fn for_groups(
         }
     }
     Ok(outcome?)
-}
-
-/// Prints the effect of a request. An error of the output is not an error of the command: the
-/// request was carried out, and the other groups follow.
-fn say(sentence: &str) {
-    if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
-        let _nobody_reads =
-            writeln!(io::stderr(), "motorctl: done, but standard output cannot be written: {error}");
-    }
 }
 
 #[cfg(test)]

@@ -50,8 +50,14 @@ const ON_A_BUS: [&str; 24] = [
 /// Runs motorctl in an empty runtime directory.
 fn motorctl(arguments: &[&str]) -> Output {
     let runtime = TempDir::new().unwrap();
+    // No instance of another test has this name: `estop` would stop it.
+    let instance = if arguments == ["estop"] { ["--instance", "nobody"].as_slice() } else { &[] };
     let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
-    command.args(arguments).env("MOTORD_RUNTIME_DIR", runtime.path()).env_remove("MOTORD_INSTANCE");
+    command
+        .args(instance)
+        .args(arguments)
+        .env("MOTORD_RUNTIME_DIR", runtime.path())
+        .env_remove("MOTORD_INSTANCE");
     command.output().unwrap()
 }
 
@@ -136,7 +142,8 @@ fn commands_without_daemon_say_how_to_start_one() {
         let text = stderr(&output);
         let alarm = "motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n";
         let begin = if arguments[0] == "estop" { alarm } else { "" };
-        let reason = format!("{begin}motorctl: no motord runs instance \"robot\"");
+        let name = if arguments[0] == "estop" { "nobody" } else { "robot" };
+        let reason = format!("{begin}motorctl: no motord runs instance \"{name}\"");
         assert!(text.starts_with(&reason), "{arguments:?}: {text}");
         assert!(text.contains("motord run"), "{arguments:?}: {text}");
         assert!(output.stdout.is_empty(), "{arguments:?}");

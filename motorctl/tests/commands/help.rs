@@ -179,6 +179,8 @@ fn runnable(example: &str, device: &str) -> String {
         .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
         .replace("motord init", "cd $(mktemp -d) && motord init")
         .replace("sudo motorctl doctor", "motorctl doctor")
+        // It would stop the robots of other tests.
+        .replace(" estop --all", " estop")
         // This option changes the test machine.
         .replace(" --tune", "")
         .replace("--seconds 600", "--seconds 1")

@@ -11,6 +11,7 @@ mod schema;
 mod command_line;
 mod configurations;
 mod doctor;
+mod estop;
 mod frame;
 mod help;
 mod monitor;

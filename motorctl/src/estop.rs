@@ -1,0 +1,87 @@
+//! `motorctl estop`: damps and stops every motor of a daemon, or of all.
+
+use crate::advice::motorctl;
+use crate::failure::Failure;
+use crate::instances::line;
+use crate::say::say;
+use crate::status::{self, PATIENCE};
+use motord_client::{Client, DEFAULT_INSTANCE, Error, Joint, JointDescription, MotorMode, RunningInstance};
+use motord_client::{emergency_stop, emergency_stop_in, running_instances};
+
+/// Stops `instance`, or `all` daemons.
+///
+/// # Errors
+///
+/// A stop is not confirmed, or motors do not answer.
+pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
+    if all {
+        return stop_all();
+    }
+    match emergency_stop(instance) {
+        Ok(()) => tell(None, &motorctl(instance), &status::connect(instance)),
+        Err(error @ Error::NotRunning { .. }) => {
+            elsewhere(instance).map_or(Err(Failure::NotStopped(error)), |only| stop(&only))
+        }
+        Err(error) => Err(Failure::NotStopped(error)),
+    }
+}
+
+/// Returns the only daemon that `instance` can mean, in another runtime directory. The default name means any.
+fn elsewhere(instance: &str) -> Option<RunningInstance> {
+    let mut meant: Vec<_> = running_instances();
+    meant.retain(|running| instance == DEFAULT_INSTANCE || running.name == instance);
+    if meant.len() == 1 { meant.pop() } else { None }
+}
+
+/// Stops every daemon of this computer. One that does not confirm delays the others by little more than a second.
+fn stop_all() -> Result<(), Failure> {
+    let running = running_instances();
+    if running.is_empty() {
+        return Err(Failure::NothingToStop);
+    }
+    let (mut unconfirmed, mut silent) = (Vec::new(), Vec::new());
+    for running in running {
+        match stop(&running) {
+            Ok(()) => {}
+            Err(Failure::NotHeard(motors)) => silent.push(motors),
+            Err(failure) => unconfirmed.push(format!("{}: {failure}", running.name)),
+        }
+    }
+    match (unconfirmed.is_empty(), silent.is_empty()) {
+        (true, true) => Ok(()),
+        (true, false) => Err(Failure::NotHeard(silent.join(", "))),
+        (false, _) => Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).collect())),
+    }
+}
+
+fn stop(running: &RunningInstance) -> Result<(), Failure> {
+    let RunningInstance { name, runtime, pid, uid } = running;
+    emergency_stop_in(runtime, name).map_err(Failure::NotStopped)?;
+    let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
+    tell(Some(&who), &line(running), &Client::connect_in(runtime, name))
+}
+
+/// Prints the outcome of a confirmed stop; `motorctl` is the command for its daemon. The motors are checked only now: no wait may
+/// delay the stop.
+fn tell(who: Option<&str>, motorctl: &str, client: &Result<Client, Error>) -> Result<(), Failure> {
+    let of = who.map(|who| format!(" of {who}")).unwrap_or_default();
+    let unchecked = match silent(client) {
+        Ok(silent) if silent.is_empty() => String::new(),
+        Ok(silent) => return Err(Failure::NotHeard(format!("{}{of}", silent.join(", ")))),
+        Err(error) => format!("; whether each answers was not checked: {error}"),
+    };
+    say(&format!(
+        "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{unchecked}"
+    ));
+    Ok(())
+}
+
+/// Returns the joints whose motors do not answer.
+fn silent(client: &Result<Client, Error>) -> Result<Vec<String>, String> {
+    let client = client.as_ref().map_err(Error::to_string)?;
+    let state = client.wait(PATIENCE).map_err(|error| error.to_string())?;
+    let offline = |(joint, state): (&JointDescription, Joint)| {
+        (state.mode == Some(MotorMode::Offline)).then(|| joint.name.clone())
+    };
+    Ok(client.description().joints.iter().zip(state.joints()).filter_map(offline).collect())
+}

@@ -1,0 +1,83 @@
+//! `motorctl estop` where motors do not answer, and where the daemon is not the one that was named.
+
+use motord_harness::daemon::{BENCH, Daemon};
+use motord_harness::programs::directory;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs a script of bash in a network namespace of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
+/// INSTANCE` starts a daemon. `None` where the computer allows no namespaces.
+fn alone(script: &str) -> Option<Output> {
+    const START: &str = r#"
+        set -u
+        trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT
+        start() {
+            mkdir -m 700 "$1"
+            sed "s/bench/$2/" bench.toml >"$1/robot.toml"
+            MOTORD_RUNTIME_DIR=$PWD/$1 motord run --config "$1/robot.toml" >"$1/log" 2>&1 &
+            for attempt in $(seq 300); do
+                MOTORD_RUNTIME_DIR=$PWD/$1 motorctl --instance "$2" status 2>/dev/null | grep -q idle && return
+                sleep 0.1
+            done
+            exit 99
+        }
+        is_stopped() { MOTORD_RUNTIME_DIR=$PWD/$1 motorctl --instance "$2" status --json | grep -q '"emergency_stop": *true'; }
+        mkdir -m 700 here
+        export MOTORD_RUNTIME_DIR=$PWD/here
+    "#;
+    let unshare = ["--user", "--map-root-user", "--net"];
+    if !Command::new("unshare").args(unshare).arg("true").status().is_ok_and(|status| status.success()) {
+        println!("NOT TESTED: this computer allows no network namespaces");
+        return None;
+    }
+    let place = TempDir::new().unwrap();
+    std::fs::write(place.path().join("bench.toml"), BENCH).unwrap();
+    let path = format!("{}:{}", directory().display(), std::env::var("PATH").unwrap());
+    let mut inside = Command::new("unshare");
+    inside.args(unshare).args(["bash", "-c", &format!("{START}\n{script}")]);
+    inside.current_dir(place.path()).env("PATH", path).env_remove("MOTORD_INSTANCE");
+    Some(inside.output().unwrap())
+}
+
+#[test]
+fn stop_that_motors_did_not_hear_fails() {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    assert!(daemon.motorctl(&["sim", "arm", "off"]).status.success());
+    daemon.await_status(|status| status["joints"][0]["mode"] == "offline");
+    let output = daemon.motorctl(&["estop"]);
+    assert_eq!(output.status.code(), Some(80), "{output:?}");
+    assert_eq!(text(&output.stdout), "");
+    assert_eq!(
+        text(&output.stderr),
+        "motorctl: the stop is confirmed, but these motors do not answer and may still move, so cut the power: arm\n"
+    );
+    assert_eq!(daemon.status()["emergency_stop"], true);
+}
+
+#[test]
+fn only_daemon_elsewhere_is_stopped() {
+    let Some(output) = alone("start other robot && motorctl estop && is_stopped other robot") else { return };
+    assert!(output.status.success(), "{output:?}");
+    let said = text(&output.stdout);
+    assert!(said.contains("confirmed: every motor of instance robot in /"), "{said}");
+    assert!(said.contains("MOTORD_RUNTIME_DIR=/") && said.contains("motorctl reset`"), "{said}");
+}
+
+#[test]
+fn several_daemons_elsewhere_are_named() {
+    let script = "start one robot; start two arm; motorctl estop && exit 98; status=$?\n\
+        is_stopped one robot || is_stopped two arm && exit 97\n\
+        motorctl --instance leg estop; motorctl estop --all && is_stopped one robot && is_stopped two arm && exit $status";
+    let Some(output) = alone(script) else { return };
+    assert_eq!(output.status.code(), Some(69), "{output:?}");
+    let said = text(&output.stderr);
+    assert!(said.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{said}");
+    assert_eq!(said.matches("/two motorctl --instance arm estop\n").count(), 2, "{said}");
+    assert_eq!(said.matches("  motorctl estop --all\n").count(), 2, "{said}");
+    assert_eq!(text(&output.stdout).matches("confirmed: every motor of instance ").count(), 2, "{output:?}");
+}
