@@ -1,15 +1,16 @@
 //! The connection between a daemon and its dead man's switch: a socket for messages, and one file with the first.
 //!
 //! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, get an answer: a process that
-//! registers decides which frames are sent.
+//! registers decides which frames are sent. The caller trusts only root, the same user and the owner of the runtime
+//! directory: every member may bind a free name there, and a false switch would leave the motors running.
 
 use crate::heartbeat::Pulse;
 use crate::kernel::adopt;
 use motord_bus::Duration;
-use motord_ports::instance::Instance;
+use motord_ports::instance::{Displaced, Instance, InstanceError};
+use motord_ports::{RoleLock, peer};
 use nix::cmsg_space;
 use nix::errno::Errno;
-use nix::fcntl::{Flock, FlockArg};
 use nix::sys::socket::{
     AddressFamily, Backlog, ControlMessage, ControlMessageOwned, MsgFlags, SockFlag, SockType, UnixAddr,
     accept4, bind, connect, getsockopt, listen, recv, recvmsg, send, sendmsg, setsockopt, socket, sockopt,
@@ -17,10 +18,8 @@ use nix::sys::socket::{
 use nix::sys::time::TimeVal;
 use nix::unistd::geteuid;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::fs::{self, File, OpenOptions};
 use std::io::{self, IoSlice, IoSliceMut};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
 use crate::safe_frames::{InterfaceError, SafeFrames};
@@ -95,7 +94,8 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `NotFound` or `ConnectionRefused` when there is none.
+    /// `NotFound` or `ConnectionRefused` when there is none; a [`Impostor`](motord_ports::Impostor) when a process of
+    /// another user listens instead: nothing was sent to it.
     pub fn connect(instance: &Instance, patience: Duration) -> io::Result<Self> {
         let socket = open(SockFlag::empty())?;
         let micros = i64::from(patience.subsec_micros());
@@ -103,6 +103,7 @@ impl Channel {
         setsockopt(&socket, sockopt::SendTimeout, &patience)?;
         setsockopt(&socket, sockopt::ReceiveTimeout, &patience)?;
         connect(socket.as_raw_fd(), &address(instance)?)?;
+        peer::check(instance, &socket)?;
         Ok(Self(socket))
     }
 
@@ -194,30 +195,36 @@ fn files_in(message: ControlMessageOwned) -> Vec<OwnedFd> {
     }
 }
 
+/// Why a process is not the switch of an instance.
+#[derive(Debug, thiserror::Error)]
+pub enum BindError {
+    /// The lock or the directory.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// The socket.
+    #[error("the system refused a socket: {0}")]
+    System(#[from] Errno),
+}
+
 /// The socket on which the switch of an instance accepts connections.
 #[derive(Debug)]
 pub struct Listener {
     socket: OwnedFd,
-    _lock: Flock<File>,
+    _lock: RoleLock,
 }
 
 impl Listener {
-    /// Claims the role of the switch of an instance, until the value is dropped or the process dies.
+    /// Claims the role of the switch of an instance, until the value is dropped or the process dies. Logs what another user
+    /// had put in its place.
     ///
     /// # Errors
     ///
-    /// `ResourceBusy` when another process has it; others when the runtime directory does not exist or belongs to
-    /// another user.
-    pub fn bind(instance: &Instance) -> io::Result<Self> {
-        let path = instance.runtime().join(format!("{}.deadman.lock", instance.name()));
-        let mut options = OpenOptions::new();
-        options.write(true).create(true).truncate(false).mode(0o600).custom_flags(libc::O_NOFOLLOW);
-        let lock = Flock::lock(options.open(path)?, FlockArg::LockExclusiveNonblock)
-            .map_err(|_| io::Error::from(io::ErrorKind::ResourceBusy))?;
-        // The socket of a dead switch. The lock proves that it is dead.
-        match fs::remove_file(path_of(instance)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            Ok(()) | Err(_) => {}
+    /// [`BindError::Instance`] when another process has it, or the runtime directory does not exist or belongs to another
+    /// user; [`BindError::System`] without a socket.
+    pub fn bind(instance: &Instance) -> Result<Self, BindError> {
+        let lock = RoleLock::claim(instance, "deadman")?;
+        for Displaced { path, owner } in lock.displaced() {
+            tracing::warn!("{} of user {owner} was in the way, and is removed", path.display());
         }
         let socket = open(SockFlag::SOCK_NONBLOCK)?;
         bind(socket.as_raw_fd(), &address(instance)?)?;

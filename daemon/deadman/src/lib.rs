@@ -28,7 +28,7 @@ pub mod safe_stop;
 pub mod server;
 pub mod switch;
 
-use channel::Listener;
+use channel::{BindError, Listener};
 use motord_bus::{Duration, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
@@ -57,10 +57,12 @@ pub enum DeadmanError {
     #[error("{0}")]
     Instance(#[from] InstanceError),
     /// Another process is the switch of this instance.
-    #[error("instance {instance} has a dead man's switch already: stop that first")]
+    #[error("instance {instance} has a dead man's switch already, process {pid}: stop that first")]
     AlreadyRunning {
         /// The instance.
         instance: String,
+        /// The process; 0 before it wrote its id.
+        pid: u32,
     },
     /// The system refused something else.
     #[error("the system refused a socket or a signal: {0}")]
@@ -90,9 +92,12 @@ impl DeadmanError {
 pub fn run(path: &Path) -> Result<(), DeadmanError> {
     let settings = config::load(path)?.settings;
     let instance = Instance::find(&settings.instance)?;
-    let listener = Listener::bind(&instance).map_err(|error| match error.kind() {
-        io::ErrorKind::ResourceBusy => DeadmanError::AlreadyRunning { instance: settings.instance.clone() },
-        _ => error.into(),
+    let listener = Listener::bind(&instance).map_err(|error| match error {
+        BindError::Instance(InstanceError::AlreadyRunning { pid, .. }) => {
+            DeadmanError::AlreadyRunning { instance: settings.instance.clone(), pid }
+        }
+        BindError::Instance(error) => error.into(),
+        BindError::System(errno) => io::Error::from(errno).into(),
     })?;
     let ending = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGINT] {

@@ -2,6 +2,7 @@
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Readiness, clock, wait};
+use motord_ports::Impostor;
 use motord_ports::instance::Instance;
 use motord_realtime::descriptors::keep_only;
 use std::io;
@@ -22,12 +23,23 @@ const SILENCE: Duration = Duration::from_millis(80);
 enum RegistrarError {
     #[error("no process `motord deadman` runs for this instance ({0})")]
     NotThere(io::Error),
+    #[error("{0}, then restart `motord deadman`")]
+    Impostor(io::Error),
     #[error("`motord deadman` gives no answer ({0}): if it is of another version, restart it")]
     Unanswered(#[from] io::Error),
     #[error("`motord deadman` refuses: {0}")]
     Refused(Refusal),
     #[error("`motord deadman` gives an answer of another kind")]
     Answer,
+}
+
+impl RegistrarError {
+    fn of_connection(error: io::Error) -> Self {
+        match error.get_ref() {
+            Some(inner) if inner.is::<Impostor>() => Self::Impostor(error),
+            Some(_) | None => Self::NotThere(error),
+        }
+    }
 }
 
 /// Keeps a daemon registered with its dead man's switch.
@@ -38,8 +50,8 @@ pub struct Registrar {
     /// Closed when this value is dropped, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its
     /// motors, and the switch must not act.
     switch: Option<Channel>,
-    /// The log has reported that there is no switch.
-    logged: bool,
+    /// The reason of the last line of the log about a missing switch; empty while there is one.
+    logged: String,
     /// Called with true when the switch is unavailable or hangs, and with false when it answers again.
     lost: Box<dyn Fn(bool) + Send>,
 }
@@ -48,7 +60,7 @@ impl Registrar {
     /// Creates the registrar of the daemon of `instance`, whose heartbeat is `pulse`.
     #[must_use]
     pub fn new(instance: Instance, frames: SafeFrames, pulse: Pulse) -> Self {
-        Self { instance, frames, pulse, switch: None, logged: false, lost: Box::new(|_| ()) }
+        Self { instance, frames, pulse, switch: None, logged: String::new(), lost: Box::new(|_| ()) }
     }
 
     /// Calls `lost` when the switch becomes unavailable or answers again.
@@ -74,21 +86,14 @@ impl Registrar {
             match self.register() {
                 Ok(switch) => {
                     tracing::info!("dead man's switch: yes");
-                    self.logged = false;
+                    self.logged.clear();
                     (self.lost)(false);
                     let switch = self.switch.insert(switch);
                     watch(switch, &self.lost, &stop);
                     (self.lost)(true);
                     self.switch = None;
                 }
-                Err(reason) if !self.logged => {
-                    tracing::warn!(
-                        see = "no-switch",
-                        "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
-                    );
-                    self.logged = true;
-                }
-                Err(_) => {}
+                Err(reason) => self.log(reason.to_string()),
             }
             let end = clock::monotonic() + RETRY;
             while !stop() && clock::monotonic() < end {
@@ -97,8 +102,19 @@ impl Registrar {
         }
     }
 
+    /// One line for each reason, not for each attempt.
+    fn log(&mut self, reason: String) {
+        if self.logged != reason {
+            tracing::warn!(
+                see = "no-switch",
+                "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
+            );
+            self.logged = reason;
+        }
+    }
+
     fn register(&self) -> Result<Channel, RegistrarError> {
-        let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::NotThere)?;
+        let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::of_connection)?;
         switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
         match switch.receive()?.0 {
             Answer::Registered => Ok(switch),

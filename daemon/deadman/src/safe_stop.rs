@@ -115,7 +115,11 @@ fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> 
 }
 
 fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
-    let switch = Channel::connect(instance, SWITCH_PATIENCE)?;
+    let switch = Channel::connect(instance, SWITCH_PATIENCE).inspect_err(|error| {
+        if error.kind() == io::ErrorKind::PermissionDenied {
+            tracing::warn!(see = "no-switch", "{error}");
+        }
+    })?;
     switch.send(&Request::AskWhetherActing, None)?;
     match switch.receive()?.0 {
         Answer::Acting(owed) => Ok(owed),

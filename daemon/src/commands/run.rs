@@ -8,7 +8,7 @@ use crate::threads::Daemon;
 use motord_bus::Duration;
 use motord_configuration as config;
 use motord_metrics::{Outputs, Wanted};
-use motord_ports::instance::Instance;
+use motord_ports::instance::{Displaced, Instance};
 use motord_realtime::descriptors::raise_descriptors;
 use motord_realtime::process::program;
 use motord_realtime::{forbid_deep_sleep, granted, systemd};
@@ -31,6 +31,9 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
+    for Displaced { path, owner } in lock.displaced() {
+        tracing::warn!("{} of user {owner} was in the way, and is removed", path.display());
+    }
     let mut buses = buses::open(&settings)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;

@@ -29,7 +29,7 @@ use tempfile::TempDir;
 /// Longer than a shared machine stalls a process, so only the test triggers the switch.
 const PATIENCE: Duration = Duration::from_millis(400);
 const DAMP: Duration = Duration::from_millis(200);
-const DAMPING: &str = "001#64616D70696E6721";
+pub(crate) const DAMPING: &str = "001#64616D70696E6721";
 const STOPPING: &str = "001#73746F7070696E67";
 /// Runtime directory of a child that plays the daemon.
 const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
@@ -44,7 +44,7 @@ const FIRST: u8 = 1;
 /// The motor on `can1`, which can be jammed.
 const SECOND: u8 = 2;
 
-fn safe_frames() -> SafeFrames {
+pub(crate) fn safe_frames() -> SafeFrames {
     let bus = InterfaceFrames {
         interface: "can0".into(),
         baud: None,
@@ -94,7 +94,7 @@ impl Outlet for Recorder {
 
 /// A switch in a separate thread, for `instance`.
 pub(crate) struct Switch {
-    sent: Receiver<(Instant, Frame)>,
+    pub(crate) sent: Receiver<(Instant, Frame)>,
     /// `true` while `can1` accepts nothing.
     jammed: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
@@ -102,7 +102,7 @@ pub(crate) struct Switch {
 }
 
 impl Switch {
-    fn start(instance: &Instance) -> Self {
+    pub(crate) fn start(instance: &Instance) -> Self {
         let (recorder, sent) = channel();
         let recorder = Mutex::new(recorder);
         let jammed = Arc::new(AtomicBool::new(false));
@@ -407,7 +407,7 @@ fn second_daemon_is_refused_then_watched_after_death() {
     switch.stops_the_first();
 }
 
-fn beating() -> (Heartbeat, Pulse) {
+pub(crate) fn beating() -> (Heartbeat, Pulse) {
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
     (heartbeat, pulse)

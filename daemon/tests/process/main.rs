@@ -3,6 +3,7 @@
 mod deadman;
 mod deadman_serial;
 mod faults_process;
+mod impostors;
 mod log;
 mod memory;
 mod motord_sim;

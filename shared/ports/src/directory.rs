@@ -1,9 +1,10 @@
 //! Directories by descriptor: replacing a checked directory with a symbolic link has no effect.
 
+use crate::clock;
 use crate::instance_error::{InstanceError, refused};
 use nix::dir::Dir;
 use nix::errno::Errno;
-use nix::fcntl::{AtFlags, OFlag, openat};
+use nix::fcntl::{AtFlags, OFlag, openat, renameat};
 use nix::sys::stat::{FileStat, Mode, SFlag, fchmod, fstat, fstatat, mkdirat};
 use nix::unistd::{Uid, UnlinkatFlags, unlinkat};
 use std::ffi::{OsStr, OsString};
@@ -16,8 +17,20 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 /// Limit on the depth that is removed. The directories of iceoryx2 have depth two; another program
 /// created a deeper tree.
 const DEPTH_MAX: usize = 8;
+/// Limit on the attempts to create a file that another user creates again and again.
+const TRIES: usize = 10;
 /// Mode bit: only the owner of a file, or of the directory, may delete or rename the file.
 pub(crate) const STICKY: u32 = 0o1000;
+
+/// A file or directory under a name that motord needs, which another user had created and this
+/// process removed or renamed. Only root and the owner of the directory may do that.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Displaced {
+    /// The path.
+    pub path: PathBuf,
+    /// The other user.
+    pub owner: u32,
+}
 
 /// An open directory.
 #[derive(Debug)]
@@ -54,25 +67,119 @@ impl Directory {
         }
     }
 
-    /// Opens the directory `name` in this one, and creates it if it is missing. Rejects a directory
-    /// that belongs neither to this user, the owner of this directory nor root: its owner could
-    /// change the contents.
+    /// Opens the directory `name` in this one, and creates it if it is missing. [Displaces](Displaced)
+    /// what another user created under this name: its owner could change the contents, or keep this
+    /// process from using it.
     ///
     /// # Errors
-    /// Those of [`open`](Self::open); [`InstanceError::NotOurs`].
-    pub(crate) fn make_below(&self, name: &str, mode: u32) -> Result<Self, InstanceError> {
-        match mkdirat(&self.descriptor, name, Mode::from_bits_truncate(mode & 0o777)) {
-            Ok(()) | Err(Errno::EEXIST) => {}
-            Err(errno) => return Err(refused(&self.path.join(name), errno)),
-        }
-        let made = self.open_below(name)?;
-        let trusted = [0, Uid::effective().as_raw(), self.stat()?.st_uid];
-        let owner = made.stat()?.st_uid;
-        if !trusted.contains(&owner) {
-            return Err(InstanceError::NotOurs { path: made.path, owner });
-        }
+    /// Those of [`open`](Self::open); [`InstanceError::NotOurs`] where this user may displace
+    /// nothing.
+    pub(crate) fn make_below(
+        &self,
+        name: &str,
+        mode: u32,
+        displaced: &mut Vec<Displaced>,
+    ) -> Result<Self, InstanceError> {
+        let bits = Mode::from_bits_truncate(mode & 0o777);
+        let make = || match mkdirat(&self.descriptor, name, bits) {
+            Ok(()) | Err(Errno::EEXIST) => self.open_below(name),
+            Err(errno) => Err(refused(&self.path.join(name), errno)),
+        };
+        let made = self.make_trusted(name, displaced, make, |made| Ok(made.stat()?.st_uid))?;
         made.set_mode(mode);
         Ok(made)
+    }
+
+    /// Opens the file `name` in this directory for a lock, and creates it if it is missing. Only its
+    /// owner may read or write it: whoever may read a file can lock it. Displaces like
+    /// [`make_below`](Self::make_below).
+    ///
+    /// # Errors
+    /// Those of [`make_below`](Self::make_below).
+    pub(crate) fn make_lock(
+        &self,
+        name: &str,
+        displaced: &mut Vec<Displaced>,
+    ) -> Result<File, InstanceError> {
+        let owner = |file: &File| {
+            let found = fstat(file).map_err(|errno| refused(&self.path.join(name), errno))?;
+            // Another name of a file elsewhere: the process id would overwrite that file.
+            let is_plain = is_regular(&found) && found.st_nlink == 1;
+            Ok(if is_plain { found.st_uid } else { u32::MAX })
+        };
+        self.make_trusted(name, displaced, || self.make_file(name), owner)
+    }
+
+    /// Removes the socket `name` of a dead process of motord, or [displaces](Displaced) what another
+    /// user created under this name.
+    ///
+    /// # Errors
+    /// [`InstanceError::NotOurs`]; the file cannot be removed.
+    pub(crate) fn clear_name(&self, name: &str, displaced: &mut Vec<Displaced>) -> Result<(), InstanceError> {
+        match self.owner_of(name) {
+            None => Ok(()),
+            Some(owner) if self.trusts(owner)? => self.remove(name.as_ref()),
+            Some(owner) => self.displace(name, owner, displaced),
+        }
+    }
+
+    /// Repeats `make` until what it opens belongs to a trusted user.
+    fn make_trusted<T>(
+        &self,
+        name: &str,
+        displaced: &mut Vec<Displaced>,
+        make: impl Fn() -> Result<T, InstanceError>,
+        owner: impl Fn(&T) -> Result<u32, InstanceError>,
+    ) -> Result<T, InstanceError> {
+        for _ in 0..TRIES {
+            let owner = match make() {
+                Ok(made) => {
+                    let owner = owner(&made)?;
+                    if self.trusts(owner)? {
+                        return Ok(made);
+                    }
+                    owner
+                }
+                // The other user may have forbidden to open it, or created a link.
+                Err(error) => match self.owner_of(name) {
+                    Some(owner) if !self.trusts(owner)? => owner,
+                    Some(_) | None => return Err(error),
+                },
+            };
+            self.displace(name, owner, displaced)?;
+        }
+        let owner = self.owner_of(name).unwrap_or(u32::MAX);
+        Err(InstanceError::NotOurs { path: self.path.join(name), owner })
+    }
+
+    /// Returns `true` for this user, the owner of this directory and root.
+    fn trusts(&self, uid: u32) -> Result<bool, InstanceError> {
+        Ok([0, Uid::effective().as_raw(), self.stat()?.st_uid].contains(&uid))
+    }
+
+    /// Returns the owner of `name` in this directory. Does not follow links.
+    fn owner_of(&self, name: &str) -> Option<u32> {
+        fstatat(&self.descriptor, name, AtFlags::AT_SYMLINK_NOFOLLOW).ok().map(|found| found.st_uid)
+    }
+
+    /// Removes a file. Renames a directory: its owner decides who may enter it, and how deep it is.
+    fn displace(&self, name: &str, owner: u32, displaced: &mut Vec<Displaced>) -> Result<(), InstanceError> {
+        let path = self.path.join(name);
+        let uid = Uid::effective();
+        if !uid.is_root() && uid.as_raw() != self.stat()?.st_uid {
+            return Err(InstanceError::NotOurs { path, owner });
+        }
+        match unlinkat(&self.descriptor, name, UnlinkatFlags::NoRemoveDir) {
+            Ok(()) | Err(Errno::ENOENT) => {}
+            Err(Errno::EISDIR) => {
+                let unique = format!("{name}.of-user-{owner}-{}", clock::now_ns());
+                renameat(&self.descriptor, name, &self.descriptor, unique.as_str())
+                    .map_err(|errno| refused(&path, errno))?;
+            }
+            Err(errno) => return Err(refused(&path, errno)),
+        }
+        displaced.push(Displaced { path, owner });
+        Ok(())
     }
 
     /// Sets the mode if this user may. The umask of a service must not exclude its group.
@@ -117,7 +224,7 @@ impl Directory {
                 error @ InstanceError::System { errno: Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM, .. },
             ) => return Err(error),
             Ok(_) | Err(_) => {
-                self.remove(name.as_ref())?;
+                self.clear_name(name, &mut Vec::new())?;
                 self.make_file(name)?
             }
         };
@@ -218,6 +325,10 @@ impl Directory {
     }
 }
 
+fn is_regular(found: &FileStat) -> bool {
+    found.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFREG.bits()
+}
+
 /// Returns the owner of `file`; the largest number when it cannot be read.
 fn owner(file: &File) -> u32 {
     fstat(file).map_or(u32::MAX, |found| found.st_uid)
@@ -227,11 +338,10 @@ fn owner(file: &File) -> u32 {
 /// this user elsewhere are rejected.
 fn is_ours(file: &File) -> bool {
     fstat(file).is_ok_and(|found| {
-        let is_regular = found.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFREG.bits();
         let is_writable_for_others = found.st_mode & 0o022 != 0;
         found.st_uid == Uid::effective().as_raw()
             && found.st_nlink == 1
-            && is_regular
+            && is_regular(&found)
             && !is_writable_for_others
     })
 }

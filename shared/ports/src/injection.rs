@@ -61,12 +61,8 @@ impl InjectionListener {
     /// # Errors
     /// Those of the system.
     pub fn bind(lock: &InstanceLock) -> io::Result<Self> {
+        lock.clear_socket("sim").map_err(io::Error::other)?;
         let path = path(lock.instance());
-        // The socket belongs to a dead daemon: the lock proves it.
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            Ok(()) | Err(_) => {}
-        }
         let listener = UnixListener::bind(&path)?;
         // The umask of a service must not exclude its group.
         let mode = fs::metadata(lock.instance().runtime())?.mode();

@@ -12,21 +12,22 @@
 //! all users who reach the files below may use them. `/run/motord` belongs to a group; every other
 //! choice is private to its user.
 
+pub use crate::directory::Displaced;
 pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
 use crate::directory::{Directory, STICKY};
 use crate::instance_error::{ROOT_BYTES_MAX, refused};
+use crate::lock_file::{hold, read_number};
 use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;
 use nix::unistd::{AccessFlags, Pid, Uid, access};
 use std::fs::{DirBuilder, File};
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
@@ -74,7 +75,7 @@ impl Instance {
     /// Returns the instance `name` in the runtime directory `runtime`.
     ///
     /// # Errors
-    /// An invalid name, a path that is too long, or an inaccessible directory.
+    /// An invalid name, a path that is too long, or an inaccessible runtime directory.
     pub fn below(runtime: &Path, name: &str) -> Result<Self, InstanceError> {
         if !is_name(name) {
             return Err(InstanceError::Name { name: name.to_owned() });
@@ -89,7 +90,6 @@ impl Instance {
             return Err(InstanceError::PathLength { path: root });
         }
         check_access(runtime)?;
-        check_access(&root)?;
         Ok(instance)
     }
 
@@ -111,7 +111,11 @@ impl Instance {
     }
 
     fn open_iox(&self) -> Result<Directory, InstanceError> {
-        open_runtime(&self.runtime, self.private)?.open_below("iox")
+        self.open_runtime()?.open_below("iox")
+    }
+
+    pub(crate) fn open_runtime(&self) -> Result<Directory, InstanceError> {
+        open_runtime(&self.runtime, self.private)
     }
 
     fn open_root(&self) -> Result<Directory, InstanceError> {
@@ -183,25 +187,17 @@ impl Instance {
             }
             _ => {}
         }
-        let runtime = open_runtime(&self.runtime, self.private)?;
-        let name = format!("{}.lock", self.name);
-        let path = self.runtime.join(&name);
-        let mut file = runtime.make_file(&name)?;
-        let holder = read_number(&mut file);
-        let mut lock =
-            Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
-                Errno::EWOULDBLOCK => InstanceError::AlreadyRunning { pid: holder, path: path.clone() },
-                errno => InstanceError::System { path: path.clone(), errno },
-            })?;
-        write_pid(&mut lock).map_err(|error| refused(&path, errno(&error)))?;
+        let runtime = self.open_runtime()?;
+        let mut displaced = Vec::new();
+        let lock = hold(&runtime, &format!("{}.lock", self.name), &mut displaced)?;
         let mode = runtime.stat()?.st_mode;
         if mode & GROUP_WRITES != 0 {
             runtime.set_mode(mode | STICKY);
         }
-        let root =
-            runtime.make_below("iox", mode & 0o2777 | STICKY)?.make_below(&self.name, mode & 0o2777)?;
+        let iox = runtime.make_below("iox", mode & 0o2777 | STICKY, &mut displaced)?;
+        let root = iox.make_below(&self.name, mode & 0o2777, &mut displaced)?;
         self.sweep(&root)?;
-        Ok(InstanceLock { instance: self.clone(), _lock: lock })
+        Ok(InstanceLock { instance: self.clone(), displaced, _lock: lock })
     }
 
     /// iceoryx2 leaves some files per killed process, and a file truncated by a full disk would
@@ -224,6 +220,7 @@ impl Instance {
     /// # Errors
     /// The directory cannot be used.
     pub fn attach(&self) -> Result<Option<Attachment>, InstanceError> {
+        check_access(&self.root())?;
         let directory = match self.open_root().and_then(|root| root.file()) {
             Err(error) if is_missing(&error) => return Ok(None),
             other => other?,
@@ -246,10 +243,17 @@ pub(crate) fn is_name(name: &str) -> bool {
 #[derive(Debug)]
 pub struct InstanceLock {
     instance: Instance,
+    displaced: Vec<Displaced>,
     _lock: Flock<File>,
 }
 
 impl InstanceLock {
+    /// Returns the files of other users that were in the way.
+    #[must_use]
+    pub fn displaced(&self) -> &[Displaced] {
+        &self.displaced
+    }
+
     /// Returns the locked instance.
     #[must_use]
     pub fn instance(&self) -> &Instance {
@@ -267,6 +271,16 @@ impl InstanceLock {
     /// their daemon and reconnect.
     pub(crate) fn clear(&self) {
         let _unusable = self.instance.begin_anew();
+    }
+
+    /// Removes the socket `<instance>.<role>` of a dead daemon, or what another user created in its
+    /// place. The lock proves that its daemon is dead.
+    ///
+    /// # Errors
+    /// The file cannot be removed.
+    pub(crate) fn clear_socket(&self, role: &str) -> Result<(), InstanceError> {
+        let runtime = self.instance.open_runtime()?;
+        runtime.clear_name(&format!("{}.{role}", self.instance.name), &mut Vec::new())
     }
 
     /// Opens the file of the number that clients sleep on, to write. Creates it if it is missing or
@@ -371,19 +385,6 @@ fn check_access(path: &Path) -> Result<(), InstanceError> {
         Err(Errno::EACCES) => Err(InstanceError::Permission { path: path.to_owned() }),
         Err(errno) => Err(InstanceError::System { path: path.to_owned(), errno }),
     }
-}
-
-/// Returns the number at the start of the file, or 0.
-fn read_number<N: FromStr + Default>(file: &mut File) -> N {
-    let mut text = [0; 32];
-    let bytes = file.read(&mut text).unwrap_or(0);
-    str::from_utf8(&text[..bytes]).ok().and_then(|text| text.trim().parse().ok()).unwrap_or_default()
-}
-
-fn write_pid(file: &mut File) -> io::Result<()> {
-    io::Seek::rewind(file)?;
-    file.set_len(0)?;
-    writeln!(file, "{}", std::process::id())
 }
 
 /// A process that creates files meanwhile, such as a registering client, may prevent the removal of

@@ -3,9 +3,11 @@
 //! - [`instance`]: the runtime directory of an instance, and the permission to use it.
 //! - [`service`]: the iceoryx2 services, with their limits.
 //! - [`DaemonPorts`] and [`ClientPorts`]: the two ends of the services.
+//! - [`RoleLock`]: at most one dead man's switch per instance.
 //! - [`Housekeeper`]: removes the files of dead processes.
 //! - [`Presence`]: detects that the files of a daemon were removed.
 //! - [`stop_socket`]: the socket for emergency stops.
+//! - [`peer`]: users whose processes may answer on these sockets.
 //! - [`injection`]: faults for simulated buses.
 //! - [`permission`]: advice for a user without permission.
 //! - [`clock`]: the clock of every time stamp.
@@ -23,10 +25,13 @@ pub mod injection;
 pub mod instance;
 mod instance_error;
 mod leftovers;
+mod lock_file;
 mod mutex;
+pub mod peer;
 pub mod permission;
 mod presence;
 mod reserved_space;
+mod role;
 pub mod service;
 pub mod stop_socket;
 
@@ -35,5 +40,7 @@ pub use daemon::{DaemonPorts, Request};
 pub use housekeeper::Housekeeper;
 pub use iceoryx::Payload;
 pub use instance::{Attachment, Instance, InstanceError, InstanceLock};
+pub use peer::Impostor;
 pub use presence::Presence;
+pub use role::RoleLock;
 pub use service::ServiceError;

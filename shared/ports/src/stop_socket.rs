@@ -10,18 +10,18 @@
 //! in the runtime directory.
 
 use crate::instance::Instance;
+use crate::peer::{self, Impostor};
 use nix::errno::Errno;
 use nix::sys::socket::{
     AddressFamily, MsgFlags, SockFlag, SockType, UnixAddr, UnixCredentials, connect, getsockopt, recv, send,
     setsockopt, socket, sockopt,
 };
 use nix::sys::time::TimeVal;
-use nix::unistd::Uid;
 use std::fs;
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::os::unix::fs::MetadataExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// The request for an emergency stop.
@@ -48,13 +48,8 @@ pub enum StopError {
     #[error("no motord listens in this network namespace")]
     NotRunning,
     /// A process of another user listens instead of the daemon.
-    #[error("process {pid} of user {uid} listens instead of motord")]
-    NotTrusted {
-        /// Its process id.
-        pid: i32,
-        /// Its user.
-        uid: u32,
-    },
+    #[error(transparent)]
+    NotTrusted(Impostor),
     /// The daemon rejects requests of this user.
     #[error("this user may not enter motord's runtime directory")]
     NotPermitted,
@@ -93,8 +88,7 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
 #[derive(Debug)]
 pub struct AskedStop {
     socket: OwnedFd,
-    /// Result of the check of the listening process. After an error its confirmation must not be
-    /// trusted.
+    /// Result of the check of the listening process. After an error none of its answers is trusted.
     daemon: Result<(), StopError>,
 }
 
@@ -136,13 +130,15 @@ impl AskedStop {
     ///
     /// # Errors
     /// [`StopError::NoReply`] when the confirmation may still arrive; every other error is final.
+    /// [`StopError::NotTrusted`] for every answer of a process that cannot be the daemon.
     pub fn confirm(&self, patience: Duration) -> Result<(), StopError> {
         let end = Instant::now() + patience;
         let mut reply = [0; MESSAGE_BYTES_MAX];
         loop {
             wait_at_most(&self.socket, end).map_err(StopError::System)?;
             return match recv(self.socket.as_raw_fd(), &mut reply, MsgFlags::empty()) {
-                Ok(length) if reply[..length] == *CONFIRMED => self.daemon,
+                Ok(_) | Err(Errno::ECONNRESET) if self.daemon.is_err() => self.daemon,
+                Ok(length) if reply[..length] == *CONFIRMED => Ok(()),
                 Ok(length) if reply[..length] == *NO_CYCLE => Err(StopError::NoCycle),
                 Ok(length) if reply[..length] == *NOT_PERMITTED => Err(StopError::NotPermitted),
                 Ok(_) | Err(Errno::ECONNRESET) => Err(StopError::NotRunning),
@@ -169,16 +165,14 @@ fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
     setsockopt(socket, sockopt::ReceiveTimeout, &left)
 }
 
-/// Checks that the listening process can be the daemon: a process of root, of this user, or of the
-/// owner of the runtime directory or of the instance's lock.
+/// Checks that the listening process can be the daemon: a process that is [no
+/// impostor](crate::peer), or of the owner of the instance's lock.
 fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), StopError> {
     let lock = instance.runtime().join(format!("{}.lock", instance.name()));
-    let owner_of = |path: &Path| fs::symlink_metadata(path).ok().map(|found| found.uid());
-    let owners = [Some(0), Some(Uid::effective().as_raw()), owner_of(instance.runtime()), owner_of(&lock)];
-    if owners.contains(&Some(peer.uid())) {
-        Ok(())
-    } else {
-        Err(StopError::NotTrusted { pid: peer.pid(), uid: peer.uid() })
+    let is_holder = || fs::symlink_metadata(lock).is_ok_and(|found| found.uid() == peer.uid());
+    match peer::judge(instance, peer) {
+        Err(impostor) if !is_holder() => Err(StopError::NotTrusted(impostor)),
+        Ok(()) | Err(_) => Ok(()),
     }
 }
 
@@ -233,6 +227,7 @@ fn listener(line: &[u8]) -> Option<RunningInstance> {
 mod tests {
     use super::*;
     use nix::sys::socket::{Backlog, accept, bind, listen};
+    use nix::unistd::Uid;
 
     fn listening(instance: &Instance) -> OwnedFd {
         let socket = open(SockFlag::empty()).unwrap();
@@ -272,6 +267,24 @@ mod tests {
         assert_eq!(asked(sleeps), Err(StopError::NoReply));
     }
 
+    /// A refusal would end the search for another path, and hide that the robot still moves.
+    #[test]
+    fn no_answer_of_an_impostor_is_believed() {
+        let impostor = Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 }));
+        for answer in [CONFIRMED, NO_CYCLE, NOT_PERMITTED, b"else", b""] {
+            let (daemon, socket) = nix::sys::socket::socketpair(
+                AddressFamily::Unix,
+                SockType::SeqPacket,
+                None,
+                SockFlag::empty(),
+            )
+            .unwrap();
+            send(daemon.as_raw_fd(), answer, MsgFlags::empty()).unwrap();
+            let asked = AskedStop { socket, daemon: impostor };
+            assert_eq!(asked.confirm(Duration::from_secs(5)), impostor, "{answer:?}");
+        }
+    }
+
     #[test]
     fn instance_is_listed_only_with_listener() {
         let place = tempfile::tempdir().unwrap();
@@ -291,6 +304,9 @@ mod tests {
         let of = |uid| UnixCredentials::from(nix::libc::ucred { pid: 7, uid, gid: 0 });
         assert_eq!(judge(&instance, of(0)), Ok(()));
         assert_eq!(judge(&instance, of(Uid::effective().as_raw())), Ok(()));
-        assert_eq!(judge(&instance, of(54_321)), Err(StopError::NotTrusted { pid: 7, uid: 54_321 }));
+        assert_eq!(
+            judge(&instance, of(54_321)),
+            Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 }))
+        );
     }
 }

@@ -1,0 +1,135 @@
+//! A member of the group who pretends to be a process of motord: it creates the files and sockets
+//! of motord first. Needs root, to become another user.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use crate::deadman::{DAMPING, Switch, beating, safe_frames};
+use crate::safe_stop::{can, configuration, motord, no_can, text};
+use motord_bus::candump;
+use motord_deadman::channel::{Answer, Channel, Listener, Request};
+use motord_deadman::registrar::Registrar;
+use motord_ports::instance::Instance;
+use nix::unistd::{Gid, Uid, chown, setgid, setgroups, setuid};
+use std::fs::{self, Permissions};
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::thread::{sleep, spawn};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Variable for a process that becomes another user and plays the switch: its runtime directory.
+const PLAY: &str = "MOTORD_TEST_PLAY_IMPOSTOR";
+/// A user who owns nothing, and the group whose members share the directory.
+const MEMBER: u32 = 65_534;
+/// Longer than a busy machine stalls.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Returns a directory like that of the service, `/run/motord`. `None` where no member can be
+/// played.
+fn shared() -> Option<(TempDir, Instance)> {
+    if !nix::unistd::geteuid().is_root() {
+        println!("not run: only root can become another user");
+        return None;
+    }
+    let directory = TempDir::new().unwrap();
+    chown(directory.path(), None, Some(Gid::from_raw(MEMBER))).unwrap();
+    fs::set_permissions(directory.path(), Permissions::from_mode(0o3770)).unwrap();
+    let instance = Instance::below(directory.path(), "test").unwrap();
+    Some((directory, instance))
+}
+
+/// A process of a member that answers as the dead man's switch.
+struct Impostor(Child);
+
+impl Impostor {
+    fn start(runtime: &Path) -> Self {
+        let child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "impostors::plays_the_switch", "--nocapture"])
+            .env(PLAY, runtime)
+            .stdout(Stdio::piped())
+            .spawn();
+        let mut impostor = Self(child.unwrap());
+        let lines = BufReader::new(impostor.0.stdout.take().unwrap()).lines();
+        assert!(lines.map_while(Result::ok).any(|line| line.contains("listens")));
+        impostor
+    }
+}
+
+impl Drop for Impostor {
+    fn drop(&mut self) {
+        let _dead_already = self.0.kill();
+        let _reaped = self.0.wait();
+    }
+}
+
+/// Runs in the process of [`Impostor`]; not a test of its own.
+#[test]
+fn plays_the_switch() {
+    let Some(runtime) = std::env::var_os(PLAY) else { return };
+    let instance = Instance::below(Path::new(&runtime), "test").unwrap();
+    let (user, group) = (Uid::from_raw(MEMBER), Gid::from_raw(MEMBER));
+    setgroups(&[group]).and_then(|()| setgid(group)).and_then(|()| setuid(user)).unwrap();
+    let listener = Listener::bind(&instance).unwrap();
+    let socket = instance.runtime().join("test.deadman");
+    fs::set_permissions(socket, Permissions::from_mode(0o777)).unwrap();
+    println!("listens");
+    let mut daemons: Vec<Channel> = Vec::new();
+    loop {
+        daemons.extend(listener.accept().ok());
+        for daemon in &daemons {
+            match daemon.receive::<Request>() {
+                Ok((Request::Register(_), _)) => daemon.send(&Answer::Registered, None).unwrap(),
+                Ok((Request::AskWhetherActing, _)) => {
+                    let _gone = daemon.send(&Answer::Acting(vec!["can0".into()]), None);
+                }
+                Err(_) => daemon.beat(),
+            }
+        }
+        sleep(Duration::from_millis(5));
+    }
+}
+
+/// Goal: the daemon never counts a member's process as its dead man's switch, and the real switch
+/// replaces it.
+#[test]
+fn daemon_registers_with_no_switch_of_a_member() {
+    let Some((directory, instance)) = shared() else { return };
+    let impostor = Impostor::start(directory.path());
+    let (heartbeat, pulse) = beating();
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&end);
+    let (tells, hears) = channel();
+    let mut registrar =
+        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| tells.send(lost).unwrap());
+    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    assert!(hears.recv_timeout(PATIENCE).unwrap(), "no switch yet");
+    let watched = hears.recv_timeout(Duration::from_secs(3));
+    assert!(watched.is_err(), "the daemon believes that process {} watches it", impostor.0.id());
+    let switch = Switch::start(&instance);
+    assert!(!hears.recv_timeout(PATIENCE).unwrap(), "the real switch watches");
+    let (_, first) = switch.sent.recv_timeout(PATIENCE).unwrap();
+    assert_eq!(candump::frame(DAMPING), Some(first), "this heartbeat stands still");
+    heartbeat.rest();
+    end.store(true, Ordering::Relaxed);
+    registrar.join().unwrap();
+}
+
+/// Goal: a member who claims that the switch acts does not keep `motord safe-stop` from damping.
+#[test]
+fn safe_stop_believes_no_switch_of_a_member() {
+    let Some((directory, _instance)) = shared() else { return };
+    let _impostor = Impostor::start(directory.path());
+
+    let config = configuration(directory.path(), &can(&no_can("lie")));
+    let begun = Instant::now();
+    let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
+    let said = text(&output);
+    assert!(said.contains("answers instead of motord"), "{said}");
+    assert!(!said.contains("left to the dead man's switch"), "{said}");
+    assert!(begun.elapsed() < Duration::from_secs(2), "{said}");
+}
