@@ -121,6 +121,7 @@ impl Reports {
 /// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
 /// | nothing, or sent too short ago | any other | unasked | unasked |
 /// | any | unreadable | malformed | malformed |
+/// | State | report, while replies are owed | late report | late report |
 /// | State | report | malformed | late report |
 /// | State | continuation, plain | answer | unasked |
 /// | Clear | report | answer | late report |
@@ -221,6 +222,7 @@ impl Correlator {
     #[inline(always)]
     fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Role {
         match (open.question, payload) {
+            (Question::State, Payload::Report) if self.owed > 0 => self.late_report(),
             (_, Payload::Unreadable) | (Question::State, Payload::Report) => Role::Malformed,
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
@@ -336,13 +338,14 @@ mod tests {
     const ANY_TIME: &[Time] = &[Soon, Timely];
     const PAYLOADS: [Payload; 4] = [Unreadable, Report, Continuation, Plain];
     #[rustfmt::skip]
-    const TABLE: [Row; 20] = [
+    const TABLE: [Row; 21] = [
         // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain
         (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una]),
         (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una]),
         (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
         (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
-        (Some(State),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Mal,    Ans,          Ans]),
+        (Some(State),   ANY,      &[0],     false,      &[Timely], [Mal,       Mal,    Ans,          Ans]),
+        (Some(State),   ANY,      &[1, 2],  false,      &[Timely], [Mal,       Rep,    Ans,          Ans]),
         (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
         (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
         (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
