@@ -3,6 +3,7 @@
 //! - [`Writer`] writes a file, [`Reader`] reads it.
 //! - [`Events`] detects changes from cycle to cycle, [`Stops`] the safe stops.
 //! - [`Memory`] keeps the last seconds.
+//! - [`Clock`] detects that the computer's clock was set.
 //!
 //! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file carries the schemas,
 //! `proto/motord.proto`, and the description of the robot.
@@ -28,7 +29,7 @@ mod reader;
 mod stops;
 mod writer;
 
-pub use clock::Origin;
+pub use clock::{Clock, ClockStep, Origin, Reading};
 pub use events::{Event, Events, Level};
 pub use memory::{Memory, Remembered};
 pub use reader::{ReadError, Reader};

@@ -1,6 +1,6 @@
 //! Writes a file.
 
-use crate::clock::Origin;
+use crate::clock::{ClockStep, Origin};
 use crate::encode;
 use crate::events::{Event, Events, Level};
 use crate::{SCHEMA, foxglove};
@@ -138,6 +138,20 @@ impl<W: Write> Writer<W> {
             put(channels.events, &log(&event, header.log_time))?;
         }
         put(channels.cycle, &encode::cycle(record))
+    }
+
+    /// Writes that the computer's clock was set, as an event. The times of the file keep their origin.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_step(&mut self, step: ClockStep) -> io::Result<()> {
+        let time = self.origin.unix(step.at_ns);
+        let event = Event { level: Level::Warning, subject: String::new(), text: step.text() };
+        self.buffer.clear();
+        log(&event, time).encode_into(&mut self.buffer);
+        let channel_id = self.channels.events;
+        let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+        self.out.write_to_known_channel(&header, &self.buffer).map_err(of_mcap)
     }
 
     /// Ends the current part of the file, so that it can be read without further parts.

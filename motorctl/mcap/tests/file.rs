@@ -3,9 +3,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-use motord_mcap::{Counts, Memory, Origin, ReadError, Reader, Stops, Writer};
+use motord_mcap::{Clock, Counts, Memory, Origin, ReadError, Reader, Reading, Stops, Writer};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::{BusCondition, Cause, CycleRecord, JointSetpoint, MotorMode, Phase, SetpointMode};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 const CYCLES: u64 = 3000;
@@ -158,10 +160,10 @@ fn a_file_of_another_program_is_refused() {
 
 /// Returns the file of a memory of two seconds after six.
 fn remembered(bytes_max: usize) -> Vec<u8> {
-    let mut memory = Memory::new(&robot(), Origin::default(), Duration::from_secs(2), bytes_max);
+    let mut memory = Memory::new(&robot(), Duration::from_secs(2), bytes_max);
     (1..=6000).for_each(|cycle| memory.take(&record(cycle)).unwrap());
     let mut bytes = Vec::new();
-    let written = memory.remembered().unwrap().write(&mut bytes).unwrap();
+    let written = memory.remembered(Origin::default()).unwrap().write(&mut bytes).unwrap();
     assert_eq!(written, read(&bytes).unwrap().0.len() as u64);
     bytes
 }
@@ -174,6 +176,37 @@ fn memory_keeps_last_seconds_within_its_bytes() {
     let (fewer, is_damaged) = read(&remembered(bytes.len())).unwrap();
     assert!(!is_damaged && fewer.len() < 3000, "{}", fewer.len());
     assert_eq!(fewer.last(), Some(&6000), "the newest stay");
+}
+
+/// Goal: a file that spans a step of the clock has one origin of its times, and names the step.
+/// Method: the clock shows 1970 for three seconds, and 2026 from then on.
+#[test]
+fn file_across_clock_step_has_one_origin() {
+    const SECOND: u64 = 1_000_000_000;
+    const YEAR_2026: u64 = 1_767_225_600 * SECOND;
+    let now = Arc::new(AtomicU64::new(0));
+    let shown = Arc::clone(&now);
+    let mut clock = Clock::of(move || {
+        let monotonic_ns = shown.load(Ordering::Relaxed);
+        let set = if monotonic_ns > 3 * SECOND { YEAR_2026 } else { 0 };
+        Reading { monotonic_ns, unix_ns: monotonic_ns + set }
+    });
+    let mut memory = Memory::new(&robot(), Duration::from_secs(10), usize::MAX);
+    for cycle in 1..=6000 {
+        now.store(record(cycle).state.tick_ns, Ordering::Relaxed);
+        clock.step().into_iter().for_each(|step| memory.take_step(step));
+        memory.take(&record(cycle)).unwrap();
+    }
+    let mut bytes = Vec::new();
+    memory.remembered(clock.origin()).unwrap().write(&mut bytes).unwrap();
+    let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+    assert!(messages.iter().all(|message| message.log_time >= YEAR_2026), "times of 1970 in a file of 2026");
+    let is_step =
+        |data: &[u8]| data.windows(41).any(|part| part == b"set forward by 1767225600.000 s, or it sl");
+    let steps: Vec<_> = messages.iter().filter(|message| is_step(&message.data)).collect();
+    assert_eq!(steps.len(), 1);
+    assert_eq!(steps[0].channel.topic, "/events");
+    assert!((steps[0].log_time - YEAR_2026).abs_diff(3 * SECOND) <= SECOND / 10 + 1);
 }
 
 #[test]

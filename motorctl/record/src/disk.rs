@@ -2,7 +2,7 @@
 //! disk.
 
 use motord_client::{CycleRecord, RobotDescription};
-use motord_mcap::{Counts, Origin, Writer};
+use motord_mcap::{ClockStep, Counts, Origin, Writer};
 use std::io::{self, BufWriter, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -42,15 +42,20 @@ struct Progress {
     has_ended: AtomicBool,
 }
 
+/// A cycle of the queue, and the step of the clock before it.
+type Taken = (Box<CycleRecord>, Option<ClockStep>);
+
 /// The input of the queue.
 pub(crate) struct Disk {
-    sender: Option<SyncSender<Box<CycleRecord>>>,
+    sender: Option<SyncSender<Taken>>,
     thread: Option<JoinHandle<io::Result<()>>>,
     progress: Arc<Progress>,
     finish: SyncSender<Counts>,
     /// Cycles passed to the queue, also dropped ones.
     taken: u64,
     max_bytes: u64,
+    /// A step whose cycle was dropped: the next cycle takes it along.
+    step: Option<ClockStep>,
 }
 
 impl Disk {
@@ -74,15 +79,27 @@ impl Disk {
             shared.has_ended.store(true, Ordering::Release);
             written
         })?;
-        Ok(Self { sender: Some(sender), thread: Some(thread), progress, finish, taken: 0, max_bytes })
+        Ok(Self {
+            sender: Some(sender),
+            thread: Some(thread),
+            progress,
+            finish,
+            taken: 0,
+            max_bytes,
+            step: None,
+        })
     }
 
-    /// Queues a cycle; drops it when the queue is full. Never blocks.
-    pub(crate) fn take(&mut self, record: &CycleRecord) {
+    /// Queues a cycle, and the `step` of the clock before it; drops the cycle when the queue is full.
+    /// Never blocks.
+    pub(crate) fn take(&mut self, record: &CycleRecord, step: Option<ClockStep>) {
         self.taken += 1;
+        self.step = step.or(self.step);
         let Some(sender) = &self.sender else { return };
-        if let Err(TrySendError::Disconnected(_)) = sender.try_send(Box::new(*record)) {
-            self.sender = None;
+        match sender.try_send((Box::new(*record), self.step)) {
+            Ok(()) => self.step = None,
+            Err(TrySendError::Full(_)) => {}
+            Err(TrySendError::Disconnected(_)) => self.sender = None,
         }
     }
 
@@ -129,14 +146,15 @@ fn write(
     out: impl Output,
     robot: &RobotDescription,
     (origin, from_ns): (Origin, u64),
-    records: &Receiver<Box<CycleRecord>>,
+    records: &Receiver<Taken>,
     counts: &Receiver<Counts>,
     progress: &Progress,
 ) -> io::Result<()> {
     let out = BufWriter::with_capacity(WRITE_BYTES, Counting { out, progress });
     let mut writer = Writer::new(out, robot, origin, from_ns)?;
     let (mut written, mut flushed_ns) = (0, from_ns);
-    for record in records {
+    for (record, step) in records {
+        step.map_or(Ok(()), |step| writer.write_step(step))?;
         writer.write(&record)?;
         written += 1;
         if record.state.tick_ns.saturating_sub(flushed_ns) >= FLUSH_NS {
@@ -234,7 +252,7 @@ mod tests {
         let space = Space { most: usize::MAX, delay: Duration::from_millis(100), ..Space::default() };
         let mut disk = begin(&space, u64::MAX);
         let cycles = 4 * WAITING_MAX as u64;
-        (1..=cycles).for_each(|cycle| disk.take(&record(cycle)));
+        (1..=cycles).for_each(|cycle| disk.take(&record(cycle), None));
         disk.finish(Counts::default());
         disk.join().unwrap();
         let (recorded, dropped) = disk.counts();
@@ -250,7 +268,7 @@ mod tests {
         let mut cycle = 0;
         while !disk.has_ended() {
             cycle += 1;
-            disk.take(&record(cycle));
+            disk.take(&record(cycle), None);
             std::thread::sleep(Duration::from_micros(20));
         }
         disk.finish(Counts::default());

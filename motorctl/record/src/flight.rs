@@ -1,21 +1,19 @@
 //! `motorctl flight`: the last seconds of a robot, as a file after each of its stops.
 
 use crate::failure::RecorderFailure;
-use crate::record::{PATIENCE, PAUSE, origin};
+use crate::place::Place;
+use crate::record::{PATIENCE, PAUSE, clock};
 use motord_client::{Client, CycleRecord, Error, Records};
-use motord_mcap::{Memory, Remembered, Stops};
+use motord_mcap::{Clock, Memory, Remembered, Stops};
 use motord_terminal::{Absence, Interrupt, printable, within};
-use std::fs::{self, File};
-use std::io::{self, BufWriter};
-use std::path::{Path, PathBuf};
+use std::fs;
+use std::io;
+use std::path::PathBuf;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use time::OffsetDateTime;
 
 /// Interval of the checks for an unavailable daemon.
 const ABSENCE: Duration = Duration::from_millis(500);
-/// Size of a write to the disk, bytes.
-const WRITE_BYTES: usize = 256 << 10;
 
 /// The arguments of the command.
 #[derive(Debug, Clone, clap::Args)]
@@ -36,6 +34,16 @@ pub struct FlightArguments {
     max_size: u64,
 }
 
+impl FlightArguments {
+    fn place(&self, instance: &str) -> Place {
+        Place {
+            directory: self.directory.clone(),
+            instance: instance.to_owned(),
+            files_max: usize::try_from(self.files).unwrap_or(usize::MAX),
+        }
+    }
+}
+
 fn parse_after(text: &str) -> Result<f64, String> {
     within(text, 0.0, 60.0)
 }
@@ -51,7 +59,7 @@ pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFa
     let interrupt = Interrupt::register();
     let directory = &arguments.directory;
     fs::read_dir(directory).map_err(|error| RecorderFailure::unwritable(directory, error))?;
-    let mut files = Files { place: Place::new(instance, arguments), under_way: None };
+    let mut files = Files { place: arguments.place(instance), under_way: None };
     let mut absence = Absence::default();
     while !interrupt.came() {
         match Flight::begin(instance, arguments) {
@@ -74,6 +82,7 @@ pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFa
 struct Flight {
     records: Records,
     memory: Memory,
+    clock: Clock,
     stops: Stops,
     /// A stop, and the tick after which it is written.
     stop: Option<(String, u64)>,
@@ -89,14 +98,15 @@ impl Flight {
         let after = Duration::from_secs_f64(arguments.after);
         let time = Duration::from_secs(arguments.seconds.saturating_add(after.as_secs()).saturating_add(1));
         let bytes = usize::try_from(arguments.max_size.saturating_mul(1_000_000)).unwrap_or(usize::MAX);
-        let memory = Memory::new(&client.description(), origin(&begun), time, bytes);
+        let memory = Memory::new(&client.description(), time, bytes);
+        let clock = clock(&begun);
         let after_ns = u64::try_from(after.as_nanos()).unwrap_or(u64::MAX);
         let (mut stops, mut record) = (Stops::default(), Box::<CycleRecord>::default());
         while !records.take(&mut record)? {
             std::thread::sleep(PAUSE);
         }
         let _latched_before = stops.of(&record);
-        Ok(Self { records, memory, stops, stop: None, after_ns })
+        Ok(Self { records, memory, clock, stops, stop: None, after_ns })
     }
 
     /// Records every cycle until the daemon ends or a signal arrives.
@@ -114,12 +124,15 @@ impl Flight {
             }
         }
         if let Some((why, _)) = self.stop.take() {
-            files.write(self.memory.remembered(), why);
+            files.write(self.memory.remembered(self.clock.origin()), why);
         }
     }
 
     fn take(&mut self, record: &CycleRecord, files: &mut Files) {
         let tick_ns = record.state.tick_ns;
+        if let Some(step) = self.clock.step() {
+            self.memory.take_step(step);
+        }
         // Cycles that cannot be encoded are missing in the file: the numbers of the other cycles
         // show the gap.
         let _encoded = self.memory.take(record);
@@ -127,7 +140,7 @@ impl Flight {
             self.stop.get_or_insert((cause.to_string(), tick_ns.saturating_add(self.after_ns)));
         }
         if let Some((why, _)) = self.stop.take_if(|(_, due_ns)| tick_ns >= *due_ns) {
-            files.write(self.memory.remembered(), why);
+            files.write(self.memory.remembered(self.clock.origin()), why);
         }
     }
 }
@@ -165,105 +178,5 @@ impl Files {
         while self.under_way.as_ref().is_some_and(|thread| !thread.is_finished()) && !interrupt.came_again() {
             std::thread::sleep(PAUSE);
         }
-    }
-}
-
-/// The destination of the files.
-#[derive(Debug, Clone)]
-struct Place {
-    directory: PathBuf,
-    instance: String,
-    files_max: usize,
-}
-
-impl Place {
-    fn new(instance: &str, arguments: &FlightArguments) -> Self {
-        Self {
-            directory: arguments.directory.clone(),
-            instance: instance.to_owned(),
-            files_max: usize::try_from(arguments.files).unwrap_or(usize::MAX),
-        }
-    }
-
-    /// Writes a file under a temporary name, and renames it once it is complete. Then removes the
-    /// oldest files.
-    fn write(&self, remembered: &Remembered, why: &str) -> io::Result<(PathBuf, u64)> {
-        let unfinished = self.directory.join(format!("{}.unfinished", self.instance));
-        let path = self.directory.join(self.name(OffsetDateTime::now_utc(), why));
-        let written = Self::fill(&unfinished, remembered).and_then(|cycles| {
-            fs::rename(&unfinished, &path)?;
-            Ok((path, cycles))
-        });
-        if written.is_err() {
-            let _gone = fs::remove_file(&unfinished);
-        }
-        self.remove_oldest();
-        written
-    }
-
-    fn fill(path: &Path, remembered: &Remembered) -> io::Result<u64> {
-        let mut out = BufWriter::with_capacity(WRITE_BYTES, File::create(path)?);
-        let cycles = remembered.write(&mut out)?;
-        out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        Ok(cycles)
-    }
-
-    fn name(&self, time: OffsetDateTime, why: &str) -> String {
-        let (date, clock) = (time.date(), time.time());
-        let (year, month, day) = (date.year(), u8::from(date.month()), date.day());
-        let (hour, minute, second) = (clock.hour(), clock.minute(), clock.second());
-        format!("{}-{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z-{why}.mcap", self.instance)
-    }
-
-    /// Returns `true` for a file of this instance. The name of another instance may begin with the
-    /// name of this one.
-    fn is_ours(&self, name: &str) -> bool {
-        let rest = name.strip_prefix(&self.instance).and_then(|rest| rest.strip_prefix('-'));
-        let form = rest.and_then(|rest| rest.split_once("Z-")).map(|(time, _)| time.as_bytes());
-        let is_time = |time: &[u8]| {
-            time.len() == 15
-                && time
-                    .iter()
-                    .enumerate()
-                    .all(|(index, byte)| if index == 8 { *byte == b'T' } else { byte.is_ascii_digit() })
-        };
-        name.ends_with(".mcap") && form.is_some_and(is_time)
-    }
-
-    /// Removes the oldest files of the instance until at most `files_max` are left. The names sort
-    /// by time.
-    fn remove_oldest(&self) {
-        let Ok(entries) = fs::read_dir(&self.directory) else { return };
-        let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        let mut ours: Vec<String> = names.filter(|name| self.is_ours(name)).collect();
-        ours.sort_unstable();
-        for name in &ours[..ours.len().saturating_sub(self.files_max)] {
-            let _next_time = fs::remove_file(self.directory.join(name));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn oldest_files_of_this_instance_are_removed() {
-        let directory = std::env::temp_dir().join(format!("motord-flight-{}", std::process::id()));
-        fs::create_dir(&directory).unwrap();
-        let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 2 };
-        let others = ["arm-2-20250101T000000Z-x.mcap", "arm-notes.mcap", "leg-20240101T000000Z-x.mcap"];
-        let ours = ["20260101", "20260102", "20260103"].map(|day| format!("arm-{day}T000000Z-x.mcap"));
-        let named = place.name(OffsetDateTime::UNIX_EPOCH, "daemon-gone");
-        assert_eq!(named, "arm-19700101T000000Z-daemon-gone.mcap");
-        for name in others.iter().copied().chain(ours.iter().map(String::as_str)).chain([named.as_str()]) {
-            fs::write(directory.join(name), "").unwrap();
-        }
-        place.remove_oldest();
-        let is_there = |name: &str| directory.join(name).exists();
-        assert!(others.iter().all(|name| is_there(name)));
-        assert_eq!(ours.each_ref().map(|name| is_there(name)), [false, true, true]);
-        assert!(!is_there(&named));
-        fs::remove_dir_all(&directory).unwrap();
     }
 }

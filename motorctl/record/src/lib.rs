@@ -15,6 +15,7 @@ mod disk;
 mod failure;
 mod flight;
 mod picture;
+mod place;
 mod plot;
 mod record;
 mod recording;

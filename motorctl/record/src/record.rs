@@ -3,7 +3,7 @@
 use crate::disk::{Disk, Output};
 use crate::failure::RecorderFailure;
 use motord_client::{Client, CycleRecord, Error, Records, State};
-use motord_mcap::{Counts, Origin};
+use motord_mcap::{Clock, Counts};
 use motord_terminal::{Interrupt, json, printable, within};
 use serde::Serialize;
 use std::fs::File;
@@ -109,9 +109,9 @@ fn record(
     if let End::Daemon(error) = ended { Err(error.into()) } else { Ok(()) }
 }
 
-/// Returns the zero of `CLOCK_MONOTONIC`, from `begun` and the current clocks.
-pub(crate) fn origin(begun: &State) -> Origin {
-    Origin::now(begun.publish_ns().saturating_add(nanos(begun.age())))
+/// Returns the clocks of this computer, from the times of `begun`.
+pub(crate) fn clock(begun: &State) -> Clock {
+    Clock::system(begun.publish_ns().saturating_add(nanos(begun.age())))
 }
 
 /// The reason for the end of a recording.
@@ -139,6 +139,7 @@ impl End {
 struct Session {
     records: Records,
     disk: Disk,
+    clock: Clock,
     tally: Tally,
     ends: Option<Instant>,
 }
@@ -152,10 +153,11 @@ impl Session {
     ) -> Result<Self, RecorderFailure> {
         let begun = client.wait(PATIENCE)?;
         let max_bytes = arguments.max_size.map_or(u64::MAX, |megabytes| megabytes.saturating_mul(1_000_000));
-        let disk = Disk::begin(out, &client.description(), origin(&begun), begun.tick_ns(), max_bytes)
+        let mut clock = clock(&begun);
+        let disk = Disk::begin(out, &client.description(), clock.origin(), begun.tick_ns(), max_bytes)
             .map_err(|error| RecorderFailure::unwritable(&arguments.file, error))?;
         let ends = arguments.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
-        Ok(Self { records, disk, tally: Tally::default(), ends })
+        Ok(Self { records, disk, clock, tally: Tally::default(), ends })
     }
 
     /// Records every cycle until a condition ends it.
@@ -166,7 +168,7 @@ impl Session {
                 match self.records.take(&mut record) {
                     Ok(true) => {
                         self.tally.take(&record);
-                        self.disk.take(&record);
+                        self.disk.take(&record, self.clock.step());
                     }
                     Ok(false) => break,
                     Err(error) => return End::Daemon(error),
