@@ -5,7 +5,7 @@ use crate::failure::DirectFailure;
 use crate::memory::outcome_of;
 use crate::output::print_line;
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
-use motord_commissioning::{Error, Native, Question, survey};
+use motord_commissioning::{Error, LISTEN, Native, Question, survey};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
@@ -91,7 +91,7 @@ fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s Motor
     Ok(settings.motors.iter().filter(is_chosen).collect())
 }
 
-/// Opens the bus; `None` for a simulated bus and for one without chosen motors.
+/// Opens the bus, and listens for drivers that report without a request; `None` for a simulated bus and for one without chosen motors.
 fn open(
     settings: &Settings,
     index: usize,
@@ -106,7 +106,9 @@ fn open(
     if motors.is_empty() {
         return Ok(None);
     }
-    target::open(bus.device(), baud).map(Some)
+    let mut line = target::open(bus.device(), baud)?;
+    line.link.listen(LISTEN)?;
+    Ok(Some(line))
 }
 
 fn ask<'s>(

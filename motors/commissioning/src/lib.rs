@@ -41,6 +41,7 @@ mod native;
 mod reported;
 mod scan;
 mod survey;
+mod unprompted;
 
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use error::Error;
@@ -48,5 +49,6 @@ pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
 pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use reported::{ReportedMotor, ReportedProtocol};
-pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, is_taken, scan};
+pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
+pub use unprompted::Unprompted;

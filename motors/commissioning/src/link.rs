@@ -1,6 +1,7 @@
 //! A bus with one open request.
 
 use crate::error::Error;
+use crate::unprompted::Unprompted;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
 /// The kind of wire.
@@ -31,6 +32,8 @@ pub struct Link {
     wire: Wire,
     patience: Duration,
     inbox: Inbox,
+    unprompted: Vec<Unprompted>,
+    has_doubted: bool,
 }
 
 /// Time limit on CAN: a CAN adapter on USB takes a few milliseconds.
@@ -38,6 +41,8 @@ const CAN_PATIENCE: Duration = Duration::from_millis(25);
 /// Time limit on a serial line: a USB adapter may wait for its latency timer, 16 ms, before it
 /// delivers bytes.
 const SERIAL_PATIENCE: Duration = Duration::from_millis(60);
+/// Longest time to listen on a serial line, to which only another master can send without a request.
+const SERIAL_LISTEN: Duration = Duration::from_millis(300);
 /// Pause between two attempts to send on a full bus.
 const PAUSE: Duration = Duration::from_millis(1);
 /// Most reads that empty a receive buffer before a request.
@@ -64,7 +69,15 @@ impl Link {
             Wire::Can => CAN_PATIENCE,
             Wire::Serial => SERIAL_PATIENCE,
         };
-        Self { bus, clock: Box::new(clock), wire, patience, inbox: Inbox::new() }
+        Self {
+            bus,
+            clock: Box::new(clock),
+            wire,
+            patience,
+            inbox: Inbox::new(),
+            unprompted: Vec::new(),
+            has_doubted: false,
+        }
     }
 
     /// Returns the link with another time limit for an answer.
@@ -91,6 +104,43 @@ impl Link {
         self.patience
     }
 
+    /// Returns the drivers of other families that [`listen`](Self::listen) heard.
+    #[must_use]
+    pub fn unprompted(&self) -> &[Unprompted] {
+        &self.unprompted
+    }
+
+    /// Returns whether a frame that was taken for an answer may be the report of a driver of another family.
+    pub(crate) fn has_doubted(&self) -> bool {
+        self.has_doubted
+    }
+
+    /// Listens for `time`, and remembers the drivers that report without a request: their frames are no answers from now on. On a
+    /// serial line no driver does.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InUse`] when other frames arrive.
+    pub fn listen(&mut self, time: Duration) -> Result<(), Error> {
+        let mut frames = Vec::new();
+        let time = if self.wire == Wire::Serial { time.min(SERIAL_LISTEN) } else { time };
+        let _end = self.hear(time, |heard| {
+            frames.extend(if let Heard::Frame(frame) = heard { Some(frame) } else { None });
+            None::<()>
+        })?;
+        for driver in frames.iter().filter_map(Unprompted::of) {
+            if !self.unprompted.contains(&driver) {
+                self.unprompted.push(driver);
+            }
+        }
+        let is_other = |frame: &&Frame| !self.unprompted.iter().any(|driver| driver.sends(frame.id()));
+        let mut others = frames.iter().filter(is_other);
+        match others.next() {
+            Some(first) => Err(Error::InUse { id: first.id(), count: 1 + others.count() }),
+            None => Ok(()),
+        }
+    }
+
     /// Returns the time of the link's clock.
     #[must_use]
     pub fn now(&self) -> Instant {
@@ -113,10 +163,17 @@ impl Link {
         self.drain();
         let request = Frame::classic(id_of(id), payload);
         self.send(&request, patience)?;
-        self.hear(patience, |heard| match heard {
+        let (unprompted, mut doubts) = (self.unprompted.clone(), false);
+        let answer = self.hear(patience, |heard| match heard {
             Heard::Frame(frame) if frame.payload() == payload => None,
-            heard => read(heard),
-        })
+            Heard::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
+            heard => {
+                doubts |= matches!(heard, Heard::Frame(frame) if Unprompted::may_be(&frame));
+                read(heard)
+            }
+        });
+        self.has_doubted = doubts;
+        answer
     }
 
     /// Passes every arrival to `read` until it returns a value, or `patience` has passed.

@@ -15,6 +15,7 @@
 use crate::error::Error;
 use crate::link::{Heard, Link, Wire};
 use crate::native::Native;
+use crate::unprompted::Unprompted;
 use motord_bus::{Duration, Frame, FrameId};
 use motord_protocol::gim::{
     Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply,
@@ -22,12 +23,15 @@ use motord_protocol::gim::{
 use motord_protocol::{Scales, mit};
 use std::ops::RangeInclusive;
 
+/// Longer than the usual periods of heartbeats, at most 1 s.
+pub const LISTEN: Duration = Duration::from_millis(1200);
+
 /// Settings of a scan.
 #[derive(Debug, Clone)]
 pub struct Scan {
     /// Ids to scan, within 1 to 254.
     pub ids: RangeInclusive<u8>,
-    /// Time for which the scan only listens, before it sends the first frame.
+    /// Time for which the scan of a CAN bus only listens, before it sends the first frame.
     pub listen: Duration,
     /// Time for which the scan collects the answers to each frame, to receive those of two motors
     /// with one id.
@@ -39,8 +43,7 @@ pub struct Scan {
 
 impl Default for Scan {
     fn default() -> Self {
-        let (listen, window) = (Duration::from_millis(300), Duration::from_millis(6));
-        Self { ids: 1..=0xFE, listen, window, in_fault: false }
+        Self { ids: 1..=0xFE, listen: LISTEN, window: Duration::from_millis(6), in_fault: false }
     }
 }
 
@@ -94,43 +97,6 @@ impl Family {
     }
 }
 
-/// Frames that arrive without a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unprompted {
-    /// A heartbeat of a CANSimple driver (SDC104, ODrive). It reads frames with 32 ids as commands,
-    /// so the scan skips these.
-    CanSimple {
-        /// Its node id. It uses the 32 ids from 32 times this number.
-        node: u8,
-    },
-    /// A fault report of a driver with the "custom" protocol (GDZ, GDS), repeated every 200 ms.
-    CustomFault {
-        /// Its id.
-        id: FrameId,
-    },
-}
-
-impl Unprompted {
-    fn of(frame: &Frame) -> Option<Self> {
-        let id = frame.id();
-        match frame.payload() {
-            [0xAE, _, _, _, _, _, _, _] => Some(Self::CustomFault { id }),
-            [_, _, _, _, _, _, _, _] if id.raw() & 0x1F == 0x01 => {
-                Some(Self::CanSimple { node: (id.raw() >> 5) as u8 })
-            }
-            _ => None,
-        }
-    }
-
-    /// Returns `true` when a request to motor `id` would be a command to this driver.
-    fn owns(self, id: u8) -> bool {
-        match self {
-            Self::CanSimple { node } => u16::from(id) >> 5 == u16::from(node),
-            Self::CustomFault { id: own } => own.byte() == Some(id),
-        }
-    }
-}
-
 /// Progress of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
@@ -153,7 +119,7 @@ pub struct Report {
     pub skipped: Vec<u8>,
 }
 
-/// Requests every id. Calls `progress` after each requested id, which ends the scan by returning
+/// Requests every id that no driver of another family would read as a command. Calls `progress` after each requested id, which ends the scan by returning
 /// `false`.
 ///
 /// # Errors
@@ -165,7 +131,8 @@ pub fn scan(
     scan: &Scan,
     progress: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Report, Error> {
-    let mut report = Report { unprompted: listen(link, scan.listen)?, ..Report::default() };
+    link.listen(scan.listen)?;
+    let mut report = Report { unprompted: link.unprompted().to_vec(), ..Report::default() };
     for id in scan.ids.clone().filter(|id| (1..=0xFE).contains(id)) {
         if report.unprompted.iter().any(|driver| driver.owns(id)) {
             report.skipped.push(id);
@@ -181,13 +148,41 @@ pub fn scan(
     Ok(report)
 }
 
-/// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers.
+/// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers. Listens first where an answer may
+/// be the report of another driver, for [`LISTEN`].
 ///
 /// # Errors
 ///
-/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer.
+/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer, or when a driver of another family reads the request as a
+/// command; [`Error::InUse`].
 pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
-    only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))
+    let request = |link: &mut Link| {
+        only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))
+    };
+    must_be_free(link, id)?;
+    let found = request(link);
+    let is_strange = match &found {
+        Ok(Some(found)) => !matches!(found.family, Family::Native | Family::Mit),
+        Ok(None) => false,
+        Err(error) => matches!(error, Error::Protocol { .. }),
+    };
+    if !is_strange || !link.has_doubted() {
+        return found;
+    }
+    link.listen(LISTEN)?;
+    must_be_free(link, id)?;
+    request(link)
+}
+
+/// Refuses an id that a driver on this bus reads as its command.
+fn must_be_free(link: &Link, id: u8) -> Result<(), Error> {
+    let reason = "a CANSimple driver (ODrive, SDC104) or one with the \"custom\" protocol (GDZ, GDS) on this bus reads requests to \
+        this id as its commands: give one of the two another id, with the other one unplugged";
+    if link.unprompted().iter().any(|driver| driver.owns(id)) {
+        Err(Error::Protocol { id, reason })
+    } else {
+        Ok(())
+    }
 }
 
 /// Returns `true` when a motor answers to this id. First waits until late answers of other motors
@@ -198,6 +193,7 @@ pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
 ///
 /// As for [`identify`].
 pub fn is_taken(link: &mut Link, id: u8) -> Result<bool, Error> {
+    must_be_free(link, id)?;
     link.pause(link.patience() * 4);
     let found = only(link, id, 3, |link, window| ask(link, id, &Scan { window, ..Scan::default() }));
     found.map(|found| found.is_some())
@@ -238,25 +234,6 @@ fn only(
         }
     }
     Ok(None)
-}
-
-fn listen(link: &mut Link, time: Duration) -> Result<Vec<Unprompted>, Error> {
-    let (mut drivers, mut others) = (Vec::new(), Vec::new());
-    let everything = |heard| {
-        if let Heard::Frame(frame) = heard {
-            match Unprompted::of(&frame) {
-                Some(driver) if drivers.contains(&driver) => {}
-                Some(driver) => drivers.push(driver),
-                None => others.push(frame.id()),
-            }
-        }
-        None::<()>
-    };
-    let _end = link.hear(time, everything)?;
-    match others.first() {
-        Some(&id) => Err(Error::InUse { id, count: others.len() }),
-        None => Ok(drivers),
-    }
 }
 
 /// Sends each permitted request to `id`, until one is answered.

@@ -1,9 +1,11 @@
 //! Finding motors.
 
 use crate::{START, bus, inject, link, motor};
-use motord_bus::Duration;
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, VirtualClock};
 use motord_checker::codec::{Meaning, Ranges};
-use motord_commissioning::{Error, Family, Progress, Scan, identify, scan};
+use motord_commissioning::{
+    Error, Family, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
+};
 use motord_simulator::{Behaviour, BusKind, Dialect, Direction, InFault, MotorSettings, SharedBus};
 
 /// Motors on four CAN buses and on a serial line, half of them in MIT.
@@ -116,9 +118,88 @@ fn nothing_is_sent_on_a_busy_bus() {
     assert_eq!(to_motor, 0);
 }
 
+/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms, and its axis every second; nobody asks for these.
+struct BesideOdrive {
+    bus: SharedBus,
+    node: u16,
+    reports: u64,
+}
+
+impl BesideOdrive {
+    fn next_report(&self) -> Instant {
+        START + Duration::from_millis(10 * self.reports + 5)
+    }
+}
+
+impl Bus for BesideOdrive {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.bus.send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        while self.next_report() <= now {
+            let (command, payload) = match self.reports % 100 {
+                90 => (0x01, [0, 0, 0, 0, 8, 0, 0, 0]),
+                _ => (0x09, [0, 0, 0x80, 0x3F, 0, 0, 0, 0]),
+            };
+            let report = Frame::classic(FrameId::new(self.node << 5 | command).unwrap(), payload);
+            self.bus.lock().deliver(self.next_report(), Content::Frame(report));
+            self.reports += 1;
+        }
+        self.bus.receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        match self.bus.readiness() {
+            Readiness::At(arrival) => Readiness::At(arrival.min(self.next_report())),
+            _ => Readiness::At(self.next_report()),
+        }
+    }
+}
+
+/// Two motors beside an ODrive.
+fn beside_odrive(node: u16) -> (SharedBus, Link) {
+    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit), motor("hip", 41, Dialect::Gim)]);
+    let beside = BesideOdrive { bus: bus.clone(), node, reports: 0 };
+    (bus, Link::can(beside, VirtualClock::new(START)))
+}
+
+fn sent(bus: &SharedBus) -> Vec<u32> {
+    let mut bus = bus.lock();
+    let to_motor = bus.take_record().filter(|recorded| recorded.direction == Direction::ToMotor);
+    to_motor.map(|recorded| recorded.frame.id().raw()).collect()
+}
+
+#[test]
+fn odrive_is_named_and_neither_asked_nor_counted() {
+    let (bus, mut link) = beside_odrive(0);
+    let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
+    assert_eq!(report.unprompted, [Unprompted::CanSimple { node: 0 }]);
+    assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<_>>(), [40, 41]);
+    assert_eq!((report.collisions.len(), report.skipped.len()), (0, 31));
+    assert!(sent(&bus).iter().all(|id| *id >= 32), "its commands begin with id 0");
+}
+
+#[test]
+fn report_of_odrive_is_no_answer_to_ping() {
+    for (id, expected) in [(40, Some(Family::Mit)), (41, Some(Family::Native)), (42, None)] {
+        let (_bus, mut link) = beside_odrive(3);
+        assert_eq!(identify(&mut link, id).unwrap().map(|found| found.family), expected, "{id}");
+    }
+}
+
+#[test]
+fn id_that_an_odrive_obeys_is_refused() {
+    let (bus, mut link) = beside_odrive(0);
+    link.listen(LISTEN).unwrap();
+    for refused in [identify(&mut link, 6).map(drop), is_taken(&mut link, 6).map(drop)] {
+        assert!(refused.unwrap_err().to_string().contains("CANSimple"));
+    }
+    assert_eq!(sent(&bus), []);
+}
+
 #[test]
 fn ids_that_command_other_drivers_are_not_asked() {
-    use motord_bus::{Content, Frame, FrameId};
     let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
     let mut link = link(&bus, BusKind::Can);
     let heartbeat = Frame::classic(FrameId::new(0x001).unwrap(), [0; 8]);
