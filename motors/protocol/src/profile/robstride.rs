@@ -1,16 +1,17 @@
 //! RobStride's motors in MIT mode. None of the sources is confirmed on hardware: the vendor's
-//! SampleProgram (`RS/Robstride01.cpp`), and notes that quote the RS00 manual of 2026-01-12
-//! (sections "MIT protocol").
+//! SampleProgram (`RS/Robstride01.cpp`), its manuals of 2026-04-28 (section 6), and notes that quote
+//! the RS00 manual of 2026-01-12 (sections "MIT protocol").
 //!
 //! - By default the motors use another protocol, with 29-bit ids. Select MIT once, with the
 //!   vendor's tool.
 //! - A command has the motor's id, 1 to 127. The motor receives position and speed mode at 0x100
-//!   and 0x200 + id.
+//!   and 0x200 + id. Newer firmware (RS00 from 0.0.3.27, RS01 from 0.1.3.14) reads a parameter at
+//!   0x300 + id, and writes one at 0x400 + id.
 //! - Replies have the master id of eight bits, which is the same for all motors by default. Set it
 //!   to 0x40 + id on each motor.
 //! - Six bytes 0xFF begin the commands that change mode (…FC), protocol (…FD), the motor's id (…FA)
-//!   and the master id (FD …). In the last two, the seventh byte is not 0xFF. Therefore no control
-//!   frame may begin with six 0xFF, and the stop frame has seven.
+//!   and the master id (…01). Except in the stop frame, the seventh byte is a value and not 0xFF.
+//!   Therefore no control frame may begin with six 0xFF, and the stop frame has seven.
 //! - The motor replies to a clear with a state. It replies to a fault request with the id and 32
 //!   little-endian bits. The sample treats a reply as a fault report when its last bytes are zero.
 
@@ -23,7 +24,7 @@ pub const ROBSTRIDE: Profile = Profile {
     name: "robstride",
     motors: "RobStride RS in MIT mode",
     speaks_gim: false,
-    ids: Ids { largest: 0x7F, largest_reply: 0xFF, reply_offset: 0x40, also_hears: &[0x100, 0x200] },
+    ids: Ids { largest: 0x7F, largest_reply: 0xFF, reply_offset: 0x40, also_hears: &[0x100, 0x200, 0x300, 0x400] },
     reply: ReplyLayout {
         lengths: [8, 8],
         id_mask: 0xFF,
@@ -52,9 +53,7 @@ pub const ROBSTRIDE: Profile = Profile {
     models: &MODELS,
 };
 
-/// RS00 from its manual. The velocity and torque codes of RS01 are those of the sample. Its
-/// mechanics are not from a source that was read, and its position code is assumed to equal that of
-/// RS00. The phase resistance is not published: 0.
+/// From the manuals of RS00 and RS01. The phase resistance is not published: 0.
 const MODELS: [Model; 2] = [
     model("RS00", 10.0, 0.105, [5.0, 14.0], [4.7, 15.5], 33.0, 0.0, 14, 48.0).with_ends(12.57, 33.0, 14.0),
     model("RS01", 7.75, 0.111, [6.0, 17.0], [7.0, 23.0], 33.0, 0.0, 14, 36.0).with_ends(12.57, 44.0, 17.0),
