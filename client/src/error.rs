@@ -240,6 +240,8 @@ impl Error {
             Self::Stopped { stop, .. } => matches!(stop, Stop::Starting),
             // A starting daemon removes damaged files, and a client may connect meanwhile.
             Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::Damaged),
+            // Any process may end the lock, and the daemon may be running.
+            Self::Instance(error) => matches!(error, InstanceError::Locked { .. }),
             Self::Version { .. }
             | Self::Permission { .. }
             | Self::UnknownGroup { .. }
@@ -248,8 +250,7 @@ impl Error {
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
             | Self::OtherClaim
-            | Self::NotUnderstood { .. }
-            | Self::Instance(_) => false,
+            | Self::NotUnderstood { .. } => false,
         }
     }
 

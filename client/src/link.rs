@@ -15,7 +15,7 @@ use crate::error::{Error, Stop};
 use crate::state::{Group, Places, State};
 use motord_ports::instance::{Attachment, pid_namespace, process_exists};
 use motord_ports::service::{Obstacle, ServiceError};
-use motord_ports::{ClientPorts, Instance, RecordPort, SetpointPort, clock};
+use motord_ports::{ClientPorts, Instance, RecordPort, SetpointPort, clock, liveness};
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
@@ -416,11 +416,13 @@ impl Connection {
     /// Returns the error for states that stopped `silent_for` ago: [`Error::Silent`] if the
     /// daemon's process exists.
     pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
-        if process_exists(self.robot().pid) {
-            Error::Silent { silent_for }
-        } else {
-            Error::not_running(&self.instance)
-        }
+        if self.is_dead() { Error::not_running(&self.instance) } else { Error::Silent { silent_for } }
+    }
+
+    /// Returns `true` if the daemon is known to be dead. A new client does not know its process yet.
+    fn is_dead(&self) -> bool {
+        let pid = self.robot().pid;
+        (pid != 0 && !process_exists(pid)) || liveness::is_dead(&self.instance)
     }
 
     /// Sends a request, and waits at most `timeout` for the answer.
@@ -493,9 +495,10 @@ impl Connection {
     }
 
     fn unanswered(&self, operation: Operation, waited: Duration) -> Error {
-        match self.robot().pid {
-            pid if pid != 0 && !process_exists(pid) => Error::not_running(&self.instance),
-            _ => Error::NoAnswer { operation, waited },
+        if self.is_dead() {
+            Error::not_running(&self.instance)
+        } else {
+            Error::NoAnswer { operation, waited }
         }
     }
 

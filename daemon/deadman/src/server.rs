@@ -230,15 +230,17 @@ impl Watch {
         let now = clock::monotonic();
         // A file that cannot be read counts as a heartbeat that does not change.
         let heartbeat = self.pulse.read().unwrap_or(self.switch.heartbeat());
+        let late = now.since(self.due()) >= FROZEN;
         self.switch.step(now, connected, heartbeat);
         let Some(cause) = self.switch.acts() else { return acted.map(News::Over) };
-        let late = self.interfaces.due().is_some_and(|due| now.since(due) >= FROZEN);
         if acted.is_none() {
             self.interfaces.begin(now);
             self.stalled = false;
         }
         if acted.is_none() || late {
-            self.leave_successors(pid);
+            // A successor has had the time to start only if this process was frozen. Until then, and while the daemon lives,
+            // its own lock is the only possible one.
+            self.leave_successors(pid, late && !connected);
         }
         self.interfaces.round(now);
         if self.interfaces.due().is_none() {
@@ -251,13 +253,12 @@ impl Watch {
     }
 
     /// A switch that was suspended may find that the dead daemon has a successor, whose registration still waits.
-    fn leave_successors(&mut self, pid: i32) {
-        if let Some(successor) = self.interfaces.leave_driven(pid) {
+    fn leave_successors(&mut self, pid: i32, unknown_is_other: bool) {
+        if let Some(successor) = self.interfaces.leave_driven(pid, unknown_is_other) {
             tracing::warn!(
                 pid,
-                successor,
                 see = "interface-in-use",
-                "is dead, but another process drives its interfaces: they are left alone"
+                "is dead, but {successor} drives its interfaces: they are left alone"
             );
         }
     }

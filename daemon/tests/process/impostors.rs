@@ -1,13 +1,16 @@
-//! A member of the group who pretends to be a process of motord: it creates the files and sockets
-//! of motord first. Needs root, to become another user.
+//! Other users who pretend to be a process of motord, or hide one: they create its files and sockets
+//! first, or fill a queue. Most tests need root, to become another user.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use crate::deadman::{DAMPING, Switch, beating, safe_frames};
+use crate::deadman::{DAMPING, Recorder, Switch, beating, safe_frames};
 use crate::safe_stop::{can, configuration, motord, no_can, text};
-use motord_bus::candump;
+use motord_bus::{BusLock, Holder, candump, clock};
+use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
 use motord_deadman::registrar::Registrar;
+use motord_deadman::safe_frames::InterfaceError;
+use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
 use nix::unistd::{Gid, Uid, chown, setgid, setgroups, setuid};
 use std::fs::{self, Permissions};
@@ -132,4 +135,49 @@ fn safe_stop_believes_no_switch_of_a_member() {
     assert!(said.contains("answers instead of motord"), "{said}");
     assert!(!said.contains("left to the dead man's switch"), "{said}");
     assert!(begun.elapsed() < Duration::from_secs(2), "{said}");
+}
+
+/// Fills the queue of connections to the lock of `interface`, as any user can: the holder is unknown
+/// from then on.
+fn hide_holder(interface: &str) {
+    let begun = Instant::now();
+    while BusLock::holder_of_interface(interface) != Some(Holder(None)) {
+        assert!(begun.elapsed() < PATIENCE, "the kernel still names the holder");
+    }
+}
+
+/// Returns the number of frames that a switch sends for a daemon that died, where another process
+/// holds the interface's lock and the holder is hidden. The switch was frozen for `frozen` meanwhile.
+fn frames_beside_hidden_holder(frozen: Duration) -> usize {
+    let directory = TempDir::new().unwrap();
+    let instance = Instance::below(directory.path(), "test").unwrap();
+    let (sends, sent) = channel();
+    let open =
+        |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sends))) };
+    let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
+    let mut frames = safe_frames();
+    frames.buses[0].interface = no_can("hide");
+    let interface = frames.buses[0].interface.clone();
+    let (_heartbeat, pulse) = beating();
+    let daemon = Channel::connect(&instance, PATIENCE).unwrap();
+    daemon.send(&Request::Register(frames), Some(&pulse)).unwrap();
+    (0..2).for_each(|_| server.turn(clock::monotonic() + PATIENCE));
+    let _successor = BusLock::interface(interface.parse().unwrap()).unwrap();
+    hide_holder(&interface);
+    // The queue takes time to fill: the switch must not seem frozen for it.
+    server.turn(clock::monotonic());
+    server.turn(clock::monotonic());
+    drop(daemon);
+    sleep(frozen);
+    let _served = server.finish(clock::monotonic() + Duration::from_secs(1));
+    (0..20).for_each(|_| server.turn(clock::monotonic() + Duration::from_millis(10)));
+    sent.try_iter().count()
+}
+
+/// Goal: a switch that continues after SIGSTOP damps no motor of a living successor, although an
+/// outsider hides who drives the interface. A switch that was not frozen damps as ever.
+#[test]
+fn frozen_switch_leaves_hidden_successor_alone() {
+    assert_eq!(frames_beside_hidden_holder(Duration::from_millis(600)), 0);
+    assert!(frames_beside_hidden_holder(Duration::ZERO) > 3, "no successor can be there so soon");
 }

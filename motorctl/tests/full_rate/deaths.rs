@@ -119,3 +119,19 @@ fn killed_daemon_is_error_and_successor_is_found() {
     assert!(!message.is_empty());
     until("states of the successor", || client.wait(Duration::from_secs(1)).ok());
 }
+
+/// Goal: a program that starts after the death learns of the death, and not of a frozen daemon.
+/// Method: nobody waits for the killed process, so its id still exists.
+#[test]
+fn killed_daemon_is_dead_to_new_client() {
+    let _alone = alone();
+    let mut daemon = Daemon::start(&quadruped());
+    drop(daemon.connect());
+    daemon.process.kill().unwrap();
+    std::thread::sleep(Duration::from_millis(500));
+    let begun = Instant::now();
+    let error = Client::connect_in(daemon.directory.path(), "demo").unwrap_err();
+    println!("after {:?}: {error}", begun.elapsed());
+    assert!(matches!(error, Error::NotRunning { .. }), "{error}");
+    daemon.process.wait().unwrap();
+}

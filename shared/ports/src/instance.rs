@@ -17,7 +17,7 @@ pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
 use crate::directory::{Directory, STICKY};
 use crate::instance_error::{ROOT_BYTES_MAX, refused};
-use crate::lock_file::{hold, read_number};
+use crate::lock_file::{Locks, exclusive, hold, read_number};
 use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
@@ -227,8 +227,19 @@ impl Instance {
         };
         match Flock::lock(directory, FlockArg::LockSharedNonblock) {
             Ok(lock) => Ok(Some(Attachment { instance: self.clone(), _lock: lock })),
-            Err((_, Errno::EWOULDBLOCK)) => Ok(None),
+            Err((_, Errno::EWOULDBLOCK)) => self.judge_lock(),
             Err((_, errno)) => Err(InstanceError::System { path: self.root(), errno }),
+        }
+    }
+
+    /// A daemon locks the directory for the first milliseconds of its life. Any member can.
+    fn judge_lock(&self) -> Result<Option<Attachment>, InstanceError> {
+        let (path, daemon) = (self.root(), self.runtime.join(format!("{}.lock", self.name)));
+        match exclusive(&path) {
+            held @ Locks::Held { pid } if held != exclusive(&daemon) => {
+                Err(InstanceError::Locked { path, pid })
+            }
+            Locks::Held { .. } | Locks::Free | Locks::Unknown => Ok(None),
         }
     }
 }

@@ -89,6 +89,14 @@ pub enum InstanceError {
         /// The daemon's lock.
         path: PathBuf,
     },
+    /// A process keeps clients out by a lock on the instance's directory.
+    #[error("process {pid} keeps every client out, by a lock on {}: end that process", path.display())]
+    Locked {
+        /// The directory.
+        path: PathBuf,
+        /// The process.
+        pid: u32,
+    },
     /// Another error of the system.
     #[error("cannot use {}: {errno}", path.display())]
     System {

@@ -5,6 +5,7 @@
 //! - [`DaemonPorts`] and [`ClientPorts`]: the two ends of the services.
 //! - [`RoleLock`]: at most one dead man's switch per instance.
 //! - [`Housekeeper`]: removes the files of dead processes.
+//! - [`liveness`]: detects that a daemon is dead.
 //! - [`Presence`]: detects that the files of a daemon were removed.
 //! - [`stop_socket`]: the socket for emergency stops.
 //! - [`peer`]: users whose processes may answer on these sockets.
@@ -25,6 +26,7 @@ pub mod injection;
 pub mod instance;
 mod instance_error;
 mod leftovers;
+pub mod liveness;
 mod lock_file;
 mod mutex;
 pub mod peer;

@@ -4,8 +4,10 @@ use crate::directory::{Directory, Displaced};
 use crate::instance_error::{InstanceError, refused};
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
+use nix::sys::stat::stat;
 use std::fs::File;
 use std::io::{self, Read, Write};
+use std::path::Path;
 use std::str::FromStr;
 
 /// Locks the file `name` in `runtime`, and writes the id of this process into it.
@@ -24,6 +26,37 @@ pub(crate) fn hold(
     write_pid(&mut lock)
         .map_err(|error| refused(&path, Errno::from_raw(error.raw_os_error().unwrap_or(0))))?;
     Ok(lock)
+}
+
+/// The exclusive locks of a file, as far as this process may know them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Locks {
+    /// No process in this namespace of processes holds one.
+    Free,
+    /// This process holds one.
+    Held {
+        /// Its id.
+        pid: u32,
+    },
+    /// The file or the list of locks cannot be read.
+    Unknown,
+}
+
+/// Returns who holds an exclusive lock of `path` (`flock`), without opening the file: its mode may
+/// forbid that. Reads the list of all locks of the computer. A lock of another file with the same
+/// number counts too.
+pub(crate) fn exclusive(path: &Path) -> Locks {
+    let (Ok(found), Ok(table)) = (stat(path), std::fs::read_to_string("/proc/locks")) else {
+        return Locks::Unknown;
+    };
+    let of_line = |line: &str| match line.split_whitespace().collect::<Vec<_>>()[..] {
+        [_, "FLOCK", _, "WRITE", pid, file, ..] => {
+            let number: u64 = file.rsplit(':').next()?.parse().ok()?;
+            (number == found.st_ino).then(|| pid.parse().ok())?
+        }
+        _ => None,
+    };
+    table.lines().find_map(of_line).map_or(Locks::Free, |pid| Locks::Held { pid })
 }
 
 /// Returns the number at the start of the file, or 0.
