@@ -18,7 +18,7 @@ mod joint;
 mod lease;
 pub mod limits;
 pub mod message;
-mod plain;
+pub mod plain;
 
 pub use codes::{
     BusCondition, Cause, Fault, Indicator, Limit, MotorMode, Operation, Phase, Refusal, Rejection,

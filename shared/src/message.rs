@@ -7,7 +7,7 @@ use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{
     ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, INDICATORS_MAX, JOINTS_MAX,
 };
-use crate::plain::plain;
+use crate::plain::{plain, sparse};
 
 pub use crate::joint::{Applied, JOINT_FRESH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
@@ -141,6 +141,13 @@ impl Message for StateMessage {
     const TYPE_NAME: &'static str = crate::joint::STATE_TYPE;
 }
 
+sparse!(StateMessage {
+    joints by joint_count,
+    groups by group_count,
+    buses by bus_count,
+    indicators by indicator_count,
+});
+
 impl StateMessage {
     /// Copies the used entries of `other`, and clears those used only here. A robot of 12 joints
     /// uses one fifth of the 8 kB of a message; nothing else is read.
@@ -162,18 +169,6 @@ impl StateMessage {
         self.bus_count = other.bus_count;
         self.indicator_count = other.indicator_count;
         self.reserved = other.reserved;
-    }
-
-    /// Writes to most of the used cache lines, so that this processor's cache holds them before a
-    /// message is [copied](Self::copy_from). Discards the values.
-    pub fn fetch(&mut self) {
-        let used = (self.joint_count as usize).min(JOINTS_MAX);
-        // A line has 64 bytes and a joint 80: two writes to each joint reach every line.
-        for joint in &mut self.joints[..used] {
-            (joint.position, joint.flags) = (0.0, 0);
-        }
-        (self.cycle, self.groups[0].lease, self.groups[0].late, self.buses[0]) =
-            (0, 0, 0, BusState::default());
     }
 
     /// Returns the joints in use. A hostile count is limited to the array.
@@ -251,18 +246,17 @@ impl Message for SetpointMessage {
     const TYPE_NAME: &'static str = "motord.Setpoint.v1";
 }
 
+sparse!(SetpointMessage { joints by joint_count, });
+
 impl SetpointMessage {
     /// Copies the used entries of `other`, and clears those used only here. Nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
-        // The sender may change the count meanwhile, so it is read once: entries past it are zero
-        // in this copy.
-        let joint_count = other.joint_count;
-        replace(&mut self.joints, self.joint_count, &other.joints, joint_count);
+        replace(&mut self.joints, self.joint_count, &other.joints, other.joint_count);
         self.lease = other.lease;
         self.sequence = other.sequence;
         self.time_ns = other.time_ns;
         self.cycle = other.cycle;
-        self.joint_count = joint_count;
+        self.joint_count = other.joint_count;
         self.reserved = other.reserved;
     }
 }
@@ -378,6 +372,8 @@ plain! {
 impl Message for AdminAnswer {
     const TYPE_NAME: &'static str = "motord.AdminAnswer.v1";
 }
+
+sparse!(AdminAnswer { text by length, });
 
 impl AdminAnswer {
     /// Returns the text in use. A hostile length is limited to the array.

@@ -16,6 +16,51 @@ pub trait Message: Plain + Debug {
     const TYPE_NAME: &'static str;
 }
 
+/// An array of a message of which only the first entries are used.
+#[derive(Debug, Clone, Copy)]
+pub struct Used {
+    /// Where the number of used entries is, a `u32`, bytes from the start of the message.
+    pub count: usize,
+    /// Where the array begins, bytes from the start of the message.
+    pub start: usize,
+    /// Size of an entry, bytes.
+    pub entry: usize,
+    /// Entries of the array.
+    pub most: usize,
+}
+
+/// A message of which only a part is used. Copies to and from shared memory leave out the rest.
+///
+/// Only this crate implements it: unsafe code of the ports relies on the places.
+pub trait Sparse: Message {
+    /// Its arrays, by place. The bytes between them are always used.
+    const ARRAYS: &'static [Used];
+}
+
+/// Declares the arrays of a message, with the fields that hold their numbers of used entries.
+macro_rules! sparse {
+    ($name:ident { $($array:ident by $count:ident,)+ }) => {
+        impl $crate::plain::Sparse for $name {
+            const ARRAYS: &'static [$crate::plain::Used] = {
+                const fn most<T, const N: usize>(_: &[T; N]) -> (usize, usize) {
+                    (size_of::<T>(), N)
+                }
+                const ZERO: $name = <$name as $crate::plain::Plain>::ZERO;
+                &[$({
+                    let (entry, most) = most(&ZERO.$array);
+                    let _: u32 = ZERO.$count;
+                    $crate::plain::Used {
+                        count: core::mem::offset_of!($name, $count),
+                        start: core::mem::offset_of!($name, $array),
+                        entry,
+                        most,
+                    }
+                },)+]
+            };
+        }
+    };
+}
+
 macro_rules! numbers {
     ($($number:ident),+) => {
         $(impl Plain for $number {
@@ -57,4 +102,4 @@ macro_rules! plain {
     };
 }
 
-pub(crate) use plain;
+pub(crate) use {plain, sparse};

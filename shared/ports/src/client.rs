@@ -4,7 +4,7 @@
 //! message, and maps files when the daemon connects or disconnects.
 
 use crate::futex::{Slept, Waiter};
-use crate::iceoryx::{Lent, Payload};
+use crate::iceoryx::{Lent, Payload, copied, read};
 use crate::instance::Attachment;
 use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
@@ -35,7 +35,7 @@ const SLEEP_MAX: Duration = Duration::from_millis(10);
 /// connects or disconnects. A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
-    watcher: Mutex<Option<Subscriber<Service, Payload<StateMessage>, ()>>>,
+    watcher: Mutex<Option<Watcher>>,
     /// `None` before the first sleep.
     waiter: Mutex<Option<Arc<Waiter>>>,
     admin: Client<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
@@ -45,6 +45,14 @@ pub struct ClientPorts {
     node: Mutex<Node<Service>>,
     // Dropped last: a starting daemon may remove every file once no process is attached.
     attachment: Attachment,
+}
+
+/// The slot of a watcher.
+#[derive(Debug)]
+struct Watcher {
+    port: Subscriber<Service, Payload<StateMessage>, ()>,
+    /// Copy of the last state: other processes may write to the original at any time.
+    state: Box<StateMessage>,
 }
 
 impl ClientPorts {
@@ -112,17 +120,19 @@ impl ClientPorts {
         mut accept: impl FnMut(&StateMessage) -> ControlFlow<()>,
     ) -> Result<(), ServiceError> {
         let mut watcher = locked(&self.watcher);
-        let watcher = match &mut *watcher {
+        let Watcher { port, state } = match &mut *watcher {
             Some(watcher) => watcher,
             none => {
                 let builder = self.state.subscriber_builder().buffer_size(1);
-                none.insert(builder.create().map_err(Part::State.failed())?)
+                let port = builder.create().map_err(Part::State.failed())?;
+                none.insert(Watcher { port, state: Box::default() })
             }
         };
         // One state of a dead daemon may precede those of its successor.
         for _ in 0..3 {
-            let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
-            if accept(&sample.payload().0).is_break() {
+            let Some(sample) = port.receive().map_err(Part::State.failed())? else { break };
+            read(sample.payload(), state);
+            if accept(state).is_break() {
                 break;
             }
         }
@@ -212,7 +222,7 @@ impl RecordPort {
     /// A damaged connection.
     pub fn take(&self, record: &mut CycleRecord) -> Result<bool, ServiceError> {
         let received = self.port.receive().map_err(Part::Record.failed())?;
-        Ok(received.map(|sample| *record = sample.payload().0).is_some())
+        Ok(received.map(|sample| *record = copied(sample.payload())).is_some())
     }
 }
 
@@ -245,7 +255,7 @@ impl SetpointPort {
     /// A damaged connection.
     pub fn send(&self, setpoint: &SetpointMessage) -> Result<(), ServiceError> {
         let mut lent = self.port.loan_uninit().map(Lent::new).map_err(Part::Setpoint.failed())?;
-        lent.message().copy_from(setpoint);
+        lent.write(setpoint);
         lent.sample().send().map_err(Part::Setpoint.failed())?;
         Ok(())
     }
@@ -267,7 +277,8 @@ impl Question {
         let dropped = !self.pending.is_connected();
         match self.pending.receive().map_err(Part::Admin.failed())? {
             Some(response) => {
-                let answer = &response.payload().0;
+                let mut answer = Box::<AdminAnswer>::default();
+                read(response.payload(), &mut answer);
                 Ok(Some((answer.reply, answer.text().to_vec())))
             }
             None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),

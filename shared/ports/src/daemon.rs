@@ -4,7 +4,7 @@
 //! message, and maps files when a client connects or disconnects.
 
 use crate::futex::Waker;
-use crate::iceoryx::{Lent, Payload};
+use crate::iceoryx::{Lent, Payload, answered, copied, read};
 use crate::instance::{Instance, InstanceLock};
 use crate::instance_error::InstanceError;
 use crate::mutex::locked;
@@ -18,9 +18,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe;
-use motord_shared::limits::{
-    ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT,
-};
+use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT};
 use motord_shared::message::{
     AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
 };
@@ -134,7 +132,7 @@ impl DaemonPorts {
         let ready = locked(&self.next).take();
         let mut lent = ready.map_or_else(|| self.lend_state(), Ok)?;
         // Most of a message is unused. Writing that part would waste time.
-        lent.message().copy_from(state);
+        lent.write(state);
         lent.sample().send().map_err(Part::State.failed())?;
         Ok(())
     }
@@ -145,7 +143,7 @@ impl DaemonPorts {
     pub fn prepare(&self) {
         // `publish` tries again and returns the error.
         if let Ok(mut lent) = self.lend_state() {
-            lent.message().fetch();
+            lent.fetch();
             *locked(&self.next) = Some(lent);
         }
     }
@@ -192,7 +190,7 @@ impl DaemonPorts {
         for _ in 0..16 * CONTROLLERS_MAX {
             let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
             let mut setpoint = SetpointMessage::default();
-            setpoint.copy_from(&sample.payload().0);
+            read(sample.payload(), &mut setpoint);
             accept(&setpoint);
         }
         Ok(())
@@ -208,7 +206,7 @@ impl DaemonPorts {
             Err(ReceiveError::ExceedsMaxBorrows) => None,
             received => received.map_err(Part::Admin.failed())?,
         };
-        Ok(request.map(|active| Request { payload: active.payload().0, active }))
+        Ok(request.map(|active| Request { payload: copied(active.payload()), active }))
     }
 }
 
@@ -240,17 +238,13 @@ impl Request {
         self.active.is_connected()
     }
 
-    /// Answers with `reply` and `text`, truncated to [`ANSWER_BYTES_MAX`] bytes. Never blocks.
+    /// Answers with `reply` and `text`, truncated to
+    /// [`ANSWER_BYTES_MAX`](motord_shared::limits::ANSWER_BYTES_MAX) bytes. Never blocks.
     ///
     /// # Errors
     /// The requester has disconnected, or holds too many answers.
     pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
-        let mut response = self.active.loan().map_err(Part::Admin.failed())?;
-        let length = text.len().min(ANSWER_BYTES_MAX);
-        let Payload(answer) = response.payload_mut();
-        answer.reply = reply;
-        answer.length = length as u32;
-        answer.text[..length].copy_from_slice(&text[..length]);
-        response.send().map_err(Part::Admin.failed())
+        let answer = self.active.loan_uninit().map_err(Part::Admin.failed())?;
+        answered(answer, reply, text).send().map_err(Part::Admin.failed())
     }
 }

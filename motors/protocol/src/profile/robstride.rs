@@ -24,7 +24,12 @@ pub const ROBSTRIDE: Profile = Profile {
     name: "robstride",
     motors: "RobStride RS in MIT mode",
     speaks_gim: false,
-    ids: Ids { largest: 0x7F, largest_reply: 0xFF, reply_offset: 0x40, also_hears: &[0x100, 0x200, 0x300, 0x400] },
+    ids: Ids {
+        largest: 0x7F,
+        largest_reply: 0xFF,
+        reply_offset: 0x40,
+        also_hears: &[0x100, 0x200, 0x300, 0x400],
+    },
     reply: ReplyLayout {
         lengths: [8, 8],
         id_mask: 0xFF,
