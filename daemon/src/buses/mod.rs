@@ -107,7 +107,12 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusEr
             let interface = interface_name(bus, interface)?;
             let settings = socketcan::Settings { interface, bitrate: *bitrate, host_ids };
             match SocketCanBus::open(&settings) {
-                Ok(bus) => Ok(Box::new(bus)),
+                Ok(opened) => {
+                    for note in opened.link().notes(*bitrate) {
+                        tracing::warn!(bus = bus.name, see = "adapter", "{note}");
+                    }
+                    Ok(Box::new(opened))
+                }
                 Err(source) => Err(BusError::Open { bus: bus.name.clone(), source }),
             }
         }

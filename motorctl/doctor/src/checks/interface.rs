@@ -29,17 +29,23 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
     let Interface { name, bitrate, motors } = interface;
     let checked = read.and_then(|link| {
         // Without a configuration the present bit rate is right.
-        let bitrate = bitrate.or(link.bitrate.filter(|&rate| rate > 0)).unwrap_or(BITRATE);
+        let bitrate = bitrate.or(link.bitrate).unwrap_or(BITRATE);
         link.check(bitrate, queue_length(*motors) as u32).map(|()| link)
     });
     let link = match checked {
         Ok(link) => link,
         Err(error) => return refused(&error).of(name),
     };
-    let rate = link.bitrate.map_or_else(|| "virtual".to_owned(), |bitrate| format!("{bitrate} bit/s"));
+    let rate = match link.bitrate {
+        Some(bitrate) => format!("{bitrate} bit/s"),
+        None if link.is_virtual => "virtual".to_owned(),
+        None => "unknown bit rate".to_owned(),
+    };
     match link.restart_ms {
         Some(0) => {
-            Finding::warn(CHECK, format!("up, {rate}, no restart"), "after a bus-off it stays off the bus")
+            let why = "after a bus-off it stays off the bus until it is taken down and up, which motord does where it may; \
+                the drivers of most USB adapters (gs_usb, slcan) support nothing else";
+            Finding::warn(CHECK, format!("up, {rate}, no restart"), why)
                 .tuned_by(while_down(name, format!("ip link set {name} type can restart-ms {RESTART_MS}")))
                 .of(name)
         }

@@ -313,9 +313,10 @@ fn unusable_interface_is_bad_and_names_commands() {
     let missing = interface::link(&can0(), Err(OpenError::Missing("can0".parse().unwrap())));
     assert_eq!((missing.level, missing.command), (Level::Bad, None));
     let any = Interface { bitrate: None, ..can0() };
-    let new = interface::link(&any, Ok(Link { up: false, bitrate: Some(0), ..good }));
-    let measured = "can0 is set to 0 bit/s, 1000000 are configured";
-    assert_finding(&new, Level::Bad, measured, Some("bitrate 1000000"));
+    let new = interface::link(&any, Ok(Link { up: false, bitrate: None, ..good }));
+    assert_finding(&new, Level::Bad, "can0 is down", Some("bitrate 1000000"));
+    let unknown = interface::link(&any, Ok(Link { bitrate: None, restart_ms: Some(0), ..good }));
+    assert_finding(&unknown, Level::Warn, "up, unknown bit rate, no restart", Some("restart-ms 100"));
     let vcan = Link { is_virtual: true, bitrate: None, restart_ms: None, ..good };
     assert_finding(&link(vcan), Level::Good, "up, virtual", None);
 }

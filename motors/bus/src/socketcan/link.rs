@@ -4,6 +4,10 @@
 //! settings down, sets its bit rate and restart time, and brings it up. Without it, [`OpenError`]
 //! reports the error and the commands that correct it. The settings are not restored on exit: the
 //! dead man's switch and `candump` continue to use the interface.
+//!
+//! Only the bit rate is required. Adapters whose drivers do not support a restart after a bus-off
+//! (`gs_usb`, `slcan`), or do not know their own bit rate (`slcan`), are used with a [`LinkNote`].
+//! An interface that was up is up again after a failure.
 
 use core::fmt;
 
@@ -40,7 +44,8 @@ pub struct Link {
     pub index: u32,
     /// The interface is up.
     pub up: bool,
-    /// Bit rate in bit/s. `None` on a virtual interface, and before a rate is set.
+    /// Bit rate in bit/s. `None` on a virtual interface, before a rate is set, and where another program set it in the adapter
+    /// (`slcand -s8`).
     pub bitrate: Option<u32>,
     /// Time from bus-off to restart, ms; 0 means never. `None` on a virtual interface.
     pub restart_ms: Option<u32>,
@@ -53,6 +58,27 @@ pub struct Link {
     pub listen_only: bool,
     /// Loopback mode: the interface receives only its own frames.
     pub loopback: bool,
+}
+
+/// A limitation of an interface that can be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum LinkNote {
+    /// The interface is up, and its driver does not know the bit rate.
+    #[error(
+        "{interface}: its bit rate is unknown, because another program set it in the adapter: make sure that it is {expected} bit/s"
+    )]
+    UnknownBitrate {
+        /// The interface.
+        interface: InterfaceName,
+        /// The configured rate, bit/s.
+        expected: u32,
+    },
+    /// The controller does not return to the bus by itself.
+    #[error(
+        "{0} does not return by itself after a bus-off (restart-ms is 0; some drivers support no other value): motord takes it down \
+         and up where it has the permission; otherwise, as root: ip link set {0} down; ip link set {0} up"
+    )]
+    NoRestart(InterfaceName),
 }
 
 /// Reason for which an interface cannot be used.
@@ -77,7 +103,7 @@ pub enum OpenError {
     Bitrate {
         /// The configured rate, bit/s.
         expected: u32,
-        /// The rate of the interface, bit/s; 0 when none is set.
+        /// The rate of the interface, bit/s.
         received: u32,
         /// The commands that correct it.
         remedy: Remedy,
@@ -156,10 +182,12 @@ impl fmt::Display for Remedy {
         let Self { interface, queue_length, .. } = self;
         let Some(bitrate) = self.bitrate else { return write!(f, "ip link set {interface} up") };
         let modes = if self.deaf { " listen-only off loopback off" } else { "" };
+        // A driver may not support a restart: in a command of its own this does not prevent the others.
         write!(
             f,
             "ip link set {interface} down; \
-             ip link set {interface} type can bitrate {bitrate} restart-ms {RESTART_MS}{modes}; \
+             ip link set {interface} type can bitrate {bitrate}{modes}; \
+             ip link set {interface} type can restart-ms {RESTART_MS}; \
              ip link set {interface} txqueuelen {queue_length} up"
         )
     }
@@ -215,9 +243,20 @@ impl Link {
             return Err(fault);
         }
         let remedy = link.remedy(bitrate, queue_length);
-        link.set_up(bitrate).map_err(|_| OpenError::Refused { remedy })?;
+        link.set_up(bitrate).map_err(|_| {
+            link.restore();
+            OpenError::Refused { remedy }
+        })?;
         let link = Self::read(interface)?;
         link.check(bitrate, queue_length).map(|()| link)
+    }
+
+    /// Returns the limitations of the interface, for motors at `bitrate` (bit/s). Empty for a virtual interface.
+    pub fn notes(&self, bitrate: u32) -> impl Iterator<Item = LinkNote> {
+        let interface = self.interface;
+        let is_known = self.is_virtual || self.bitrate.is_some();
+        let unknown = (!is_known).then_some(LinkNote::UnknownBitrate { interface, expected: bitrate });
+        unknown.into_iter().chain((self.restart_ms == Some(0)).then_some(LinkNote::NoRestart(interface)))
     }
 
     /// Checks that motors at `bitrate` (bit/s) can be reached through the interface with its
@@ -228,8 +267,9 @@ impl Link {
     /// The first error found.
     pub fn check(&self, bitrate: u32, queue_length: u32) -> Result<(), OpenError> {
         let remedy = self.remedy(bitrate, queue_length);
-        let received = self.bitrate.unwrap_or(0);
-        if !self.is_virtual && received.abs_diff(bitrate) > bitrate / BITRATE_TOLERANCE {
+        if let Some(received) = self.bitrate
+            && received.abs_diff(bitrate) > bitrate / BITRATE_TOLERANCE
+        {
             return Err(OpenError::Bitrate { expected: bitrate, received, remedy });
         }
         if self.is_deaf() {
@@ -257,18 +297,40 @@ impl Link {
         }
     }
 
+    /// Sets the bit rate where it is another or unknown, then the rest, and brings the interface up. Each optional setting has a
+    /// request of its own: a driver that does not support one refuses the whole request.
     fn set_up(&self, bitrate: u32) -> socketcan::Result<()> {
         let interface = CanInterface::open_iface(self.index);
         if self.up {
             interface.bring_down()?;
         }
         if !self.is_virtual {
-            interface.set_can_params(&self.parameters(bitrate))?;
+            match interface.set_can_params(&self.required(bitrate)) {
+                // An adapter with a rate of its own, which nobody can read or set.
+                Err(error) if self.bitrate.is_none() && netlink_errno(&error) == Errno::EOPNOTSUPP => {}
+                outcome => outcome?,
+            }
+            let restart =
+                InterfaceCanParams { restart_ms: Some(RESTART_MS), ..InterfaceCanParams::default() };
+            let _unsupported = interface.set_can_params(&restart);
         }
         interface.bring_up()
     }
 
-    fn parameters(&self, bitrate: u32) -> InterfaceCanParams {
+    /// Brings an interface up again that was up, with the bit rate that it had.
+    fn restore(&self) {
+        let interface = CanInterface::open_iface(self.index);
+        if let (true, Some(bitrate)) = (self.up, self.bitrate) {
+            let bit_timing = Some(CanBitTiming { bitrate, ..CanBitTiming::default() });
+            let _refused =
+                interface.set_can_params(&InterfaceCanParams { bit_timing, ..InterfaceCanParams::default() });
+        }
+        if self.up {
+            let _refused = interface.bring_up();
+        }
+    }
+
+    fn required(&self, bitrate: u32) -> InterfaceCanParams {
         // Set only when needed: a driver with a fixed mode refuses settings that leave that mode
         // out.
         let hearing = self.is_deaf().then(|| {
@@ -279,7 +341,6 @@ impl Link {
         });
         InterfaceCanParams {
             bit_timing: Some(CanBitTiming { bitrate, ..CanBitTiming::default() }),
-            restart_ms: Some(RESTART_MS),
             ctrl_mode: hearing,
             ..InterfaceCanParams::default()
         }

@@ -39,7 +39,7 @@ use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
 pub use coalescing::Coalescing;
-pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
+pub use link::{Link, LinkNote, OpenError, RESTART_MS, Remedy, Step};
 pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
 pub use unexpected::UnexpectedIds;

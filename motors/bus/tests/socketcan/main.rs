@@ -1,4 +1,4 @@
-//! The SocketCAN bus on real kernels: virtual interfaces, and two SJA1000 controllers on one bus.
+//! The SocketCAN bus on real kernels: virtual interfaces, two SJA1000 controllers on one bus, and a serial adapter.
 //!
 //! These tests create and configure interfaces: they need root on a kernel with SocketCAN.
 //! `verify/rigs/test-can` boots such kernels and runs them there; elsewhere they are reported as
@@ -7,6 +7,7 @@
 mod counting;
 mod peer;
 mod sja1000;
+mod slcan;
 mod vcan;
 
 use motord_bus::conformance::HOST_IDS;

@@ -176,7 +176,7 @@ fn wrong_bit_rate_is_mended_or_explained() {
     assert_eq!(
         refused.to_string(),
         "can0 is set to 500000 bit/s, 1000000 are configured; as root: ip link set can0 down; \
-         ip link set can0 type can bitrate 1000000 restart-ms 100; ip link set can0 txqueuelen 8 up"
+         ip link set can0 type can bitrate 1000000; ip link set can0 type can restart-ms 100; ip link set can0 txqueuelen 8 up"
     );
     assert_eq!(Link::read(name("can0")).unwrap().bitrate, Some(500_000), "a refusal changes nothing");
     let commands = refused.to_string().split("as root: ").nth(1).unwrap().to_owned();
