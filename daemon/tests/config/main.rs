@@ -4,6 +4,7 @@
 mod arbitrary;
 mod arming;
 mod document;
+mod ids;
 mod init;
 mod ipc_schedule;
 mod mistakes;

@@ -1,0 +1,40 @@
+//! Ids that two motors of a bus must not share.
+
+use crate::document::judge;
+
+/// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id; its 0x100 + id is a command to the motor itself.
+#[test]
+fn wrong_reply_id_suggests_vendor_default() {
+    for (model, default) in [("GIM8108-8", "0x102"), ("DM-J4340-2EC", "0x012")] {
+        let text = format!(
+            "[[bus]]\nname = 'leg'\ntype = 'simulated'\n[[motor]]\nname = 'knee'\nbus = 'leg'\nid = 2\nhost-id = 2\n\
+             protocol = 'mit'\nmodel = '{model}'\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
+             torque-nm = 5\ntorque-slew-nm-per-s = 50\n"
+        );
+        let error = judge(&text).expect_err("it is a command id").to_string();
+        assert!(error.contains(&format!("the default of this motor is {default}")), "{error}");
+    }
+}
+
+/// A RobStride motor 1 reads and writes its parameters at 0x301 and 0x401 (RS01 manual of 2026-04-28, section 6).
+#[test]
+fn reply_that_writes_a_parameter_is_refused() {
+    let text = |host_id: &str| {
+        let of = |name: &str, rest: &str| {
+            format!(
+                "[[motor]]\nname = '{name}'\nbus = 'leg'\nprotocol = 'mit'\n{rest}\n[motor.limits]\nposition-rad = [-1, 1]\n\
+                velocity-rad-s = 5\ntorque-nm = 5\ntorque-slew-nm-per-s = 50\n"
+            )
+        };
+        let [hip, knee] = [
+            of("hip", "id = 1\nmodel = 'RS01'"),
+            of("knee", &format!("id = 2\nmodel = 'GIM8108-8'\n{host_id}")),
+        ];
+        format!("[[bus]]\nname = 'leg'\ntype = 'simulated'\n{hip}{knee}")
+    };
+    assert!(judge(&text("")).is_ok());
+    for host_id in ["0x101", "0x201", "0x301", "0x401"] {
+        let error = judge(&text(&format!("host-id = {host_id}"))).expect_err(host_id).to_string();
+        assert!(error.contains("command id on the same bus"), "{error}");
+    }
+}
