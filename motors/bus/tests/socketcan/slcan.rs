@@ -61,11 +61,11 @@ impl Adapter {
     }
 
     /// Waits until the driver has written `text`.
-    fn must_be_told(&self, text: &str) {
-        let mut told = String::new();
-        while !told.contains(text) {
+    fn must_be_written(&self, text: &str) {
+        let mut written = String::new();
+        while !written.contains(text) {
             let byte = self.written.recv_timeout(Duration::from_secs(10));
-            told.push(char::from(byte.unwrap_or_else(|_| panic!("{text:?} is not in {told:?}"))));
+            written.push(char::from(byte.unwrap_or_else(|_| panic!("{text:?} is not in {written:?}"))));
         }
     }
 }
@@ -78,7 +78,7 @@ fn adapter_without_restart_is_set_up() {
     assert_eq!((bus.link().up, bus.link().bitrate, bus.link().restart_ms), (true, Some(BITRATE), Some(0)));
     let notes: Vec<LinkNote> = bus.link().notes(BITRATE).collect();
     assert_eq!(notes, [LinkNote::NoRestart(adapter.interface)]);
-    adapter.must_be_told("S8\rO\r");
+    adapter.must_be_written("S8\rO\r");
 }
 
 /// `slcand -o -s8` opens the adapter itself, and the driver does not know at which rate.
