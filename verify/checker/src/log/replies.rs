@@ -9,8 +9,9 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 
 /// Shares of the replies, and of the cycles, that must be as fast as without a disturbance: 50 and
-/// 99 of 100.
-const SHARES: [f64; 2] = [0.5, 0.99];
+/// 98 of 100. One reply in 100 answers a question for faults, up to 170 µs later than the others: the
+/// 99th of 100 lies on the edge between both, now on this side and now on the other.
+const SHARES: [f64; 2] = [0.5, 0.98];
 /// Share of the replies that a computer with the motors, the daemon and candump on one processor
 /// may miss by itself.
 const MISSED_SHARE: f64 = 1e-4;
@@ -254,7 +255,7 @@ impl std::fmt::Display for Comparison {
         let ([longest, longest_ill], [count, count_ill]) = (self.maxima, self.counts);
         write!(
             f,
-            "{half}, {most}, {longest} µs (50, 99, 100 % of {count}), ill {half_ill}, {most_ill}, {longest_ill} (of {count_ill})"
+            "{half}, {most}, {longest} µs (50, 98, 100 % of {count}), ill {half_ill}, {most_ill}, {longest_ill} (of {count_ill})"
         )
     }
 }
