@@ -6,6 +6,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+use motord::buses::claims::Claims;
 use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
@@ -99,7 +100,7 @@ fn daemon_process() {
     let daemon = Daemon::start(
         settings,
         None,
-        Buses { buses: opened, mismatched: Vec::new(), locks: Vec::new(), injectors: None },
+        Buses { buses: opened, mismatched: Vec::new(), claims: Claims::default(), injectors: None },
         &lock,
         None,
     )

@@ -6,6 +6,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
+use motord::buses::claims::Claims;
 use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
@@ -110,7 +111,7 @@ fn absurd_value_is_rejected_or_limited() {
     let opened = Buses {
         buses: vec![Box::new(bus.clone())],
         mismatched: Vec::new(),
-        locks: Vec::new(),
+        claims: Claims::default(),
         injectors: None,
     };
     let daemon = Daemon::start(settings, None, opened, &lock, None).unwrap();

@@ -15,6 +15,7 @@
 //! thread waits for signals and feeds the watchdog of systemd; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
+use crate::buses::claims::SharedClaims;
 use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::BusWatch;
@@ -46,7 +47,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
 /// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
@@ -159,7 +160,9 @@ impl Daemon {
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
         let (broken, hears_broken) = channel();
-        start_reconnector(&settings, &orders, Reconnector::new(supply), hears_broken)?;
+        let claims = Arc::new(Mutex::new(buses.claims));
+        let reconnector = Reconnector::new(supply, Arc::downgrade(&claims));
+        start_reconnector(&settings, &orders, reconnector, hears_broken)?;
         let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(&counters));
         let lost = directory.lost();
         let config = ConfigWatch::new(config, Arc::clone(&counters));
@@ -170,7 +173,7 @@ impl Daemon {
 
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
         cycle.on_begin(move |cycle| heartbeat.beat(cycle));
-        let (cycle, realtime) = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
+        let (cycle, realtime) = start_cycle(&settings, &orders, cycle, heartbeat, claims)?;
         start_registrar(&settings, lock.instance(), &orders, pulse, Arc::clone(&counters))?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
@@ -361,7 +364,7 @@ fn start_cycle(
     orders: &Arc<Orders>,
     mut cycle: Cycle,
     heartbeat: Heartbeat,
-    locks: Vec<motord_bus::BusLock>,
+    claims: SharedClaims,
 ) -> Result<(JoinHandle<()>, Vec<Step>), RunError> {
     let given = Arc::clone(orders);
     let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
@@ -369,7 +372,7 @@ fn start_cycle(
     let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
-        let _held = locks;
+        let _held = claims;
         let mut steps = prepare_thread(request);
         steps.push(tighten_timers());
         steps.push(lock_memory());

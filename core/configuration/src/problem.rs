@@ -140,6 +140,8 @@ pub enum Wrong {
     DevicePath { path: String },
     #[error("{name:?} is used by an earlier bus; two buses cannot share it")]
     DuplicateDevice { name: String },
+    #[error("{name:?} is another name of {other:?}, which an earlier bus uses; two buses cannot share it")]
+    OtherName { name: String, other: String },
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
     #[error(

@@ -78,8 +78,8 @@ impl Interfaces {
 
     /// From now on skips the interfaces that another process than `pid` drives: their motors are not those of a dead daemon.
     /// Returns that process, if there is one. Any user can hide the holder of a lock by many connections to it: such a holder
-    /// is another process if `unknown_is_other`. Allocates. Three system calls per interface, and a search for the path of a
-    /// serial port. Blocks only where it closes a serial port of ours: at most 50 ms for each.
+    /// is another process if `unknown_is_other`. Allocates. At most eight system calls per interface, and a search for the path
+    /// of a serial port. Blocks only where it closes a serial port of ours: at most 50 ms for each.
     pub fn leave_driven(&mut self, pid: i32, unknown_is_other: bool) -> Option<Holder> {
         let is_other = |holder: &Holder| match holder.0 {
             Some(holder) => holder.cast_signed() != pid,

@@ -13,12 +13,13 @@
 //!
 //! A simulated bus is never opened again: it comes back by itself when its fault ends, with the same motors.
 
-use crate::buses;
+use crate::buses::claims::Claims;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
 use motord_core::settings::{BusKind, Settings};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Mutex, Weak};
 
 /// The wait after a failed attempt. It doubles up to [`BACK_OFF_MAX`].
 const BACK_OFF: Duration = Duration::from_secs(1);
@@ -65,15 +66,16 @@ fn is_real(settings: &Settings, bus: usize) -> bool {
 /// Opens buses again.
 pub struct Reconnector {
     supply: Supply,
+    claims: Weak<Mutex<Claims>>,
     /// The last failure of each bus, by index: it is logged once.
     failures: BTreeMap<usize, String>,
 }
 
 impl Reconnector {
-    /// A reconnector that hands opened buses to `supply`.
+    /// A reconnector that hands opened buses to `supply`, and locks each in `claims` before it is opened.
     #[must_use]
-    pub const fn new(supply: Supply) -> Self {
-        Self { supply, failures: BTreeMap::new() }
+    pub const fn new(supply: Supply, claims: Weak<Mutex<Claims>>) -> Self {
+        Self { supply, claims, failures: BTreeMap::new() }
     }
 
     /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that cannot be opened is tried
@@ -109,7 +111,7 @@ impl Reconnector {
 
     fn reopen(&mut self, settings: &Settings, index: usize) -> bool {
         let name = &settings.buses[index].name;
-        match buses::open_one(settings, index) {
+        match Claims::reopen_shared(&self.claims, settings, index) {
             Ok(bus) => {
                 tracing::warn!(
                     bus = name,

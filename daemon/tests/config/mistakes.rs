@@ -261,6 +261,12 @@ const SERIAL: &[Case] = &[
         "bus.device",
         "two buses cannot share it",
     ),
+    (
+        "[[bus]]\nname = 'gripper'",
+        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/../dev/null'\n[[bus]]\nname = 'gripper'",
+        "bus.device",
+        "\"/dev/null\" is another name of \"/dev/../dev/null\"",
+    ),
 ];
 
 fn marked_line(text: &str) -> Option<usize> {

@@ -135,7 +135,7 @@ impl Running {
     fn new(settings: &Settings, broken: Sender<usize>) -> (Self, Reconnector) {
         let bus = |index: usize| -> Box<dyn Bus> {
             match settings.buses[index].kind {
-                BusKind::Serial { .. } => buses::open_one(settings, index).unwrap(),
+                BusKind::Serial { .. } => buses::open_one(settings, index).unwrap().0,
                 _ => Box::new(buses::simulate(settings, index, index as u64)),
             }
         };
@@ -145,7 +145,10 @@ impl Running {
         let supply = std::mem::replace(&mut ends.supply, link(1).1.supply);
         let tick = Tick { number: 1, at: clock::monotonic() + Duration::from_millis(2) };
         let client = LocalClient::new(ends);
-        (Self { cycle, client, tick, broken, can: Can::new() }, Reconnector::new(supply))
+        (
+            Self { cycle, client, tick, broken, can: Can::new() },
+            Reconnector::new(supply, std::sync::Weak::new()),
+        )
     }
 
     fn turn(&mut self, is_measured: bool) {

@@ -22,6 +22,8 @@ pub mod clock;
 #[cfg(feature = "conformance")]
 pub mod conformance;
 pub mod frame;
+#[cfg(feature = "linux")]
+mod identity;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 #[cfg(feature = "linux")]
 mod kernel;
@@ -38,6 +40,8 @@ mod virtual_clock;
 mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
+#[cfg(feature = "linux")]
+pub use identity::Identity;
 pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
 pub use lock::{BusLock, Holder, LockError};

@@ -3,6 +3,9 @@
 //! A lock is a listening Unix socket with an abstract name. There is no file that another process
 //! could delete or replace, and the name disappears with its process. Such names belong to a
 //! network namespace, as CAN interfaces do.
+//!
+//! A bus has two of them. One is for its [`Identity`], which is the same under all names of the bus.
+//! The other is for the name, and also holds while the interface or the device does not exist.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::Path;
@@ -12,6 +15,7 @@ use nix::sys::socket::{
     AddressFamily, Backlog, SockFlag, SockType, UnixAddr, bind, connect, getsockopt, listen, socket, sockopt,
 };
 
+use crate::identity::Identity;
 use crate::socketcan::InterfaceName;
 
 /// Most bytes of a device's path in the name of its lock, which may have 107 bytes. Only the end of
@@ -22,7 +26,17 @@ const NAME_BYTES_MAX: usize = 64;
 /// Released when dropped, and by the kernel when the process ends for any reason.
 #[derive(Debug)]
 pub struct BusLock {
-    _socket: OwnedFd,
+    bus: Named,
+    _name: OwnedFd,
+    /// The interface or device that had the name when the bus was last followed.
+    identity: Option<(Identity, OwnedFd)>,
+}
+
+/// A bus, as its user names it.
+#[derive(Debug, Clone)]
+enum Named {
+    Interface(InterfaceName),
+    Device(String),
 }
 
 /// Reason for which a bus could not be locked.
@@ -61,59 +75,125 @@ impl core::fmt::Display for Holder {
 }
 
 impl BusLock {
-    /// Locks `interface`. Every process in its network namespace may do so.
+    /// Locks `interface` under all its names. Every process in its network namespace may do so.
     ///
     /// # Errors
     ///
     /// [`LockError::Held`] with the holder; [`LockError::System`] when the kernel provides no
     /// socket.
     pub fn interface(interface: InterfaceName) -> Result<Self, LockError> {
-        Self::acquire(interface.as_str(), &name_of_interface(interface.as_str()))
+        Self::acquire(Named::Interface(interface))
     }
 
-    /// Locks the serial port `device`. A symbolic link is followed: a device has one lock under all its names.
+    /// Locks the serial port `device` under all its names.
     ///
     /// # Errors
     ///
     /// As [`interface`](Self::interface).
     pub fn device(device: &str) -> Result<Self, LockError> {
-        Self::acquire(device, &name_of_device(device))
+        Self::acquire(Named::Device(device.to_owned()))
     }
 
     /// Returns the holder of the CAN interface `interface`; `None` when it is free. Neither blocks
-    /// nor waits for the holder; three system calls.
+    /// nor waits for the holder; at most eight system calls.
     #[must_use]
     pub fn holder_of_interface(interface: &str) -> Option<Holder> {
-        holder(&UnixAddr::new_abstract(&name_of_interface(interface)).ok()?)
+        interface.parse().ok().and_then(|interface| Named::Interface(interface).holder())
     }
 
     /// Returns the holder of the serial port `device`; `None` when it is free. Like
     /// [`holder_of_interface`](Self::holder_of_interface), and it resolves the path.
     #[must_use]
     pub fn holder_of_device(device: &str) -> Option<Holder> {
-        holder(&UnixAddr::new_abstract(&name_of_device(device)).ok()?)
+        Named::Device(device.to_owned()).holder()
     }
 
-    fn acquire(bus: &str, name: &[u8]) -> Result<Self, LockError> {
-        let failed = |errno| LockError::System { bus: bus.to_owned(), errno };
+    /// Also locks the interface or device that has the name now, if it is not the one that is
+    /// locked. The lock of the previous one is then released. Without an interface or device
+    /// nothing changes. Call it before a bus is opened again: a reconnected adapter has another
+    /// index or device number.
+    ///
+    /// # Errors
+    ///
+    /// As [`interface`](Self::interface). The previous lock stays.
+    pub fn follow(&mut self) -> Result<(), LockError> {
+        let Some(current) = self.bus.identity() else { return Ok(()) };
+        if self.identity.as_ref().is_none_or(|(held, _)| *held != current) {
+            let socket = self.bus.lock(&name_of(current))?;
+            self.identity = Some((current, socket));
+        }
+        Ok(())
+    }
+
+    /// Returns whether this lock is of the interface with `index`.
+    #[must_use]
+    pub fn is_of_interface(&self, index: u32) -> bool {
+        self.identity.as_ref().is_some_and(|(held, _)| *held == Identity::Interface(index))
+    }
+
+    fn acquire(bus: Named) -> Result<Self, LockError> {
+        let mut lock = Self { _name: bus.lock(&bus.name_of_path())?, bus, identity: None };
+        lock.follow()?;
+        Ok(lock)
+    }
+}
+
+impl Named {
+    fn identity(&self) -> Option<Identity> {
+        match self {
+            Self::Interface(interface) => Identity::of_interface(interface.as_str()),
+            Self::Device(device) => Identity::of_device(device),
+        }
+    }
+
+    fn text(&self) -> &str {
+        match self {
+            Self::Interface(interface) => interface.as_str(),
+            Self::Device(device) => device,
+        }
+    }
+
+    fn name_of_path(&self) -> Vec<u8> {
+        match self {
+            Self::Interface(interface) => [b"motord/can/", interface.as_str().as_bytes()].concat(),
+            Self::Device(device) => name_of_device(device),
+        }
+    }
+
+    /// The process that drives the interface or device, else the one that waits for its name.
+    fn holder(&self) -> Option<Holder> {
+        let names = self.identity().map(name_of).into_iter().chain([self.name_of_path()]);
+        names.filter_map(|name| holder(&UnixAddr::new_abstract(&name).ok()?)).next()
+    }
+
+    fn lock(&self, name: &[u8]) -> Result<OwnedFd, LockError> {
+        let bus = || self.text().to_owned();
+        let failed = |errno| LockError::System { bus: bus(), errno };
         let address = UnixAddr::new_abstract(name).map_err(failed)?;
         let socket = open().map_err(failed)?;
         match bind(socket.as_raw_fd(), &address) {
             Ok(()) => {}
             Err(Errno::EADDRINUSE) => {
                 let holder = holder(&address).unwrap_or(Holder(None));
-                return Err(LockError::Held { bus: bus.to_owned(), holder });
+                return Err(LockError::Held { bus: bus(), holder });
             }
             Err(errno) => return Err(failed(errno)),
         }
         // Each side of a connection sees the other's credentials.
         listen(&socket, Backlog::MAXCONN).map_err(failed)?;
-        Ok(Self { _socket: socket })
+        Ok(socket)
     }
 }
 
-fn name_of_interface(interface: &str) -> Vec<u8> {
-    [b"motord/can/", interface.as_bytes()].concat()
+fn name_of(identity: Identity) -> Vec<u8> {
+    match identity {
+        Identity::Interface(index) => format!("motord/can-index/{index}"),
+        Identity::Device { number, terminals: None } => format!("motord/serial-number/{number:x}"),
+        Identity::Device { number, terminals: Some(place) } => {
+            format!("motord/serial-number/{number:x}/{place:x}")
+        }
+    }
+    .into_bytes()
 }
 
 fn name_of_device(device: &str) -> Vec<u8> {
@@ -164,6 +244,45 @@ mod tests {
         assert!(refused.to_string().contains(&std::process::id().to_string()));
         drop(first);
         BusLock::interface(name).unwrap();
+    }
+
+    /// A terminal and a node of the same device number elsewhere, as a container or `mknod` makes them.
+    #[test]
+    fn device_number_is_locked_under_every_path() {
+        let directory = tempfile::tempdir().unwrap();
+        let node = directory.path().join("leg");
+        let made = std::process::Command::new("mknod").arg(&node).args(["c", "1", "3"]).status().unwrap();
+        if !made.success() {
+            println!("skipped: mknod needs root");
+            return;
+        }
+        let held = BusLock::device("/dev/null").unwrap();
+        let node = node.to_str().unwrap();
+        let holder = Holder(Some(std::process::id()));
+        assert_eq!(BusLock::holder_of_device(node), Some(holder));
+        assert_eq!(BusLock::device(node).unwrap_err(), LockError::Held { bus: node.into(), holder });
+        drop(held);
+        BusLock::device(node).unwrap();
+    }
+
+    #[test]
+    fn lock_follows_device_to_its_new_number() {
+        use std::os::unix::fs::symlink;
+        let directory = tempfile::tempdir().unwrap();
+        let adapter = directory.path().join("adapter");
+        let (first, second) = ("/dev/zero", "/dev/full");
+        symlink(first, &adapter).unwrap();
+        let mut lock = BusLock::device(adapter.to_str().unwrap()).unwrap();
+        std::fs::remove_file(&adapter).unwrap();
+        lock.follow().unwrap();
+        assert!(BusLock::holder_of_device(first).is_some(), "an absent device stays locked");
+        symlink(second, &adapter).unwrap();
+        let other = BusLock::device(second).unwrap();
+        assert!(matches!(lock.follow(), Err(LockError::Held { .. })));
+        assert!(BusLock::holder_of_device(first).is_some(), "a refused change releases nothing");
+        drop(other);
+        lock.follow().unwrap();
+        assert!(matches!(BusLock::device(second), Err(LockError::Held { .. })));
     }
 
     #[test]

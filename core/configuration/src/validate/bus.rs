@@ -3,6 +3,7 @@
 use std::num::NonZero;
 use std::path::Path;
 
+use motord_bus::Identity;
 use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
@@ -28,7 +29,30 @@ pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Opt
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "bus" });
     let devices = items.iter().flat_map(|bus| [&bus.keys.interface, &bus.keys.device]);
     findings.unique(devices, |name| Wrong::DuplicateDevice { name });
+    refuse_other_names(items, findings);
     items.iter().map(|bus| self::bus(&bus.keys, findings)).collect()
+}
+
+/// Reports an interface or a device that an earlier bus has under another name. What does not exist
+/// on this machine now has no other names.
+fn refuse_other_names(items: &[Item<Bus>], findings: &mut Findings<'_>) {
+    let mut seen: Vec<(Identity, &str)> = Vec::new();
+    for Item { keys, .. } in items {
+        let (entry, identity): (_, fn(&str) -> _) = match keys.kind.value {
+            Some(BusType::SocketCan) => (&keys.interface, Identity::of_interface),
+            Some(BusType::Serial) => (&keys.device, Identity::of_device),
+            Some(BusType::Simulated) | None => continue,
+        };
+        let Some(name) = entry.value.as_deref() else { continue };
+        let Some(identity) = identity(name) else { continue };
+        match seen.iter().find(|(known, other)| *known == identity && *other != name) {
+            Some((_, other)) => {
+                let (name, other) = (name.to_owned(), (*other).to_owned());
+                findings.error(entry.at, Wrong::OtherName { name, other });
+            }
+            None => seen.push((identity, name)),
+        }
+    }
 }
 
 fn bus(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusSettings> {

@@ -1,0 +1,116 @@
+//! Opens one bus.
+
+use super::physics::simulate;
+use motord_bus::serial::{self, SerialBus};
+use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
+use motord_bus::{Bus, Duration, LockError};
+use motord_core::drive;
+use motord_core::plan::BusPlan;
+use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
+
+/// Why a bus could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The CAN interface cannot be used.
+    #[error("bus {bus}: {source}")]
+    Open {
+        /// The bus.
+        bus: String,
+        /// Why.
+        source: socketcan::OpenError,
+    },
+    /// The serial port cannot be used.
+    #[error("bus {bus}: {source}")]
+    Port {
+        /// The bus.
+        bus: String,
+        /// Why.
+        source: serial::OpenError,
+    },
+    /// Another daemon uses the interface or the port.
+    #[error("bus {bus}: {source}")]
+    Lock {
+        /// The bus.
+        bus: String,
+        /// The lock, and who holds it.
+        source: LockError,
+    },
+    /// Another interface got the name while it was opened.
+    #[error("bus {bus}: its interface was exchanged while it was opened")]
+    Exchanged {
+        /// The bus.
+        bus: String,
+    },
+    /// The text is no name of an interface.
+    #[error("bus {bus}: `{interface}` is no interface name: use one that `ip link` lists")]
+    Name {
+        /// The bus.
+        bus: String,
+        /// The name in the configuration.
+        interface: String,
+    },
+}
+
+/// A bus, and the index of its CAN interface.
+pub(super) type Opened = (Box<dyn Bus>, Option<u32>);
+
+/// Opens one bus, for the first time or again. A serial port must be closed before it is opened again.
+///
+/// # Errors
+///
+/// Why it cannot be opened.
+pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
+    let bus = &settings.buses[index];
+    match &bus.kind {
+        BusKind::Simulated { seed, .. } => Ok((Box::new(simulate(settings, index, *seed)), None)),
+        BusKind::SocketCan { interface, bitrate } => {
+            let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+            let host_ids = motors.map(|motor| motor.host_id).collect();
+            let interface = interface_name(bus, interface)?;
+            let settings = socketcan::Settings { interface, bitrate: *bitrate, host_ids };
+            match SocketCanBus::open(&settings) {
+                Ok(opened) => {
+                    for note in opened.link().notes(*bitrate) {
+                        tracing::warn!(bus = bus.name, see = "adapter", "{note}");
+                    }
+                    let index = opened.link().index;
+                    Ok((Box::new(opened), Some(index)))
+                }
+                Err(source) => Err(BusError::Open { bus: bus.name.clone(), source }),
+            }
+        }
+        BusKind::Serial { .. } => match SerialBus::open(&line(settings, index)) {
+            Ok(bus) => Ok((Box::new(bus), None)),
+            Err(source) => Err(BusError::Port { bus: bus.name.clone(), source }),
+        },
+    }
+}
+
+/// The serial line with this index. A request is given up a while before the plan has the next one sent.
+#[must_use]
+pub fn line(settings: &Settings, index: usize) -> serial::Settings {
+    let address = |motor: &MotorSettings| serial::Address {
+        id: motor.id,
+        host_id: u8::try_from(motor.host_id.raw()).ok(),
+    };
+    let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+    let device = match &settings.buses[index].kind {
+        BusKind::Serial { device, .. } => device.clone(),
+        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => String::new(),
+    };
+    serial::Settings {
+        device,
+        baud: settings.buses[index].kind.bitrate(),
+        addresses: motors.map(address).collect(),
+        reply_timeout: reply_timeout(&BusPlan::of(settings)[index]),
+        answers: drive::repeats,
+    }
+}
+
+fn reply_timeout(plan: &BusPlan) -> Duration {
+    plan.transaction_worst * 3 / 4
+}
+
+pub(super) fn interface_name(bus: &BusSettings, interface: &str) -> Result<InterfaceName, BusError> {
+    interface.parse().map_err(|_| BusError::Name { bus: bus.name.clone(), interface: interface.to_owned() })
+}
