@@ -396,7 +396,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// The refusals about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 13] = [
+    const OF_A_JOINT: [Refusal; 14] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
@@ -408,6 +408,7 @@ mod tests {
         Refusal::NotConfirmed,
         Refusal::DuplicateId,
         Refusal::Moving,
+        Refusal::TooSoon,
         Refusal::Excluded,
         Refusal::Mismatch,
     ];

@@ -25,7 +25,8 @@ const SEEDS: u64 = 300;
 /// Length of each run, s of robot time.
 const SECONDS: u64 = 2;
 /// Most cycles that an operator and a well-behaved controller need after the end of the faults.
-const ARMABLE_CYCLES: u32 = 1000;
+/// A zero of the time of the faults delays the next one by ten seconds.
+const ARMABLE_CYCLES: u32 = 1000 + 10_000;
 
 /// Interval at which buses that the cycle has given up are opened again.
 const REOPEN_CYCLES: u64 = 100;

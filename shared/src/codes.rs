@@ -234,6 +234,7 @@ codes! {
         Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log names the difference; `motorctl setup` compares all of them.",
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
         OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
+        TooSoon = 28 "too-soon" "The zero of this joint was set less than ten seconds ago, and each zero is a write to the flash of its motor: wait.",
     }
 }
 
@@ -296,6 +297,7 @@ impl Refusal {
             | Self::NotConfirmed
             | Self::DuplicateId
             | Self::Moving
+            | Self::TooSoon
             | Self::Mismatch
             | Self::Excluded => Detail::Joint,
             Self::NotOwner
@@ -326,6 +328,7 @@ impl Refusal {
             | Self::Busy
             | Self::NotConfirmed
             | Self::ShuttingDown
+            | Self::TooSoon
             | Self::Moving => true,
             Self::UnknownOperation
             | Self::UnknownGroup

@@ -3,7 +3,7 @@
 use super::answers::{Refused, reply};
 use super::asker::{Asker, Right};
 use super::group::Group;
-use super::motor::{Kind, Motor, ServiceRequest};
+use super::motor::{Kind, Motor};
 use super::{Control, Place};
 use core::ops::Range;
 use motord_bus::Instant;
@@ -271,8 +271,8 @@ impl Control {
 
     fn serve(&mut self, kind: Kind, ticket: u32, joint: usize) -> Result<(), Refused> {
         let Place { group, place } = self.may_serve(kind, joint)?;
-        let service = ServiceRequest::new(kind, ticket, self.context.now);
-        self.groups[group].motors[place].request = Some(service);
+        let now = self.context.now;
+        self.groups[group].motors[place].serve(kind, ticket, now);
         Ok(())
     }
 
@@ -291,6 +291,9 @@ impl Control {
             // The next state of a moving joint would not confirm its zero.
             (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {
                 Err(Refused::joint(Refusal::Moving, joint))
+            }
+            (_, Kind::SetZero) if motor.was_zeroed(self.context.now) => {
+                Err(Refused::joint(Refusal::TooSoon, joint))
             }
             _ => Ok(place),
         }

@@ -232,3 +232,23 @@ fn set_zero_of_silent_motor_is_finally_refused() {
     let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
     assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotConfirmed);
 }
+
+/// A zero is stored in flash, which endures some ten thousand writes.
+#[test]
+fn repeated_zeros_spare_the_flash() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    let zero = |robot: &mut Robot, joint| {
+        robot.ask(AdminRequest { operation: Operation::SetZero.code(), joint, ..Default::default() })
+    };
+    zero(&mut robot, 0).unwrap();
+    zero(&mut robot, 1).unwrap();
+    robot.take_sent();
+    for _ in 0..20 {
+        assert_eq!(zero(&mut robot, 0).unwrap_err(), Refusal::TooSoon);
+        robot.steps(100);
+    }
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning != Meaning::SetZero));
+    robot.steps(8000);
+    zero(&mut robot, 0).unwrap();
+}

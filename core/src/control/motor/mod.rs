@@ -13,7 +13,7 @@ mod turn;
 
 pub use limit::{Applied, Circumstances, damp, limit};
 pub(super) use orders::Orders;
-pub(super) use service::{Kind, ServiceRequest};
+pub(super) use service::Kind;
 pub(super) use turn::Turn;
 
 use super::answers::Refused;
@@ -28,7 +28,7 @@ use motord_protocol::Faults;
 use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
 use plausibility::{Credibility, Expectation, Plausibility};
 use replies::Replies;
-use service::ZERO_TOLERANCE;
+use service::{ServiceRequest, ZERO_PAUSE, ZERO_TOLERANCE};
 
 /// A motor that has been silent for this many turns is asked for its faults instead.
 const SILENT_TURNS: u32 = 5;
@@ -53,6 +53,8 @@ pub(super) struct Motor {
     applied: Applied,
     /// A request of an operator that is under way.
     pub(super) request: Option<ServiceRequest>,
+    /// When the last request to set its zero was accepted.
+    zero_requested: Option<Instant>,
     heat: Heat,
     faults: FaultWatch,
     /// The motor was started and has not confirmed a stop since.
@@ -86,6 +88,7 @@ impl Motor {
             measured_at: Instant::ZERO,
             applied: Applied::NEUTRAL,
             request: None,
+            zero_requested: None,
             heat: Heat::of(settings),
             faults: FaultWatch::default(),
             may_run: false,
@@ -400,6 +403,19 @@ impl Motor {
         if let Some(request) = &mut self.request {
             request.sent = false;
         }
+    }
+
+    /// Begins a request of an operator.
+    pub(super) fn serve(&mut self, kind: Kind, ticket: u32, now: Instant) {
+        self.request = Some(ServiceRequest::new(kind, ticket, now));
+        if kind == Kind::SetZero {
+            self.zero_requested = Some(now);
+        }
+    }
+
+    /// Returns whether its flash is spared until later: its zero was set a moment ago.
+    pub(super) fn was_zeroed(&self, now: Instant) -> bool {
+        self.zero_requested.is_some_and(|at| now.since(at) < ZERO_PAUSE)
     }
 
     /// Refuses a request whose deadline has passed.

@@ -12,6 +12,9 @@ use motord_bus::{Duration, Instant};
 
 /// Setting the zero writes flash: drives of this family are silent for up to 1.5 s.
 const ZERO_TIME: Duration = Duration::from_secs(3);
+/// Least time between two zeros of a motor. Each is a write to its flash, which endures some ten
+/// thousand of them; a program in a loop would reach that in minutes.
+pub(crate) const ZERO_PAUSE: Duration = Duration::from_secs(10);
 const CLEAR_TIME: Duration = Duration::from_secs(1);
 /// A motor at its new zero reports a position below this, rad.
 pub(super) const ZERO_TOLERANCE: f32 = 0.01;
