@@ -31,9 +31,15 @@ use options::{AnsweredCommand, Constants, Direction, FrameProtocol};
 use output::ObjectWriter;
 use rejected::Rejected;
 use robot::LoggedRobot;
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::PathBuf;
 use strict::Strict;
+
+/// Limit on a line of standard input, bytes. A frame has at most a few hundred; the rest of a longer
+/// line is skipped.
+const LINE_BYTES_MAX: usize = 4096;
+/// Limit on the objects of standard input, and on one of its lines, bytes.
+const INPUT_BYTES_MAX: u64 = 64 << 20;
 
 /// The two directions of conversion.
 #[derive(Debug, Subcommand)]
@@ -131,13 +137,12 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
     let Decode { protocol, direction, constants, asked, config, frames } = arguments;
     if let Some(path) = config {
         let mut robot = LoggedRobot::read(path, *protocol)?;
-        for_each_line(frames, |line| report.object(robot.decode(line)))?;
+        for_each_line(frames, &mut report, |line| robot.decode(line))?;
     } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
         let (profile, scale) = (constants.profile.profile, constants.scale()?);
         let reading = Codec { protocol, direction, asked: *asked, profile, scale };
-        for_each_line(frames, |line| {
-            report.object(hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes)))
-        })?;
+        let decode = |line: &str| hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes));
+        for_each_line(frames, &mut report, decode)?;
     }
     report.finish()
 }
@@ -148,7 +153,7 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     let (profile, scale) = (arguments.constants.profile.profile, arguments.constants.scale()?);
     let reading = Codec { protocol, direction, asked: AnsweredCommand::State, profile, scale };
     for argument in &arguments.objects {
-        let text = if argument == "-" { io::read_to_string(io::stdin())? } else { argument.clone() };
+        let text = if argument == "-" { read_input()? } else { argument.clone() };
         for given in serde_json::Deserializer::from_str(&text).into_iter::<Strict>() {
             let object = given.map_err(Rejected::Json).and_then(Object::given);
             let bytes = object.and_then(|object| reading.encode(object, arguments.mit_safe));
@@ -158,23 +163,87 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     report.finish()
 }
 
-/// Calls `act` with every argument; for `-`, with every line of standard input that is not blank.
+/// Prints the object of every argument; for `-`, of every line of standard input that is not blank.
+/// Prints each immediately if no further line has arrived.
 fn for_each_line(
     arguments: &[String],
-    mut act: impl FnMut(&str) -> Result<(), io::Error>,
+    report: &mut ObjectWriter,
+    mut decode: impl FnMut(&str) -> Result<Object, Rejected>,
 ) -> Result<(), io::Error> {
     for argument in arguments {
         if argument != "-" {
-            act(argument)?;
+            report.object(decode(argument))?;
             continue;
         }
-        for line in io::stdin().lock().split(b'\n') {
-            let line = line?;
-            let line = String::from_utf8_lossy(&line);
-            if !line.trim().is_empty() {
-                act(line.trim())?;
+        let (mut input, mut line) = (BufReader::new(io::stdin().lock()), Vec::new());
+        while read_line(&mut input, &mut line)? {
+            let text = String::from_utf8_lossy(&line);
+            if !text.trim().is_empty() {
+                report.object(decode(text.trim()))?;
+            }
+            if !input.buffer().contains(&b'\n') {
+                report.flush()?;
             }
         }
     }
     Ok(())
+}
+
+/// Replaces `line` by the next line, of which it keeps [`LINE_BYTES_MAX`] bytes. Returns `false` at
+/// the end of the input. A line of more than [`INPUT_BYTES_MAX`] bytes is an error: it may have no
+/// end.
+fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<bool> {
+    line.clear();
+    let (mut is_begun, mut skipped) = (false, 0);
+    loop {
+        let arrived = input.fill_buf()?;
+        if arrived.is_empty() {
+            return Ok(is_begun);
+        }
+        is_begun = true;
+        let end = arrived.iter().position(|byte| *byte == b'\n');
+        let (part, used) = end.map_or((arrived, arrived.len()), |end| (&arrived[..end], end + 1));
+        let kept = part.len().min(LINE_BYTES_MAX - line.len());
+        line.extend_from_slice(&part[..kept]);
+        skipped += (part.len() - kept) as u64;
+        input.consume(used);
+        if skipped > INPUT_BYTES_MAX {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "a line has no end: this is no text"));
+        }
+        if end.is_some() {
+            return Ok(true);
+        }
+    }
+}
+
+/// Returns the objects on standard input, whole.
+fn read_input() -> io::Result<String> {
+    let mut text = String::new();
+    io::stdin().take(INPUT_BYTES_MAX + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > INPUT_BYTES_MAX {
+        let reason = "the input is larger than 64 MiB: encode it in parts";
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endless_line_is_cut_and_next_one_whole() {
+        let long = vec![b'A'; 10 * LINE_BYTES_MAX];
+        let text = [b"01\n\n", &long[..], b"\n02"].concat();
+        let mut input = BufReader::with_capacity(1000, &text[..]);
+        let (mut line, mut lengths) = (Vec::new(), Vec::new());
+        while read_line(&mut input, &mut line).is_ok_and(|is_line| is_line) {
+            lengths.push(line.len());
+        }
+        assert_eq!(lengths, [2, 0, LINE_BYTES_MAX, 2]);
+        assert_eq!(line, b"", "the end of the input");
+        let mut endless = BufReader::new(io::repeat(0));
+        assert!(read_line(&mut endless, &mut line).is_err());
+        assert!(line.len() <= LINE_BYTES_MAX);
+    }
 }

@@ -6,8 +6,7 @@ use crate::hlog;
 use crate::snapshot::{Histograms, percentiles};
 use crate::table;
 use hdrhistogram::Histogram;
-use motord_terminal::Table;
-use std::fs::File;
+use motord_terminal::{Table, open_regular};
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -90,7 +89,7 @@ impl Run {
 
 fn bytes(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let mut file = File::open(path)?.take(FILE_BYTES_MAX + 1);
+    let mut file = open_regular(path)?.take(FILE_BYTES_MAX + 1);
     file.read_to_end(&mut bytes)?;
     if bytes.len() as u64 > FILE_BYTES_MAX {
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, "it is larger than 4 GiB"));

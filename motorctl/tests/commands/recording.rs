@@ -180,3 +180,19 @@ fn failing_disk_loses_only_that_file() {
     let files = daemon::until("the file", || Some(recorder.files()).filter(|files| files.len() == 1));
     assert!(files[0].ends_with("-emergency-stop.mcap"), "{files:?}");
 }
+
+/// A pipe may never get a writer, and a device may have no end.
+#[test]
+fn pipes_and_devices_are_no_recordings() {
+    let directory = tempfile::tempdir().unwrap();
+    let pipe = directory.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for path in [pipe.to_str().unwrap(), "/dev/zero"] {
+        for command in [&["plot", path, "hip"][..], &["replay", path], &["latency", path]] {
+            let output =
+                std::process::Command::new(env!("CARGO_BIN_EXE_motorctl")).args(command).output().unwrap();
+            let is_named = said(&output).contains("no regular file");
+            assert!(is_named && status(&output) != 0, "{command:?}: {}", said(&output));
+        }
+    }
+}

@@ -1,5 +1,5 @@
-//! The terminal side of all programs: tables, colours, JSON lines, signals, exit statuses,
-//! shell completions and manual pages.
+//! The terminal side of all programs: tables, colours, JSON lines, signals, exit statuses, input
+//! files, shell completions and manual pages.
 
 #![forbid(unsafe_code)]
 
@@ -8,11 +8,13 @@ pub mod exit_status;
 mod interrupt;
 pub mod json;
 mod pages;
+mod regular;
 mod table;
 mod text;
 
 pub use absence::Absence;
 pub use interrupt::Interrupt;
 pub use pages::{Pages, Shell};
+pub use regular::open_regular;
 pub use table::{Cell, Colour, Palette, Table};
 pub use text::{number, printable, within};
