@@ -13,6 +13,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 use tracing_subscriber::filter::LevelFilter;
 
 /// Owns every motor of a legged robot: cycles them at a fixed rate, and serves controllers through shared memory.
@@ -37,6 +38,10 @@ enum Command {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
+        /// Wait at most this time for interfaces and ports that are missing or down, s. The service waits for 10 minutes: an
+        /// adapter may be plugged in after the computer has started.
+        #[arg(long, value_name = "SECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=86_400))]
+        wait_for_buses: u32,
     },
     /// Run the dead man's switch of the instance: damp and stop its motors when the daemon dies or stalls.
     Deadman {
@@ -103,7 +108,10 @@ fn main() -> ExitCode {
         Command::Pages(pages) => {
             ended(pages.write(Arguments::command()), |_| exit_status::IO, &mut std::io::stderr())
         }
-        Command::Run { config } => logged(log, || motord::commands::run::run(&config), RunError::exit_status),
+        Command::Run { config, wait_for_buses } => {
+            let patience = Duration::from_secs(wait_for_buses.into());
+            logged(log, || motord::commands::run::run(&config, patience), RunError::exit_status)
+        }
         Command::Deadman { config } => {
             logged(log, || motord_deadman::run(&config), DeadmanError::exit_status)
         }

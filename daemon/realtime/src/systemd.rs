@@ -8,7 +8,13 @@ const STOP_MARGIN: Duration = Duration::from_secs(3);
 
 /// Reports that the start is over.
 pub fn ready() {
-    send(&[NotifyState::Ready]);
+    send(&[NotifyState::Ready, NotifyState::Status("")]);
+}
+
+/// Reports what the start waits for, and requests `time` until the next report.
+pub fn waiting(reason: &str, time: Duration) {
+    let micros = u32::try_from(time.as_micros()).unwrap_or(u32::MAX);
+    send(&[NotifyState::Status(reason), NotifyState::ExtendTimeoutUsec(micros)]);
 }
 
 /// Feeds the watchdog.

@@ -7,6 +7,7 @@ use motord_bus::{Bus, Duration, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
+use nix::errno::Errno;
 
 /// Why a bus could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +50,23 @@ pub enum BusError {
         /// The name in the configuration.
         interface: String,
     },
+}
+
+impl BusError {
+    /// Returns `true` when the interface or port may come by itself, such as when an adapter is plugged in.
+    #[must_use]
+    pub const fn may_pass(&self) -> bool {
+        use socketcan::OpenError::{Down, Missing};
+        match self {
+            Self::Exchanged { .. }
+            | Self::Open { source: Missing(_) | Down { .. }, .. }
+            | Self::Port { source: serial::OpenError::Missing { .. }, .. }
+            | Self::Lock { source: LockError::System { errno: Errno::ENOENT | Errno::ENODEV, .. }, .. } => {
+                true
+            }
+            _ => false,
+        }
+    }
 }
 
 /// A bus, and the index of its CAN interface.

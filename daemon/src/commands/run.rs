@@ -1,12 +1,13 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::arming;
-use crate::buses;
+use crate::buses::{self, BusError, Buses};
 use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
-use motord_bus::Duration;
+use motord_bus::{Duration, clock};
 use motord_configuration as config;
+use motord_core::settings::Settings;
 use motord_metrics::{Outputs, Wanted};
 use motord_ports::instance::{Displaced, Instance};
 use motord_realtime::descriptors::raise_descriptors;
@@ -19,13 +20,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 const SIGNAL_TURN: Duration = Duration::from_millis(20);
+/// Interval of looking for a missing bus.
+const WAIT_TURN: Duration = Duration::from_millis(500);
 
-/// Runs the daemon until a signal ends it.
+/// Runs the daemon until a signal ends it. Waits for at most `patience` for buses that are missing or down.
 ///
 /// # Errors
 ///
 /// Why it could not start, or why it ended by itself.
-pub fn run(path: &Path) -> Result<(), RunError> {
+pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
     let config::Loaded { settings, telemetry, warnings, hash, .. } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let descriptors = raise_descriptors()?;
@@ -34,7 +37,7 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     for Displaced { path, owner } in lock.displaced() {
         tracing::warn!("{} of user {owner} was in the way, and is removed", path.display());
     }
-    let mut buses = buses::open(&settings)?;
+    let mut buses = await_buses(&settings, patience)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
@@ -59,6 +62,25 @@ pub fn run(path: &Path) -> Result<(), RunError> {
         std::thread::sleep(SIGNAL_TURN);
     }
     daemon.end()
+}
+
+/// Opens the buses. For at most `patience`, waits for those that are missing or down, and reports each once.
+fn await_buses(settings: &Settings, patience: Duration) -> Result<Buses, BusError> {
+    let end = clock::monotonic() + patience;
+    let mut reported = String::new();
+    loop {
+        let error = match buses::open(settings) {
+            Err(error) if error.may_pass() && clock::monotonic() < end => error.to_string(),
+            outcome => return outcome,
+        };
+        systemd::waiting(&error, 4 * WAIT_TURN);
+        if error != reported {
+            let seconds = patience.as_secs_f64();
+            tracing::warn!(see = "gone", "{error}; waiting for it, at most {seconds:.0} s");
+            reported = error;
+        }
+        std::thread::sleep(WAIT_TURN);
+    }
 }
 
 /// The one line of a start. `size` is the number of buses and of motors, and the rate in Hz.

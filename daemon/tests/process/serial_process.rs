@@ -195,3 +195,21 @@ fn driven_line_refuses_second_daemon_and_safe_stop() {
         assert!(text(&output).contains(&holder), "{command}: {}", text(&output));
     }
 }
+
+#[test]
+fn daemon_waits_for_adapter_that_comes_later() {
+    let arm = Arm::new();
+    let unplugged = format!("{}.unplugged", arm.device);
+    fs::rename(&arm.device, &unplugged).unwrap();
+    let impatient = arm.motord("run", "one").output().unwrap();
+    assert_eq!(impatient.status.code(), Some(69), "{impatient:?}");
+    let mut motord = arm.motord("run", "one");
+    let mut child = motord.args(["--wait-for-buses", "60"]).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(log.any(|line| line.contains("waiting for it, at most 60 s")));
+    fs::rename(&unplugged, &arm.device).unwrap();
+    let is_ready = log.any(|line| line.contains(" ready "));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(is_ready, "the daemon did not start");
+}
