@@ -8,20 +8,27 @@ pub struct BusWatch {
     broken: Sender<usize>,
     /// The buses that are off since the last [`report_off`](Self::report_off).
     off: Vec<usize>,
+    /// The buses whose interfaces are down.
+    down: Vec<usize>,
 }
 
 impl BusWatch {
     /// Reports to `broken`.
     #[must_use]
     pub const fn new(broken: Sender<usize>) -> Self {
-        Self { broken, off: Vec::new() }
+        Self { broken, off: Vec::new(), down: Vec::new() }
     }
 
-    /// Takes in the condition of a bus. One that is gone is reported now.
+    /// Takes in the condition of a bus. Reports one that is gone, and one that was down and is up again: it may have another bit
+    /// rate, or be in listen-only mode, which opening it checks.
     pub fn record(&mut self, bus: usize, condition: BusCondition) {
         self.off.retain(|off| *off != bus);
+        let was_down = self.down.contains(&bus);
+        self.down.retain(|down| *down != bus);
         match condition {
             BusCondition::Gone => self.report(bus),
+            BusCondition::Down => self.down.push(bus),
+            _ if was_down => self.report(bus),
             BusCondition::Off => self.off.push(bus),
             _ => {}
         }
@@ -54,5 +61,18 @@ mod tests {
         watch.report_off();
         watch.report_off();
         assert_eq!(reports.try_iter().collect::<Vec<_>>(), [1]);
+    }
+
+    #[test]
+    fn interface_that_was_down_is_checked_again() {
+        let (broken, reports) = channel();
+        let mut watch = BusWatch::new(broken);
+        watch.record(0, BusCondition::Down);
+        watch.record(0, BusCondition::Down);
+        assert_eq!(reports.try_iter().count(), 0);
+        watch.record(1, BusCondition::Active);
+        watch.record(0, BusCondition::Active);
+        watch.record(0, BusCondition::Warning);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [0]);
     }
 }

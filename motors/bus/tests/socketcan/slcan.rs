@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::fs::File;
-use std::io::Read;
+use std::io::{BufReader, Read};
 use std::os::fd::OwnedFd;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -46,7 +46,7 @@ impl Adapter {
         };
         let (sender, written) = channel();
         std::thread::spawn(move || {
-            let bytes = File::from(pair.master).bytes();
+            let bytes = BufReader::new(File::from(pair.master)).bytes();
             bytes.map_while(Result::ok).try_for_each(|byte| sender.send(byte))
         });
         Self { interface, written, _slave: pair.slave }
