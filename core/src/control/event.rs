@@ -1,5 +1,6 @@
 //! Events of the cycle for the log: codes, never text. The telemetry thread writes the text.
 
+use motord_bus::Duration;
 use motord_shared::{BusCondition, Cause, MotorMode, Phase};
 
 /// An event for the log.
@@ -30,6 +31,13 @@ pub enum Event {
         group: usize,
         /// The new one.
         phase: Phase,
+    },
+    /// The setpoints of a group timed out. Its stop follows.
+    SetpointPeriod {
+        /// The group's index.
+        group: usize,
+        /// Mean time between two messages of its owner.
+        period: Duration,
     },
     /// A group was stopped for a cause, which is latched.
     Stopped {

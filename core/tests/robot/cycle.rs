@@ -1,6 +1,7 @@
 //! The cycle with simulated motors, on virtual time.
 
 use motord_bus::Duration;
+use motord_core::control::Event;
 use motord_core::plan::BusPlan;
 use motord_core::settings::Settings;
 use motord_harness::robot;
@@ -104,6 +105,27 @@ fn dead_controller_leaves_joints_damped_then_stopped() {
     );
     robot.operate(Operation::Reset).unwrap();
     robot.activate();
+}
+
+#[test]
+fn setpoint_timeout_reports_period_of_owner() {
+    for every in [1, 5, 18] {
+        let mut robot = Robot::new(robot::three_motors(), 1);
+        let joints = robot.activate();
+        for _ in 0..60 {
+            robot.follow(&joints);
+            robot.steps(every - 1);
+        }
+        robot.take_events();
+        robot.steps(22);
+        assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
+        let events = robot.take_events();
+        let period = events.iter().find_map(|event| match event {
+            Event::SetpointPeriod { period, .. } => Some(period.as_secs_f64() * 1e3),
+            _ => None,
+        });
+        assert!(period.is_some_and(|period| (period - every as f64).abs() < 0.1), "{every}: {period:?}");
+    }
 }
 
 #[test]

@@ -20,6 +20,7 @@ use motord_protocol::Faults;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
 use motord_shared::{BusCondition, Cause, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// Changes of one motor or bus that get a line each, per second. A start or a stop makes two.
 const CHANGES_LOGGED: u32 = 4;
@@ -40,6 +41,7 @@ pub(super) struct Log {
     quiet_for: u32,
     dropped: u64,
     errors: u64,
+    setpoint_timeout: Duration,
 }
 
 /// Something that may change more often than anybody reads.
@@ -65,6 +67,8 @@ struct Group {
     owner: Option<(u32, Option<String>)>,
     /// The cycle of the last stop.
     stopped_in: u64,
+    /// Time between its setpoints when they timed out last.
+    period: Option<Duration>,
 }
 
 impl Subject {
@@ -92,6 +96,18 @@ impl Subject {
     }
 }
 
+/// Returns the next step for an owner whose setpoints come so rarely that one that is lost or late
+/// exceeds `timeout`; `None` for a faster one.
+fn slow_owner(period: Duration, timeout: Duration) -> Option<String> {
+    let [every, limit] = [period, timeout].map(|time| time.as_secs_f64() * 1e3);
+    let enough = (3.0 * every).ceil().min(1000.0);
+    (2 * period > timeout).then(|| {
+        format!(
+            "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, or send more often"
+        )
+    })
+}
+
 impl Log {
     pub(super) fn new(settings: &Settings) -> Self {
         let group_of = |motor| settings.groups.iter().position(|group| group.motors.contains(&motor));
@@ -106,6 +122,7 @@ impl Log {
             phase: Phase::Disarmed,
             owner: None,
             stopped_in: 0,
+            period: None,
         });
         Self {
             motors: motors.collect(),
@@ -117,6 +134,7 @@ impl Log {
             quiet_for: MISSED_TICKS_PERIOD,
             dropped: 0,
             errors: 0,
+            setpoint_timeout: settings.safety.setpoint_timeout,
         }
     }
 
@@ -136,6 +154,7 @@ impl Log {
             }
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
+            Event::SetpointPeriod { group, period } => self.groups[group].period = Some(period),
             Event::Stopped { group, cause, motor, pid } => {
                 let asker = pid.map(|pid| (pid, askers.program(pid)));
                 self.log_stop(cycle, group, cause, motor, asker);
@@ -210,6 +229,9 @@ impl Log {
         let motor = motor.map(|motor| &self.motors[motor].subject.name);
         let group = &mut self.groups[group];
         group.stopped_in = cycle;
+        let period = group.period.take().filter(|_| cause == Cause::SetpointTimeout);
+        let advice = period.and_then(|period| slow_owner(period, self.setpoint_timeout));
+        let advice = advice.unwrap_or_else(|| cause.advice().into());
         let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied);
         let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
         let program = program.flatten();
@@ -218,15 +240,7 @@ impl Log {
             return tracing::debug!(cycle, group, cause = cause_name, "{sentence}");
         }
         if cause == Cause::Disabled {
-            return tracing::warn!(
-                cycle,
-                group,
-                pid,
-                program,
-                cause = cause_name,
-                "{sentence} {}.",
-                cause.advice()
-            );
+            return tracing::warn!(cycle, group, pid, program, cause = cause_name, "{sentence} {advice}.");
         }
         tracing::error!(
             cycle,
@@ -235,8 +249,7 @@ impl Log {
             pid,
             program,
             cause = cause_name,
-            "{sentence} The group is stopped until it is reset and enabled. {}.",
-            cause.advice()
+            "{sentence} The group is stopped until it is reset and enabled. {advice}."
         );
     }
 
@@ -390,5 +403,23 @@ const fn done(operation: Operation) -> Option<&'static str> {
         | Operation::Describe
         | Operation::Telemetry
         | Operation::Histograms => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_owner_advice_names_period_timeout_and_key() {
+        let ms = Duration::from_millis;
+        let advice = slow_owner(ms(20), ms(20)).unwrap();
+        assert!(
+            advice.starts_with("Setpoints come every 20.0 ms; setpoint-timeout-ms is 20: raise it"),
+            "{advice}"
+        );
+        assert!(advice.contains("to 60,"), "{advice}");
+        assert_eq!(slow_owner(ms(1), ms(20)), None, "a fast owner that stops is not slow");
+        assert_eq!(slow_owner(ms(10), ms(20)), None, "one lost message is no timeout");
     }
 }

@@ -33,7 +33,7 @@ impl Group {
         setpoints.used = 0;
         let is_late = setpoints.answered > 0 && setpoints.answered < before;
         *late = late.wrapping_add(u32::from(is_late));
-        setpoints.at = Some(Instant::from_nanos(message.time_ns).min(now));
+        setpoints.sent(Instant::from_nanos(message.time_ns).min(now));
         for (kept, joint) in setpoints.joints.iter_mut().zip(&message.joints) {
             *kept = setpoint(joint);
         }

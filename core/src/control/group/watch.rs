@@ -3,7 +3,7 @@
 use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
-use crate::control::{Reported, Status};
+use crate::control::{Event, Reported, Status};
 use crate::joint::{JointSide, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
@@ -61,6 +61,9 @@ impl Group {
         match self.phase {
             Phase::Starting | Phase::Active => {
                 if !self.has_fresh_setpoints(cx) {
+                    if let Some(period) = self.setpoints.period() {
+                        cx.push(Event::SetpointPeriod { group: self.index, period });
+                    }
                     self.stop(Cause::SetpointTimeout, None, cx);
                     self.disown(cx);
                 }
