@@ -19,6 +19,9 @@ const UNREPORTED_MAX: u32 = 3;
 /// After this many fault requests without a report, even a motor that sent an unambiguous report
 /// may answer with another kind of report: its fault may set bits that no document names.
 const DOUBTED_AFTER: u32 = 10;
+/// Most unanswered requests that are remembered. It bounds how many replies of a second motor with
+/// the same id are taken for late ones.
+const UNPAID_MAX: u32 = 100;
 
 /// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,7 +96,7 @@ impl Reports {
     }
 }
 
-/// The state of the correlation: four independent parts.
+/// The state of the correlation: five independent parts.
 ///
 /// ```text
 ///   open             ┌──────── answer, withdrawal ◀────────┐
@@ -105,6 +108,9 @@ impl Reports {
 ///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1)
 ///                    ▲                              │
 ///                    └── request, 50 ms later ◀─────┘
+///
+///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
+///                                                         UNPAID_MAX); time does not change it
 ///
 ///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
 ///                       ▲                                          │
@@ -131,7 +137,7 @@ impl Reports {
 /// | Fault | plain, once a report was seen | late | late |
 /// | Fault | any other | answer | given up |
 ///
-/// *Unasked* is late while replies are owed, otherwise a duplicate. *Given up* is unasked, and
+/// *Unasked* is late while replies are owed or unpaid, otherwise a duplicate. *Given up* is unasked, and
 /// closes the request: otherwise each fault request would be distrusted because of the previous
 /// one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,6 +148,9 @@ pub(super) struct Correlator {
     /// Requests that were not answered before the next, and whose replies may still arrive.
     owed: u32,
     owed_since: Instant,
+    /// Requests that were not answered before the next, however long ago, less the replies that
+    /// were late or unasked: no more replies than these can still be late.
+    unpaid: u32,
     /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
     /// request is open.
     distrusted_until: Instant,
@@ -157,6 +166,7 @@ impl Correlator {
             open: None,
             owed: 0,
             owed_since: Instant::ZERO,
+            unpaid: 0,
             distrusted_until: Instant::ZERO,
             reports: Reports::Unseen(0),
         }
@@ -185,6 +195,9 @@ impl Correlator {
             }
             _ if now > self.owed_since + LATEST_REPLY => self.owed = 0,
             _ => {}
+        }
+        if self.open.is_some() {
+            self.unpaid = (self.unpaid + 1).min(UNPAID_MAX);
         }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {
             self.distrusted_until = sent_at + LATEST_REPLY;
@@ -258,11 +271,12 @@ impl Correlator {
     const fn late(&mut self) -> Role {
         self.distrusted_until = Instant::ZERO;
         self.owed = self.owed.saturating_sub(1);
+        self.unpaid = self.unpaid.saturating_sub(1);
         Role::Late
     }
 
     const fn unasked(&mut self) -> Role {
-        if self.owed > 0 {
+        if self.owed > 0 || self.unpaid > 0 {
             return self.late();
         }
         self.distrusted_until = Instant::ZERO;
@@ -369,14 +383,16 @@ mod tests {
         let open_reports = opens.into_iter().flat_map(|open| ANY.iter().map(move |&reports| (open, reports)));
         let owed = open_reports.flat_map(|state| ANY_OWED.iter().map(move |&owed| (state, owed)));
         let trust = owed.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
-        let times = trust.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
-        times.map(|((((question, reports), owed), distrusted), time)| {
+        let unpaid = trust.flat_map(|state| [0, 1].map(|unpaid| (state, unpaid)));
+        let times = unpaid.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
+        times.map(|(((((question, reports), owed), distrusted), unpaid), time)| {
             let open = question.map(|question| Request { question, sent_at: SENT });
             let distrusted_until = if distrusted { SENT + LATEST_REPLY } else { SENT };
             let state = Correlator {
                 open,
                 reports,
                 owed,
+                unpaid,
                 distrusted_until,
                 owed_since: SENT,
                 ..Correlator::new(FASTEST)
@@ -401,10 +417,11 @@ mod tests {
     /// The state and the role that an outcome means.
     fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Role) {
         let late = |role| {
-            let owed = before.owed.saturating_sub(1);
-            (Correlator { owed, distrusted_until: Instant::ZERO, ..before }, role)
+            let (owed, unpaid) = (before.owed.saturating_sub(1), before.unpaid.saturating_sub(1));
+            (Correlator { owed, unpaid, distrusted_until: Instant::ZERO, ..before }, role)
         };
-        let unasked = || late(if before.owed > 0 { Role::Late } else { Role::Duplicate });
+        let unasked =
+            || late(if before.owed > 0 || before.unpaid > 0 { Role::Late } else { Role::Duplicate });
         let closed = |(state, role)| (Correlator { open: None, ..state }, role);
         match outcome {
             Mal => (before, Role::Malformed),
@@ -485,6 +502,31 @@ mod tests {
         let role = |requests| received(after(requests), Plain, later).1;
         assert_eq!(role(DOUBTED_AFTER), Role::Late);
         assert!(matches!(role(DOUBTED_AFTER + 1), Role::Answer(Fault, _)));
+    }
+
+    /// Goal: no more replies are called late than requests were unanswered, however late, and a second motor with the same
+    /// id is still found. Method: `missed` silent turns of `period`; then two replies to each request.
+    #[test]
+    fn surplus_replies_are_late_while_requests_are_unanswered() {
+        for period in [1, 20, 100].map(Duration::from_millis) {
+            for missed in [0, 1, 12, UNPAID_MAX, 10 * UNPAID_MAX] {
+                let (mut state, mut at) = (Correlator::new(FASTEST), SENT);
+                for _ in 0..missed {
+                    state.request(State, at);
+                    at = at + period;
+                }
+                // Answered turns between the silence and the burst, and more than 50 ms.
+                for _ in 0..100 {
+                    state.request(State, at);
+                    assert!(matches!(state.receive(Plain, at + FASTEST), Role::Answer(State, _)));
+                    at = at + period;
+                }
+                let surplus: Vec<_> = (0..2 * UNPAID_MAX).map(|_| state.receive(Plain, at)).collect();
+                let late = missed.min(UNPAID_MAX) as usize;
+                assert!(surplus[..late].iter().all(|role| *role == Role::Late), "{period:?}, {missed}");
+                assert!(surplus[late..].iter().all(|role| *role == Role::Duplicate), "{period:?}, {missed}");
+            }
+        }
     }
 
     #[test]

@@ -271,6 +271,27 @@ fn late_states_after_stall_are_no_faults() {
     }
 }
 
+/// Goal: the answers that a motor owed for longer than any reply is expected to take are late, not those of a second motor.
+/// Method: the answers are so long behind that no miss is remembered; then all of them arrive beside the timely ones.
+#[test]
+fn burst_of_owed_answers_is_no_duplicate() {
+    for delay in [7, 9, 60, 120] {
+        let mut robot = Robot::new(robot::three_motors(), delay);
+        let joints = robot.activate();
+        robot.disturb(&format!("thigh delayed {delay}ms"));
+        for _ in 0..500 {
+            robot.follow(&joints);
+        }
+        let missed = robot.joint(1).missed;
+        robot.disturb("thigh ok");
+        for _ in 0..300 {
+            robot.follow(&joints);
+            assert_ne!(robot.cause(), Some(Cause::DuplicateId), "delayed by {delay} ms, missed {missed}");
+        }
+        assert_eq!(robot.bus(0).duplicate, 0, "delayed by {delay} ms, missed {missed}");
+    }
+}
+
 /// Returns a robot whose thigh answers every request one cycle late, until no miss is remembered.
 fn lagging_by_a_cycle() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
