@@ -407,6 +407,7 @@ mod tests {
         Refusal::Busy,
         Refusal::NotConfirmed,
         Refusal::DuplicateId,
+        Refusal::ForeignMaster,
         Refusal::Moving,
         Refusal::TooSoon,
         Refusal::Excluded,

@@ -112,6 +112,7 @@ codes! {
         OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
         SwitchLost = 29 "switch-lost" "The dead man's switch was missing or hung, and the configuration requires it.",
+        ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor, and the configuration stops for that.",
     }
 }
 
@@ -140,6 +141,9 @@ impl Cause {
             Self::Implausible | Self::EncoderStuck => "Check the motor's encoder and cable",
             Self::Overspeed | Self::FollowingError => {
                 "Check the controller's setpoints and that the joint moves freely"
+            }
+            Self::ForeignMaster => {
+                "Find the sender of the ids that the log names, such as another program or a device on the cable, and stop it"
             }
             Self::DuplicateId => "Connect the motors of the bus one at a time, and give each its own id",
             Self::OverTemperature => "Let the motor cool down",
@@ -235,6 +239,7 @@ codes! {
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
         OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
         TooSoon = 28 "too-soon" "The zero of this joint was set less than ten seconds ago, and each zero is a write to the flash of its motor: wait.",
+        ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
     }
 }
 
@@ -296,6 +301,7 @@ impl Refusal {
             | Self::Busy
             | Self::NotConfirmed
             | Self::DuplicateId
+            | Self::ForeignMaster
             | Self::Moving
             | Self::TooSoon
             | Self::Mismatch
@@ -329,6 +335,7 @@ impl Refusal {
             | Self::NotConfirmed
             | Self::ShuttingDown
             | Self::TooSoon
+            | Self::ForeignMaster
             | Self::Moving => true,
             Self::UnknownOperation
             | Self::UnknownGroup

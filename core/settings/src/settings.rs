@@ -145,6 +145,8 @@ pub struct SafetySettings {
     pub deadman: Duration,
     /// Every group is stopped while the dead man's switch is unavailable or stalled.
     pub require_deadman: bool,
+    /// A group is stopped while another sender commands its motors.
+    pub stop_on_foreign_master: bool,
     /// Carry the rounding error of the torque from cycle to cycle.
     pub error_feedback: bool,
 }

@@ -201,6 +201,9 @@ impl Control {
             MotorMode::Fault => Err(Refused::joint(Refusal::MotorFault, joint)),
             _ if motor.request.is_some() => Err(Refused::joint(Refusal::Busy, joint)),
             _ if motor.is_doubled() => Err(Refused::joint(Refusal::DuplicateId, joint)),
+            _ if motor.is_commanded_elsewhere(self.context.now) => {
+                Err(Refused::joint(Refusal::ForeignMaster, joint))
+            }
             _ if !motor.is_fresh() => Err(Refused::joint(Refusal::StateStale, joint)),
             _ => Ok(()),
         }

@@ -18,6 +18,15 @@ pub enum Event {
         /// Its index.
         motor: usize,
     },
+    /// Frames with the command id of a motor arrive that motord did not send. Reported at most every 10 s.
+    Foreign {
+        /// Its index.
+        motor: usize,
+        /// The command id.
+        id: u32,
+        /// Number of such frames since the start.
+        frames: u32,
+    },
     /// A motor reported fault bits, or that they are cleared.
     Fault {
         /// Its index.

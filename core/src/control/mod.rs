@@ -39,7 +39,7 @@ use group::{Consequence, Group};
 use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, FrameId, Instant};
 use motord_shared::{
     AdminReply, BusCondition, Cause, GroupState, JointIndicators, JointState, Lease, Phase, SetpointMessage,
 };
@@ -192,6 +192,13 @@ impl Control {
     pub fn receive_duplicate(&mut self, joint: usize) {
         let Place { group, place } = self.places[joint];
         self.groups[group].receive_duplicate(place, &mut self.context);
+    }
+
+    /// Records `frames` with the command id of `joint` that arrived by `at` and are not from this program. Does not allocate;
+    /// bounded by the motors of a group.
+    pub fn receive_foreign(&mut self, joint: usize, id: FrameId, frames: u32, at: Instant) {
+        let Place { group, place } = self.places[joint];
+        self.groups[group].receive_foreign(place, (id, frames), at, &mut self.context);
     }
 
     /// Ends the cycle: no further reply of it is read. Bounded by motors.

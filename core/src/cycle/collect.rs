@@ -223,6 +223,10 @@ impl Cycle {
         {
             can.settle(drives);
         }
+        let foreign = channel.wire_mut().foreign();
+        if foreign.is_any() {
+            foreign.take(|id, motor, frames| control.receive_foreign(motor, id, frames, now));
+        }
         control.bus_changed(bus, channel.wire().condition());
     }
 

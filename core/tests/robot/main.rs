@@ -9,6 +9,7 @@ mod faults_bus;
 mod faults_client;
 mod faults_motor;
 mod faults_time;
+mod foreign;
 mod gim;
 mod mixed;
 mod reads;

@@ -82,26 +82,34 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
     match &bus.kind {
         BusKind::Simulated { seed, .. } => Ok((Box::new(simulate(settings, index, *seed)), None)),
         BusKind::SocketCan { interface, bitrate } => {
-            let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-            let host_ids = motors.map(|motor| motor.host_id).collect();
             let interface = interface_name(bus, interface)?;
-            let settings = socketcan::Settings { interface, bitrate: *bitrate, host_ids };
-            match SocketCanBus::open(&settings) {
-                Ok(opened) => {
-                    for note in opened.link().notes(*bitrate) {
-                        tracing::warn!(bus = bus.name, see = "adapter", "{note}");
-                    }
-                    let index = opened.link().index;
-                    Ok((Box::new(opened), Some(index)))
-                }
-                Err(source) => Err(BusError::Open { bus: bus.name.clone(), source }),
-            }
+            let failed = |source| BusError::Open { bus: bus.name.clone(), source };
+            open_can(settings, index, interface, *bitrate).map_err(failed)
         }
         BusKind::Serial { .. } => match SerialBus::open(&line(settings, index)) {
             Ok(bus) => Ok((Box::new(bus), None)),
             Err(source) => Err(BusError::Port { bus: bus.name.clone(), source }),
         },
     }
+}
+
+/// Opens a CAN bus. It receives the replies of its motors, and commands to them that another socket or node sends.
+fn open_can(
+    settings: &Settings,
+    index: usize,
+    interface: InterfaceName,
+    bitrate: u32,
+) -> Result<Opened, socketcan::OpenError> {
+    let motors = || settings.motors.iter().filter(|motor| motor.bus == index);
+    let host_ids: Vec<_> = motors().map(|motor| motor.host_id).collect();
+    let received: Vec<_> = host_ids.iter().copied().chain(motors().map(MotorSettings::command_id)).collect();
+    let mut bus = SocketCanBus::open(&socketcan::Settings { interface, bitrate, host_ids })?;
+    bus.listen(&received)?;
+    for note in bus.link().notes(bitrate) {
+        tracing::warn!(bus = settings.buses[index].name, see = "adapter", "{note}");
+    }
+    let interface = bus.link().index;
+    Ok((Box::new(bus), Some(interface)))
 }
 
 /// The serial line with this index. A request is given up a while before the plan has the next one sent.

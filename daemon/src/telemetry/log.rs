@@ -152,6 +152,14 @@ impl Log {
                      the configured protocol, and its faults"
                 );
             }
+            Event::Foreign { motor, id, frames } => tracing::warn!(
+                cycle,
+                motor = self.motors[motor].subject.name,
+                id = format!("{id:#05x}"),
+                frames,
+                see = "foreign-master",
+                "frames with its command id arrive that motord did not send: another program or device commands it"
+            ),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
             Event::SetpointPeriod { group, period } => self.groups[group].period = Some(period),

@@ -38,8 +38,6 @@ const RETIRED: &[(&str, &str, Where)] = &[
     // A duty cycle is another thing.
     ("duty", "stopper", Names),
     ("wish", "scheduling request", Names),
-    // "A foreign key" is plain English.
-    ("foreign", "unsupported frame", Names),
     // Plain English in a sentence.
     ("told", "commanded, or reported", Names),
     // The table `[exchange]` of a configuration is a promise to users.

@@ -129,6 +129,7 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
         fault_poll_hz: keys.fault_poll_hz.value,
         deadman: deadman(keys, cycle, findings),
         require_deadman: keys.require_deadman.value,
+        stop_on_foreign_master: keys.stop_on_foreign_master.value,
         error_feedback: keys.error_feedback.value,
     }
 }

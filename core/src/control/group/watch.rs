@@ -6,7 +6,7 @@ use crate::control::context::Context;
 use crate::control::{Event, Reported, Status};
 use crate::joint::{JointSide, Measured};
 use crate::settings::FaultPolicy;
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
 use motord_shared::{Cause, Lease, Phase};
 
@@ -161,6 +161,22 @@ impl Group {
         if motor.report_twice() {
             let joint = motor.joint;
             self.stop(Cause::DuplicateId, Some(joint), cx);
+        }
+    }
+
+    /// Records `frames` by which another sender commanded the motor at `place`.
+    pub(crate) fn receive_foreign(
+        &mut self,
+        place: usize,
+        (id, frames): (FrameId, u32),
+        at: Instant,
+        cx: &mut Context,
+    ) {
+        let motor = &mut self.motors[place];
+        let is_master = motor.report_foreign(id, frames, at, cx);
+        let joint = motor.joint;
+        if is_master && cx.safety.stop_on_foreign_master && self.phase != Phase::Disarmed {
+            self.stop(Cause::ForeignMaster, Some(joint), cx);
         }
     }
 

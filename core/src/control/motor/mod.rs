@@ -2,6 +2,7 @@
 //! request. The module [`mode`] has the diagram of its modes.
 
 mod follow;
+mod foreign;
 mod heat;
 mod limit;
 mod mode;
@@ -21,9 +22,10 @@ use super::context::Context;
 use super::{Command, Event};
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::MotorSettings;
+use foreign::Foreign;
 use heat::Heat;
 use mode::{Mode, Start};
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
 use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
 use plausibility::{Credibility, Expectation, Plausibility};
@@ -63,6 +65,7 @@ pub(super) struct Motor {
     off_states: u32,
     replies: Replies,
     plausibility: Plausibility,
+    foreign: Foreign,
 }
 
 /// The faults of a motor, and when it is asked for them.
@@ -95,6 +98,7 @@ impl Motor {
             off_states: 0,
             replies: Replies::default(),
             plausibility: Plausibility::default(),
+            foreign: Foreign::default(),
         }
     }
 
@@ -374,6 +378,21 @@ impl Motor {
     /// Records a second answer to one question. Returns whether two motors share its id.
     pub(super) fn report_twice(&mut self) -> bool {
         self.plausibility.duplicate()
+    }
+
+    /// Records `frames` by which another sender commanded it, with `id`. Returns whether that sender
+    /// is another master.
+    pub(super) fn report_foreign(&mut self, id: FrameId, frames: u32, at: Instant, cx: &mut Context) -> bool {
+        let judged = self.foreign.observe(frames, at);
+        if let Some(frames) = judged.report {
+            cx.push(Event::Foreign { motor: self.joint, id: id.raw(), frames });
+        }
+        judged.is_master
+    }
+
+    /// Returns whether another sender commands it.
+    pub(super) fn is_commanded_elsewhere(&self, now: Instant) -> bool {
+        self.foreign.is_heard(now)
     }
 
     /// Takes its fault bits.

@@ -4,10 +4,12 @@
 //! or by one inbox.
 
 mod can;
+mod foreign;
 mod line;
 mod wire;
 
 pub(super) use can::{Batch, CanChannel};
+use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
 use wire::Arrivals;
 pub(super) use wire::Wire;
@@ -33,10 +35,10 @@ impl BusChannel {
         if settings.buses[index].is_line() {
             // A frame on a line names its receiver only, so a serial bus names the motor that answers.
             let routes = motors().map(|(motor, settings)| (settings.command_id(), motor));
-            return Self::Line(LineChannel::new(Wire::new(bus, routes.collect())));
+            return Self::Line(LineChannel::new(Wire::new(bus, routes.collect(), ForeignCommands::none())));
         }
         let routes = motors().map(|(motor, settings)| (settings.host_id, motor));
-        let wire = Wire::new(bus, routes.collect());
+        let wire = Wire::new(bus, routes.collect(), ForeignCommands::new(settings, index));
         Self::Can(CanChannel::new(wire, settings.buses[index].takes_turns(), plan))
     }
 

@@ -1,5 +1,6 @@
 //! The part of a bus that CAN interfaces and serial lines have in common.
 
+use super::foreign::ForeignCommands;
 use crate::control::Reported;
 use crate::drive::Received;
 use motord_bus::frame::ControllerState;
@@ -11,6 +12,7 @@ pub(crate) struct Wire {
     bus: Box<dyn Bus>,
     /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
+    foreign: ForeignCommands,
     /// One slot for each motor of the bus. The first hold the batch: one frame for each of `senders`.
     frames: Vec<Frame>,
     senders: Vec<usize>,
@@ -40,12 +42,13 @@ pub(crate) struct Arrivals {
 
 impl Wire {
     /// Allocates; nothing after it does.
-    pub(super) fn new(bus: Box<dyn Bus>, routes: Vec<(FrameId, usize)>) -> Self {
+    pub(super) fn new(bus: Box<dyn Bus>, routes: Vec<(FrameId, usize)>, foreign: ForeignCommands) -> Self {
         Self {
             bus,
             frames: vec![Frame::EMPTY; routes.len()],
             senders: Vec::with_capacity(routes.len()),
             routes,
+            foreign,
             inbox: Inbox::new(),
             counters: BusState::default(),
             condition: BusCondition::Active,
@@ -152,7 +155,7 @@ impl Wire {
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, counters, condition, replied_at, .. } = self;
+        let Self { inbox, routes, foreign, counters, condition, replied_at, .. } = self;
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
         let mut answers = 0;
         for arrival in inbox.arrivals() {
@@ -170,8 +173,14 @@ impl Wire {
                 }
             };
             let route = routes.iter().find(|(routed, _)| *routed == id);
-            let received =
-                route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at));
+            let received = match (route, &arrival.content) {
+                (Some(&(_, motor)), _) => judge(motor, payload, arrival.at),
+                (None, Content::Frame(frame)) => {
+                    foreign.note(frame);
+                    Received::UnexpectedId
+                }
+                (None, _) => Received::UnexpectedId,
+            };
             match received {
                 Received::Reply(reported) => {
                     *replied_at = arrival.at;
@@ -183,6 +192,12 @@ impl Wire {
             }
         }
         Arrivals { all: inbox.arrivals().len(), answers }
+    }
+
+    /// Returns the frames that command motors of this bus and are not from this program.
+    #[inline]
+    pub(crate) const fn foreign(&mut self) -> &mut ForeignCommands {
+        &mut self.foreign
     }
 
     /// Returns whether no frame is queued.

@@ -1,0 +1,55 @@
+//! Frames with the command id of a motor that this program did not send: a bus does not receive its own frames.
+
+use crate::settings::Settings;
+use crate::stopper::BusFrames;
+use motord_bus::{Frame, FrameId};
+
+/// Counts them by motor, from one read to the next.
+pub(crate) struct ForeignCommands {
+    /// Command id of a motor, the motor, and its count.
+    commands: Vec<(FrameId, usize, u32)>,
+    /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive after this process was
+    /// frozen.
+    safe: BusFrames,
+    is_any: bool,
+}
+
+impl ForeignCommands {
+    /// Counts on the CAN bus with this index. Allocates; nothing after it does.
+    pub(super) fn new(settings: &Settings, bus: usize) -> Self {
+        let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
+        let commands = motors.map(|(motor, settings)| (settings.command_id(), motor, 0));
+        Self { commands: commands.collect(), safe: BusFrames::of(settings, bus), is_any: false }
+    }
+
+    /// Counts nothing: no other sender is visible on a serial line.
+    pub(super) fn none() -> Self {
+        Self { commands: Vec::new(), safe: BusFrames::default(), is_any: false }
+    }
+
+    /// Counts `frame`, which no motor sends, if it commands one. Bounded by the motors of the bus.
+    #[cold]
+    pub(super) fn note(&mut self, frame: &Frame) {
+        let Self { commands, safe, is_any } = self;
+        let Some((.., frames)) = commands.iter_mut().find(|(id, ..)| *id == frame.id()) else { return };
+        if !safe.damp.contains(frame) && !safe.stop.contains(frame) {
+            *frames = frames.wrapping_add(1);
+            *is_any = true;
+        }
+    }
+
+    /// Returns whether a frame was counted since [`take`](Self::take).
+    #[inline]
+    pub(crate) const fn is_any(&self) -> bool {
+        self.is_any
+    }
+
+    /// Passes on id, motor and count of each motor with a count, and sets the counts to zero. Bounded by the motors of the bus.
+    #[cold]
+    pub(crate) fn take(&mut self, mut pass: impl FnMut(FrameId, usize, u32)) {
+        self.is_any = false;
+        for (id, motor, frames) in self.commands.iter_mut().filter(|(.., frames)| *frames > 0) {
+            pass(*id, *motor, core::mem::take(frames));
+        }
+    }
+}
