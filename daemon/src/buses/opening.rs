@@ -57,15 +57,13 @@ impl BusError {
     #[must_use]
     pub const fn may_pass(&self) -> bool {
         use socketcan::OpenError::{Down, Missing};
-        match self {
+        matches!(
+            self,
             Self::Exchanged { .. }
-            | Self::Open { source: Missing(_) | Down { .. }, .. }
-            | Self::Port { source: serial::OpenError::Missing { .. }, .. }
-            | Self::Lock { source: LockError::System { errno: Errno::ENOENT | Errno::ENODEV, .. }, .. } => {
-                true
-            }
-            _ => false,
-        }
+                | Self::Open { source: Missing(_) | Down { .. }, .. }
+                | Self::Port { source: serial::OpenError::Missing { .. }, .. }
+                | Self::Lock { source: LockError::System { errno: Errno::ENOENT | Errno::ENODEV, .. }, .. }
+        )
     }
 }
 
