@@ -28,8 +28,12 @@ impl BusWatch {
         match condition {
             BusCondition::Gone => self.report(bus),
             BusCondition::Down => self.down.push(bus),
+            BusCondition::Off => {
+                // A controller may return by itself, and is checked then.
+                self.off.push(bus);
+                self.down.extend(was_down.then_some(bus));
+            }
             _ if was_down => self.report(bus),
-            BusCondition::Off => self.off.push(bus),
             _ => {}
         }
     }
@@ -71,6 +75,8 @@ mod tests {
         watch.record(0, BusCondition::Down);
         assert_eq!(reports.try_iter().count(), 0);
         watch.record(1, BusCondition::Active);
+        watch.record(0, BusCondition::Off);
+        assert_eq!(reports.try_iter().count(), 0);
         watch.record(0, BusCondition::Active);
         watch.record(0, BusCondition::Warning);
         assert_eq!(reports.try_iter().collect::<Vec<_>>(), [0]);
