@@ -396,7 +396,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// The refusals about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 14] = [
+    const OF_A_JOINT: [Refusal; 15] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
