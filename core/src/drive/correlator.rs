@@ -22,6 +22,12 @@ const DOUBTED_AFTER: u32 = 10;
 /// Most unanswered requests that are remembered. It bounds how many replies of a second motor with
 /// the same id are taken for late ones.
 const UNPAID_MAX: u32 = 100;
+/// A report that arrives at least this many requests after its own proves that answers are late.
+const BEHIND_REQUESTS: u32 = 3;
+/// After this many such reports in a row the states of the motor are late. One follows any stall.
+const BEHIND_REPORTS: u32 = 2;
+/// For this time after the proof no state is an answer: longer than any `motor-lost` takes.
+const BEHIND_TIME: Duration = Duration::from_secs(1);
 
 /// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,7 +102,7 @@ impl Reports {
     }
 }
 
-/// The state of the correlation: five independent parts.
+/// The state of the correlation: six independent parts.
 ///
 /// ```text
 ///   open             ┌──────── answer, withdrawal ◀────────┐
@@ -111,6 +117,9 @@ impl Reports {
 ///
 ///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
 ///                                                         UNPAID_MAX); time does not change it
+///
+///   reports_behind   0 ◀── report in time ── n ◀── report BEHIND_REQUESTS after its request (n + 1)
+///                                            n = BEHIND_REPORTS: no state is an answer for BEHIND_TIME
 ///
 ///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
 ///                       ▲                                          │
@@ -129,6 +138,7 @@ impl Reports {
 /// | any | unreadable | malformed | malformed |
 /// | State | report, while replies are owed | late report | late report |
 /// | State | report | malformed | late report |
+/// | State | continuation, plain, until `behind_until` | late | late |
 /// | State | continuation, plain | answer | unasked |
 /// | Clear | report | answer | late report |
 /// | Clear | continuation, plain | answer | unasked |
@@ -151,6 +161,12 @@ pub(super) struct Correlator {
     /// Requests that were not answered before the next, however long ago, less the replies that
     /// were late or unasked: no more replies than these can still be late.
     unpaid: u32,
+    /// Requests since the last fault request, whose report did not arrive before the next.
+    since_fault: Option<u32>,
+    /// Consecutive reports [`BEHIND_REQUESTS`] or more after their requests.
+    reports_behind: u32,
+    /// Until this time every state is late.
+    behind_until: Instant,
     /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
     /// request is open.
     distrusted_until: Instant,
@@ -167,6 +183,9 @@ impl Correlator {
             owed: 0,
             owed_since: Instant::ZERO,
             unpaid: 0,
+            since_fault: None,
+            reports_behind: 0,
+            behind_until: Instant::ZERO,
             distrusted_until: Instant::ZERO,
             reports: Reports::Unseen(0),
         }
@@ -199,7 +218,11 @@ impl Correlator {
         if self.open.is_some() {
             self.unpaid = (self.unpaid + 1).min(UNPAID_MAX);
         }
+        if let Some(requests) = &mut self.since_fault {
+            *requests = requests.saturating_add(1);
+        }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {
+            self.since_fault = Some(1);
             self.distrusted_until = sent_at + LATEST_REPLY;
             self.reports = self.reports.unreported();
         }
@@ -216,6 +239,9 @@ impl Correlator {
     #[inline(always)]
     pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Role {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
+        if payload == Payload::Report && !asks_fault {
+            self.place_report(at);
+        }
         match payload {
             Payload::OtherId => Role::UnexpectedId,
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
@@ -223,6 +249,21 @@ impl Correlator {
                 Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
                 _ => self.unasked(),
             },
+        }
+    }
+
+    /// Counts the requests from a fault request to its report. They are the answers that this motor
+    /// owes all the time: a lost reply delays no report.
+    #[cold]
+    fn place_report(&mut self, at: Instant) {
+        let Some(requests) = self.since_fault.take() else { return };
+        if requests < BEHIND_REQUESTS {
+            self.reports_behind = 0;
+            return;
+        }
+        self.reports_behind = (self.reports_behind + 1).min(BEHIND_REPORTS);
+        if self.reports_behind == BEHIND_REPORTS {
+            self.behind_until = at + BEHIND_TIME;
         }
     }
 
@@ -240,8 +281,12 @@ impl Correlator {
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
             }
+            (Question::State, _) if at < self.behind_until => self.late(),
             (Question::Fault, Payload::Report) => {
                 self.reports = Reports::Seen(0);
+                if self.since_fault.take().is_none() {
+                    self.reports_behind = 0;
+                }
                 self.answer(open, at)
             }
             _ => self.answer(open, at),
@@ -526,6 +571,24 @@ mod tests {
                 assert!(surplus[..late].iter().all(|role| *role == Role::Late), "{period:?}, {missed}");
                 assert!(surplus[late..].iter().all(|role| *role == Role::Duplicate), "{period:?}, {missed}");
             }
+        }
+    }
+
+    /// Method: a queue of answers that is `lag` long; or as many lost replies, and timely answers since.
+    #[test]
+    fn reports_behind_their_requests_make_states_late() {
+        for (lag, lost) in [(0, 0), (1, 0), (2, 0), (3, 0), (30, 0), (0, 7)] {
+            let (mut state, mut queue, mut late) = (Correlator::new(FASTEST), Vec::new(), 0);
+            for turn in 0..1000_u32 {
+                let question = if turn % 100 == 50 { Fault } else { State };
+                let at = SENT + Duration::from_millis(3) * turn;
+                state.request(question, at);
+                queue.extend((turn >= lost).then_some(if question == Fault { Report } else { Continuation }));
+                if queue.len() > lag {
+                    late += u32::from(state.receive(queue.remove(0), at + FASTEST) == Role::Late);
+                }
+            }
+            assert_eq!(late > 500, lag > 2, "{lag} behind, {lost} lost: {late}");
         }
     }
 

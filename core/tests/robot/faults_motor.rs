@@ -29,6 +29,21 @@ fn motors_losing_alternate_replies_are_named_and_stopped() {
     assert!(missed[0] == 0 && missed[3] == 0 && missed[1] > 5 && missed[2] > 5, "{missed:?}");
 }
 
+/// Goal: a motor whose every answer is several cycles old is not driven on. Method: at 300 Hz, 20 ms are six periods, so
+/// that each answer arrives at the usual time after a request.
+#[test]
+fn constantly_late_answers_stop_the_group() {
+    let mut text = String::from("[cycle]\nrate-hz = 300\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for (id, name) in [(1, "a"), (2, "b")] {
+        text += &robot::motor(id, name, "can", "");
+    }
+    let mut robot = Robot::new(robot::settings(&text), 3);
+    let joints = robot.activate();
+    robot.disturb("b delayed 20ms");
+    let (cause, _) = stopped_within(&mut robot, &joints, 300);
+    assert_eq!((cause, robot.group().cause_joint), (Cause::MotorLost, 1));
+}
+
 #[test]
 fn power_failed_motor_is_stopped_and_never_restarted() {
     let (mut robot, joints) = active();
