@@ -396,7 +396,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// The refusals about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 15] = [
+    const OF_A_JOINT: [Refusal; 16] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
@@ -410,6 +410,7 @@ mod tests {
         Refusal::ForeignMaster,
         Refusal::Moving,
         Refusal::TooSoon,
+        Refusal::TurnLost,
         Refusal::Excluded,
         Refusal::Mismatch,
     ];

@@ -233,7 +233,8 @@ fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDe
     }
     let position = joint.position_rad.filter(|_| joint.outside_limits)?;
     Some(format!(
-        "{}: move it by hand, or correct its zero (`{motorctl} zero {name}`) or its limits.",
+        "{}: move it by hand, or correct its limits. If the angle is not the real one, `{motorctl} explain outside-limits` \
+         finds out whether its zero is wrong.",
         description.outside(position)
     ))
 }

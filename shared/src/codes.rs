@@ -237,8 +237,9 @@ codes! {
         Moving = 24 "moving" "The joint moves, or its velocity is not known.",
         Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log names the difference; `motorctl setup` compares all of them.",
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
-        OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
+        OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its limits.",
         TooSoon = 28 "too-soon" "The zero of this joint was set less than ten seconds ago, and each zero is a write to the flash of its motor: wait.",
+        TurnLost = 29 "turn-lost" "The position of a joint differs by whole turns of its motor from the one before it was silent: switch the motor off, turn the joint to within half a turn of its zero, and switch it on; or confirm the position with `motorctl fault clear JOINT`.",
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
     }
 }
@@ -304,6 +305,7 @@ impl Refusal {
             | Self::ForeignMaster
             | Self::Moving
             | Self::TooSoon
+            | Self::TurnLost
             | Self::Mismatch
             | Self::Excluded => Detail::Joint,
             Self::NotOwner
@@ -346,6 +348,7 @@ impl Refusal {
             | Self::MotorFault
             | Self::SetpointTooFar
             | Self::OutsideLimits
+            | Self::TurnLost
             | Self::NoLease
             | Self::Malformed
             | Self::DuplicateId

@@ -205,6 +205,7 @@ impl Control {
                 Err(Refused::joint(Refusal::ForeignMaster, joint))
             }
             _ if !motor.is_fresh() => Err(Refused::joint(Refusal::StateStale, joint)),
+            _ if motor.lost_turns() => Err(Refused::joint(Refusal::TurnLost, joint)),
             _ => Ok(()),
         }
     }

@@ -27,6 +27,13 @@ pub enum Event {
         /// Number of such frames since the start.
         frames: u32,
     },
+    /// The position of a motor differs by whole turns from that before it was silent.
+    LostTurns {
+        /// Its index.
+        motor: usize,
+        /// The difference at its joint, mrad.
+        milliradians: i32,
+    },
     /// A motor reported fault bits, or that they are cleared.
     Fault {
         /// Its index.

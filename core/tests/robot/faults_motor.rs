@@ -267,3 +267,71 @@ fn repeated_zeros_spare_the_flash() {
     robot.steps(8000);
     zero(&mut robot, 0).unwrap();
 }
+
+/// Returns a robot whose thigh stood at `position` when its motor restarted.
+fn restarted_at(position: f64) -> Robot {
+    let mut settings = robot::three_motors();
+    settings.motors[1].limits.position = [-7.0, 7.0];
+    settings.simulation[1].initial_position = position;
+    let mut robot = Robot::new(settings, 1);
+    robot.steps(50);
+    robot.disturb("thigh power-cycle");
+    robot.steps(1000);
+    assert_eq!(robot.mode(1), MotorMode::Idle);
+    robot
+}
+
+fn enable(robot: &mut Robot) -> Result<(), Refusal> {
+    if robot.group().lease == 0 {
+        robot.claim().unwrap();
+    }
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).map(drop)
+}
+
+fn clear_fault(robot: &mut Robot) {
+    let request = AdminRequest { operation: Operation::ClearFault.code(), joint: 1, ..Default::default() };
+    robot.ask(request).unwrap();
+}
+
+#[test]
+fn lost_turn_is_named_and_must_be_confirmed() {
+    let mut robot = restarted_at(3.4);
+    assert!((robot.joint(1).position + 2.88).abs() < 0.01, "{}", robot.joint(1).position);
+    let lost = |event: &Event| matches!(event, Event::LostTurns { motor: 1, milliradians: -6300..=-6270 });
+    assert_eq!(robot.take_events().iter().filter(|event| lost(event)).count(), 1);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::TurnLost);
+    clear_fault(&mut robot);
+    enable(&mut robot).unwrap();
+}
+
+#[test]
+fn another_absence_does_not_hide_lost_turn() {
+    let mut robot = restarted_at(3.4);
+    robot.disturb("thigh power-cycle");
+    robot.steps(1000);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::TurnLost);
+    for operation in [Operation::Exclude, Operation::Include] {
+        robot.ask(AdminRequest { operation: operation.code(), joint: 1, ..Default::default() }).unwrap();
+        robot.steps(500);
+    }
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::TurnLost);
+}
+
+#[test]
+fn cleared_fault_confirms_no_lost_turn() {
+    let mut robot = restarted_at(3.4);
+    robot.disturb("thigh fault 0x40");
+    robot.steps(500);
+    assert_eq!(robot.mode(1), MotorMode::Fault);
+    clear_fault(&mut robot);
+    robot.steps(50);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::TurnLost);
+}
+
+#[test]
+fn absence_within_one_turn_needs_no_confirmation() {
+    let mut robot = restarted_at(3.0);
+    enable(&mut robot).unwrap();
+}

@@ -160,6 +160,7 @@ impl Log {
                 see = "foreign-master",
                 "frames with its command id arrive that motord did not send: another program or device commands it"
             ),
+            Event::LostTurns { motor, milliradians } => self.log_lost_turns(cycle, motor, milliradians),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
             Event::SetpointPeriod { group, period } => self.groups[group].period = Some(period),
@@ -193,6 +194,20 @@ impl Log {
             ),
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
             (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),
+        }
+    }
+
+    fn log_lost_turns(&mut self, cycle: u64, motor: usize, milliradians: i32) {
+        let motor = &mut self.motors[motor].subject;
+        if motor.changes() {
+            tracing::error!(
+                cycle,
+                motor = motor.name,
+                see = "turn-lost",
+                "its position differs by {:+.2} rad from the one before it was silent: whole turns of the motor are lost. \
+                 Its group is not enabled until the position is right or confirmed",
+                f64::from(milliradians) / 1000.0
+            );
         }
     }
 

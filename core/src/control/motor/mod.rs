@@ -1,6 +1,7 @@
 //! One motor, as its drive reports it: position, speed, torque, and faults with every state or on
 //! request. The module [`mode`] has the diagram of its modes.
 
+mod absence;
 mod follow;
 mod foreign;
 mod heat;
@@ -21,7 +22,8 @@ use super::answers::Refused;
 use super::context::Context;
 use super::{Command, Event};
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
-use crate::settings::MotorSettings;
+use crate::settings::{BeyondRange, MotorSettings};
+use absence::Absence;
 use foreign::Foreign;
 use heat::Heat;
 use mode::{Mode, Start};
@@ -66,6 +68,7 @@ pub(super) struct Motor {
     replies: Replies,
     plausibility: Plausibility,
     foreign: Foreign,
+    absence: Absence,
 }
 
 /// The faults of a motor, and when it is asked for them.
@@ -99,6 +102,7 @@ impl Motor {
             replies: Replies::default(),
             plausibility: Plausibility::default(),
             foreign: Foreign::default(),
+            absence: Absence::default(),
         }
     }
 
@@ -162,7 +166,7 @@ impl Motor {
     pub(super) fn exclude(&mut self, excluded: bool, cx: &mut Context) {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
-            self.measured = None;
+            self.leave();
             self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
             (self.replies.silent, self.replies.unanswered) = (0, 0);
@@ -174,6 +178,34 @@ impl Motor {
     /// Returns whether two motors answer to its id.
     pub(super) const fn is_doubled(&self) -> bool {
         self.plausibility.is_doubled()
+    }
+
+    /// Returns whether its position lacks whole turns, and nobody has confirmed it.
+    pub(super) fn lost_turns(&self) -> bool {
+        self.absence.has_lost()
+    }
+
+    /// Forgets its state until it reports one again, but not where it was.
+    fn leave(&mut self) {
+        if let Some(state) = self.measured.take() {
+            self.absence.leave(self.settings.transmission.position_to_motor(state.position));
+        }
+    }
+
+    /// Compares its position with that before it was silent.
+    #[cold]
+    fn compare(&mut self, position: f32, cx: &mut Context) {
+        let Self { settings, absence, .. } = self;
+        // A motor whose position wraps while it runs has no turn to lose.
+        if settings.beyond_range == BeyondRange::Wrap {
+            return;
+        }
+        let transmission = settings.transmission;
+        let position = transmission.position_to_motor(position);
+        if let Some(lost) = absence.end(position, settings.capabilities.position_end) {
+            let lost = transmission.position_to_joint(lost) - transmission.position_to_joint(0.0);
+            cx.push(Event::LostTurns { motor: self.joint, milliradians: (1000.0 * lost) as i32 });
+        }
     }
 
     /// Returns whether it has reported no state since the daemon started, and is not excluded.
@@ -298,6 +330,13 @@ impl Motor {
                 return Ok(());
             }
         };
+        if cause == Some(Cause::Implausible) {
+            // It may have restarted faster than a silence is noticed.
+            self.leave();
+        }
+        if self.measured.is_none() {
+            self.compare(measured.position, cx);
+        }
         self.take_state(measured, at, latency, runs, cx);
         let off = (self.off_states >= OFF_STATES_MAX).then_some(Cause::MotorOff);
         cause.or(off).map_or(Ok(()), Err)
@@ -449,6 +488,7 @@ impl Motor {
         let at_zero = self.settings.transmission.position_to_motor(position).abs() < ZERO_TOLERANCE;
         let confirmed = |request: &mut ServiceRequest| request.awaits(Kind::SetZero) && at_zero;
         if let Some(request) = self.request.take_if(confirmed) {
+            self.absence.confirm();
             cx.answer(request.ticket, Ok(()));
         }
     }
@@ -456,8 +496,11 @@ impl Motor {
     fn confirm_cleared(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
             self.faults.reported = Faults::NONE;
+            // Who clears a fault has not looked at the position yet.
             if matches!(self.mode, Mode::Fault { .. }) {
                 self.mode = Mode::Idle;
+            } else {
+                self.absence.confirm();
             }
             self.changed(cx);
             cx.answer(request.ticket, Ok(()));
@@ -486,7 +529,7 @@ impl Motor {
         let lost = blind || counts && self.replies.miss(cx.wake.cycle) >= lost_cycles;
         if lost {
             self.mode = Mode::OFFLINE;
-            self.measured = None;
+            self.leave();
             (self.replies.silent, self.replies.unanswered) = (0, 0);
             self.replies.forget(cx.publications);
         }
