@@ -16,7 +16,7 @@ use motord_harness::robot::checker::{Checker, of_vendor};
 use motord_harness::robot::fuzz_client::FuzzClient;
 use motord_harness::robot::random::Random;
 use motord_protocol::MotorProtocol;
-use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
+use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 use motord_simulator::Mode;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -289,10 +289,14 @@ impl Run {
         if robot.state().cycle % REOPEN_CYCLES == 0 {
             reopen(robot);
         }
+        let mut lost_turn = Vec::new();
         while let Some((ticket, reply)) = robot.take_answer() {
             pending.retain(|pending| *pending != ticket);
             controllers.iter_mut().for_each(|controller| controller.hear(robot, ticket, &reply));
+            lost_turn.extend((reply.refusal == Refusal::TurnLost.code()).then_some(reply.detail as usize));
         }
+        // The operator has looked at the joint.
+        lost_turn.into_iter().for_each(|joint| self.ask(Operation::ClearFault, 0, joint));
     }
 
     fn disturb(&mut self) {
