@@ -283,7 +283,7 @@ fn restarted_at(position: f64) -> Robot {
 
 fn enable(robot: &mut Robot) -> Result<(), Refusal> {
     if robot.group().lease == 0 {
-        robot.claim().unwrap();
+        robot.claim().expect("nobody owns it");
     }
     let joints = robot.hold(40.0, 1.0);
     robot.follow(&joints);
@@ -292,7 +292,7 @@ fn enable(robot: &mut Robot) -> Result<(), Refusal> {
 
 fn clear_fault(robot: &mut Robot) {
     let request = AdminRequest { operation: Operation::ClearFault.code(), joint: 1, ..Default::default() };
-    robot.ask(request).unwrap();
+    robot.ask(request).expect("it is granted");
 }
 
 #[test]
