@@ -4,7 +4,7 @@ use core::fmt::Debug;
 
 /// A value of which every bit pattern is valid: a number, or an array or structure of such values without padding.
 ///
-/// Only this crate implements it, with [`plain!`]: unsafe code of the ports relies on that.
+/// Only this crate implements it, with `plain!`: unsafe code of the ports relies on that.
 pub trait Plain: Copy {
     /// The value whose bytes are zero.
     const ZERO: Self;
