@@ -7,7 +7,7 @@
 use crate::heartbeat::Pulse;
 use crate::kernel::adopt;
 use motord_bus::Duration;
-use motord_ports::instance::{Displaced, Instance, InstanceError};
+use motord_ports::instance::{Instance, InstanceError};
 use motord_ports::{RoleLock, peer};
 use nix::cmsg_space;
 use nix::errno::Errno;
@@ -223,9 +223,7 @@ impl Listener {
     /// user; [`BindError::System`] without a socket.
     pub fn bind(instance: &Instance) -> Result<Self, BindError> {
         let lock = RoleLock::claim(instance, "deadman")?;
-        for Displaced { path, owner } in lock.displaced() {
-            tracing::warn!("{} of user {owner} was in the way, and is removed", path.display());
-        }
+        lock.displaced().iter().for_each(|displaced| tracing::warn!("{displaced}"));
         let socket = open(SockFlag::SOCK_NONBLOCK)?;
         bind(socket.as_raw_fd(), &address(instance)?)?;
         listen(&socket, Backlog::new(8)?)?;

@@ -9,7 +9,7 @@ use motord_bus::{Duration, clock};
 use motord_configuration as config;
 use motord_core::settings::Settings;
 use motord_metrics::{Outputs, Wanted};
-use motord_ports::instance::{Displaced, Instance};
+use motord_ports::instance::Instance;
 use motord_realtime::descriptors::raise_descriptors;
 use motord_realtime::process::program;
 use motord_realtime::{forbid_deep_sleep, granted, systemd};
@@ -34,9 +34,7 @@ pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
-    for Displaced { path, owner } in lock.displaced() {
-        tracing::warn!("{} of user {owner} was in the way, and is removed", path.display());
-    }
+    lock.displaced().iter().for_each(|displaced| tracing::warn!("{displaced}"));
     let mut buses = await_buses(&settings, patience)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;

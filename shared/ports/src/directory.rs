@@ -8,6 +8,7 @@ use nix::fcntl::{AtFlags, OFlag, openat, renameat};
 use nix::sys::stat::{FileStat, Mode, SFlag, fchmod, fstat, fstatat, mkdirat};
 use nix::unistd::{Uid, UnlinkatFlags, unlinkat};
 use std::ffi::{OsStr, OsString};
+use std::fmt::{self, Display};
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
@@ -30,6 +31,12 @@ pub struct Displaced {
     pub path: PathBuf,
     /// The other user.
     pub owner: u32,
+}
+
+impl Display for Displaced {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of user {} was in the way, and is removed", self.path.display(), self.owner)
+    }
 }
 
 /// An open directory.

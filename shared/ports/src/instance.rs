@@ -110,6 +110,15 @@ impl Instance {
         self.runtime.join("iox").join(&self.name)
     }
 
+    /// Returns the file that a daemon of this instance locks.
+    pub(crate) fn lock_path(&self) -> PathBuf {
+        self.runtime.join(self.lock_name())
+    }
+
+    fn lock_name(&self) -> String {
+        format!("{}.lock", self.name)
+    }
+
     fn open_iox(&self) -> Result<Directory, InstanceError> {
         self.open_runtime()?.open_below("iox")
     }
@@ -189,7 +198,7 @@ impl Instance {
         }
         let runtime = self.open_runtime()?;
         let mut displaced = Vec::new();
-        let lock = hold(&runtime, &format!("{}.lock", self.name), &mut displaced)?;
+        let lock = hold(&runtime, &self.lock_name(), &mut displaced)?;
         let mode = runtime.stat()?.st_mode;
         if mode & GROUP_WRITES != 0 {
             runtime.set_mode(mode | STICKY);
@@ -234,7 +243,7 @@ impl Instance {
 
     /// A daemon locks the directory for the first milliseconds of its life. Any member can.
     fn judge_lock(&self) -> Result<Option<Attachment>, InstanceError> {
-        let (path, daemon) = (self.root(), self.runtime.join(format!("{}.lock", self.name)));
+        let (path, daemon) = (self.root(), self.lock_path());
         match exclusive(&path) {
             held @ Locks::Held { pid } if held != exclusive(&daemon) => {
                 Err(InstanceError::Locked { path, pid })
@@ -305,7 +314,7 @@ impl InstanceLock {
 
     /// Returns the locked file.
     pub(crate) fn path(&self) -> PathBuf {
-        self.instance.runtime.join(format!("{}.lock", self.instance.name))
+        self.instance.lock_path()
     }
 }
 

@@ -1,4 +1,4 @@
-//! Whether a daemon that does not answer is dead.
+//! Detects that a daemon which does not answer is dead.
 
 use crate::instance::{Instance, pid_namespace};
 use crate::lock_file::{Locks, exclusive};
@@ -20,8 +20,7 @@ const ALL_PROCESSES: u64 = 0xEFFF_FFFC;
 /// block.
 #[must_use]
 pub fn is_dead(instance: &Instance) -> bool {
-    let lock = instance.runtime().join(format!("{}.lock", instance.name()));
-    match exclusive(&lock) {
+    match exclusive(&instance.lock_path()) {
         Locks::Held { .. } | Locks::Unknown => false,
         Locks::Free => pid_namespace() == ALL_PROCESSES || !is_listening(instance),
     }

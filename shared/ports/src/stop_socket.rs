@@ -168,8 +168,8 @@ fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
 /// Checks that the listening process can be the daemon: a process that is [no
 /// impostor](crate::peer), or of the owner of the instance's lock.
 fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), StopError> {
-    let lock = instance.runtime().join(format!("{}.lock", instance.name()));
-    let is_holder = || fs::symlink_metadata(lock).is_ok_and(|found| found.uid() == peer.uid());
+    let is_holder =
+        || fs::symlink_metadata(instance.lock_path()).is_ok_and(|found| found.uid() == peer.uid());
     match peer::judge(instance, peer) {
         Err(impostor) if !is_holder() => Err(StopError::NotTrusted(impostor)),
         Ok(()) | Err(_) => Ok(()),
