@@ -7,7 +7,6 @@ use motord_bus::{Bus, Duration, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
-use nix::errno::Errno;
 
 /// Why a bus could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -62,7 +61,6 @@ impl BusError {
             Self::Exchanged { .. }
                 | Self::Open { source: Missing(_) | Down { .. }, .. }
                 | Self::Port { source: serial::OpenError::Missing { .. }, .. }
-                | Self::Lock { source: LockError::System { errno: Errno::ENOENT | Errno::ENODEV, .. }, .. }
         )
     }
 }
