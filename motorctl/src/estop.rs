@@ -44,13 +44,18 @@ fn stop_all() -> Result<(), Failure> {
         match stop(&running) {
             Ok(()) => {}
             Err(Failure::NotHeard(motors)) => silent.push(motors),
+            // The alarm is printed once, before all of them.
+            Err(Failure::NotStopped(error)) => unconfirmed.push(format!("{}: {error}", running.name)),
             Err(failure) => unconfirmed.push(format!("{}: {failure}", running.name)),
         }
     }
     match (unconfirmed.is_empty(), silent.is_empty()) {
         (true, true) => Ok(()),
         (true, false) => Err(Failure::NotHeard(silent.join(", "))),
-        (false, _) => Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).collect())),
+        (false, _) => {
+            let silent = silent.into_iter().map(|motors| Failure::NotHeard(motors).to_string());
+            Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).collect()))
+        }
     }
 }
 

@@ -234,7 +234,7 @@ fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDe
     let position = joint.position_rad.filter(|_| joint.outside_limits)?;
     Some(format!(
         "{}: move it by hand, or correct its limits. If the angle is not the real one, `{motorctl} explain outside-limits` \
-         finds out whether its zero is wrong.",
+         describes how to find out whether its zero is wrong.",
         description.outside(position)
     ))
 }

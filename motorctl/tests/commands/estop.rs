@@ -81,3 +81,18 @@ fn several_daemons_elsewhere_are_named() {
     assert_eq!(said.matches("  motorctl estop --all\n").count(), 2, "{said}");
     assert_eq!(text(&output.stdout).matches("confirmed: every motor of instance ").count(), 2, "{output:?}");
 }
+
+#[test]
+fn one_alarm_precedes_daemons_that_are_not_confirmed() {
+    let script = "start one robot; one=$!; start two arm; kill -STOP $one; motorctl estop --all; status=$?\n\
+        kill -CONT $one; is_stopped two arm && exit $status";
+    let Some(output) = alone(script) else { return };
+    assert_eq!(output.status.code(), Some(79), "{output:?}");
+    let said = text(&output.stderr);
+    assert!(
+        said.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: robot: "),
+        "{said}"
+    );
+    assert_eq!(said.matches("NOT CONFIRMED").count(), 1, "{said}");
+    assert!(text(&output.stdout).contains("confirmed: every motor of instance arm"), "{output:?}");
+}
