@@ -85,8 +85,8 @@ plain! {
         /// Frames received, of any kind.
         pub received: u32,
         /// Frames of any kind whose id or first byte belongs to no motor of this bus, and commands to its
-        /// motors that motord did not send. The kernel filters most of the former on a CAN interface. The daemon counts the filtered frames outside
-        /// the real-time thread, some 50 ms late.
+        /// motors that motord did not send. The kernel filters most of the former on a CAN interface. The
+        /// daemon counts the filtered frames outside the real-time thread, some 50 ms late.
         pub unexpected_id: u32,
         /// Replies without a request, including second answers to one request.
         pub duplicate: u32,

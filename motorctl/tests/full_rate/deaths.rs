@@ -121,7 +121,7 @@ fn killed_daemon_is_error_and_successor_is_found() {
 }
 
 /// Goal: a program that starts after the death learns of the death, and not of a frozen daemon.
-/// Method: nobody waits for the killed process, so its id still exists.
+/// Method: the test does not wait for the killed process, so its id still exists.
 #[test]
 fn killed_daemon_is_dead_to_new_client() {
     let _alone = alone();

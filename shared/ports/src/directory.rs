@@ -75,7 +75,7 @@ impl Directory {
     }
 
     /// Opens the directory `name` in this one, and creates it if it is missing. [Displaces](Displaced)
-    /// what another user created under this name: its owner could change the contents, or keep this
+    /// a file or directory that another user created under this name: its owner could change the contents, or keep this
     /// process from using it.
     ///
     /// # Errors
@@ -98,7 +98,7 @@ impl Directory {
     }
 
     /// Opens the file `name` in this directory for a lock, and creates it if it is missing. Only its
-    /// owner may read or write it: whoever may read a file can lock it. Displaces like
+    /// owner may read or write it: a user who may read a file can lock it. Displaces like
     /// [`make_below`](Self::make_below).
     ///
     /// # Errors

@@ -246,7 +246,7 @@ impl<S: Service, T: Sparse> Lent<S, T> {
     /// Returns the sample, to be sent.
     pub(crate) fn sample(self) -> SampleMut<S, Payload<T>, ()> {
         // SAFETY: the memory of a port is a file. It is zeros when it is created: its bytes are
-        // initialised, whoever wrote them since. Any bytes are a `Message`, which consists of numbers
+        // initialised, whichever process wrote them since. Any bytes are a `Message`, which consists of numbers
         // without padding.
         unsafe { self.0.assume_init() }
     }

@@ -35,7 +35,7 @@ impl Absence {
         self.has_lost().then_some(self.lost)
     }
 
-    /// Returns whether whole turns are lost, and nobody has confirmed the position since.
+    /// Returns whether whole turns are lost, and no operator has confirmed the position since.
     pub(super) fn has_lost(&self) -> bool {
         self.lost != 0.0
     }

@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, Instant};
 
-/// So many frames within [`WINDOW`] are no accident.
+/// At least this many frames within [`WINDOW`] are from another master.
 const FRAMES: u32 = 5;
 const WINDOW: Duration = Duration::from_secs(1);
 /// A sender that continues is reported again after this time.
@@ -25,7 +25,7 @@ pub(super) struct Foreign {
 /// The judgement of a further frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Judged {
-    /// There are so many that another sender commands the motor.
+    /// At least [`FRAMES`] arrived within [`WINDOW`]: another master commands the motor.
     pub(super) is_master: bool,
     /// The number of frames, when they should be reported.
     pub(super) report: Option<u32>,

@@ -180,7 +180,7 @@ impl Motor {
         self.plausibility.is_doubled()
     }
 
-    /// Returns whether its position lacks whole turns, and nobody has confirmed it.
+    /// Returns whether its position lacks whole turns, and no operator has confirmed it.
     pub(super) fn lost_turns(&self) -> bool {
         self.absence.has_lost()
     }
@@ -496,7 +496,7 @@ impl Motor {
     fn confirm_cleared(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
             self.faults.reported = Faults::NONE;
-            // Who clears a fault has not looked at the position yet.
+            // An operator who clears a fault has not compared the position yet.
             if matches!(self.mode, Mode::Fault { .. }) {
                 self.mode = Mode::Idle;
             } else {

@@ -297,8 +297,8 @@ impl Link {
         }
     }
 
-    /// Sets the bit rate where it is another or unknown, then the rest, and brings the interface up. Each optional setting has a
-    /// request of its own: a driver that does not support one refuses the whole request.
+    /// Sets bit rate and modes, then the restart time, and brings the interface up. The restart time has a request of its own: a
+    /// driver that does not support it refuses the whole request.
     fn set_up(&self, bitrate: u32) -> socketcan::Result<()> {
         let interface = CanInterface::open_iface(self.index);
         if self.up {
@@ -306,7 +306,7 @@ impl Link {
         }
         if !self.is_virtual {
             match interface.set_can_params(&self.required(bitrate)) {
-                // An adapter with a rate of its own, which nobody can read or set.
+                // An adapter with a rate of its own, which its driver can neither read nor set.
                 Err(error) if self.bitrate.is_none() && netlink_errno(&error) == Errno::EOPNOTSUPP => {}
                 outcome => outcome?,
             }

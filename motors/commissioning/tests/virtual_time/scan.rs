@@ -118,7 +118,7 @@ fn nothing_is_sent_on_a_busy_bus() {
     assert_eq!(to_motor, 0);
 }
 
-/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms, and its axis every second; nobody asks for these.
+/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms, and its axis every second, without a request.
 struct BesideOdrive {
     bus: SharedBus,
     node: u16,
