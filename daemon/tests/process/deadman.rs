@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use crate::player::Player;
 use crate::safe_stop::{SIMULATED, can, configuration, motord, no_can, text};
 use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, candump, clock};
 use motord_core::stopper::Outlet;
@@ -18,7 +19,6 @@ use nix::unistd::Pid;
 use std::io::{BufRead, BufReader, IoSlice, Read};
 use std::os::fd::{AsFd, AsRawFd};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
@@ -177,7 +177,7 @@ fn register(instance: &Instance, frames: SafeFrames, pulse: &Pulse) -> (Channel,
 }
 
 /// A running daemon, as a process that can be killed.
-struct Daemon(Child);
+struct Daemon(Player);
 
 impl Daemon {
     fn start(runtime: &Path) -> Self {
@@ -185,29 +185,14 @@ impl Daemon {
     }
 
     fn start_on(runtime: &Path, interface: &str) -> Self {
-        let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "deadman::plays_the_daemon", "--nocapture"])
-            .env(PLAY, runtime)
-            .env(PLAY_ON, interface)
-            .stdout(Stdio::piped())
-            .spawn();
-        let mut daemon = Self(child.unwrap());
-        let lines = BufReader::new(daemon.0.stdout.take().unwrap()).lines();
-        assert!(lines.map_while(Result::ok).any(|line| line.contains("registered")));
-        daemon
+        let variables = [(PLAY, runtime.as_os_str()), (PLAY_ON, interface.as_ref())];
+        Self(Player::start("deadman::plays_the_daemon", &variables, "registered"))
     }
 
     fn signal(&self, signal: Signal) -> Instant {
         let now = clock::monotonic();
         kill(Pid::from_raw(self.0.id() as i32), signal).unwrap();
         now
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _dead_already = self.0.kill();
-        let _reaped = self.0.wait();
     }
 }
 

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use crate::deadman::{DAMPING, Recorder, Switch, beating, safe_frames};
+use crate::player::{Player, become_user};
 use crate::safe_stop::{can, configuration, motord, no_can, text};
 use motord_bus::{BusLock, Holder, candump, clock};
 use motord_core::stopper::Outlet;
@@ -12,12 +13,10 @@ use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::InterfaceError;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
-use nix::unistd::{Gid, Uid, chown, setgid, setgroups, setuid};
+use nix::unistd::{Gid, chown};
 use std::fs::{self, Permissions};
-use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
@@ -46,37 +45,17 @@ fn shared() -> Option<(TempDir, Instance)> {
     Some((directory, instance))
 }
 
-/// A process of a member that answers as the dead man's switch.
-struct Impostor(Child);
-
-impl Impostor {
-    fn start(runtime: &Path) -> Self {
-        let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "impostors::plays_the_switch", "--nocapture"])
-            .env(PLAY, runtime)
-            .stdout(Stdio::piped())
-            .spawn();
-        let mut impostor = Self(child.unwrap());
-        let lines = BufReader::new(impostor.0.stdout.take().unwrap()).lines();
-        assert!(lines.map_while(Result::ok).any(|line| line.contains("listens")));
-        impostor
-    }
+/// Starts a process of a member that answers as the dead man's switch.
+fn impostor(runtime: &Path) -> Player {
+    Player::start("impostors::plays_the_switch", &[(PLAY, runtime.as_os_str())], "listens")
 }
 
-impl Drop for Impostor {
-    fn drop(&mut self) {
-        let _dead_already = self.0.kill();
-        let _reaped = self.0.wait();
-    }
-}
-
-/// Runs in the process of [`Impostor`]; not a test of its own.
+/// Runs in the process of [`impostor`]; not a test of its own.
 #[test]
 fn plays_the_switch() {
     let Some(runtime) = std::env::var_os(PLAY) else { return };
     let instance = Instance::below(Path::new(&runtime), "test").unwrap();
-    let (user, group) = (Uid::from_raw(MEMBER), Gid::from_raw(MEMBER));
-    setgroups(&[group]).and_then(|()| setgid(group)).and_then(|()| setuid(user)).unwrap();
+    become_user(MEMBER);
     let listener = Listener::bind(&instance).unwrap();
     let socket = instance.runtime().join("test.deadman");
     fs::set_permissions(socket, Permissions::from_mode(0o777)).unwrap();
@@ -102,7 +81,7 @@ fn plays_the_switch() {
 #[test]
 fn daemon_registers_with_no_switch_of_a_member() {
     let Some((directory, instance)) = shared() else { return };
-    let impostor = Impostor::start(directory.path());
+    let impostor = impostor(directory.path());
     let (heartbeat, pulse) = beating();
     let end = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&end);
@@ -112,7 +91,7 @@ fn daemon_registers_with_no_switch_of_a_member() {
     let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
     assert!(hears.recv_timeout(PATIENCE).unwrap(), "no switch yet");
     let watched = hears.recv_timeout(Duration::from_secs(3));
-    assert!(watched.is_err(), "the daemon believes that process {} watches it", impostor.0.id());
+    assert!(watched.is_err(), "the daemon believes that process {} watches it", impostor.id());
     let switch = Switch::start(&instance);
     assert!(!hears.recv_timeout(PATIENCE).unwrap(), "the real switch watches");
     let (_, first) = switch.sent.recv_timeout(PATIENCE).unwrap();
@@ -126,7 +105,7 @@ fn daemon_registers_with_no_switch_of_a_member() {
 #[test]
 fn safe_stop_believes_no_switch_of_a_member() {
     let Some((directory, _instance)) = shared() else { return };
-    let _impostor = Impostor::start(directory.path());
+    let _impostor = impostor(directory.path());
 
     let config = configuration(directory.path(), &can(&no_can("lie")));
     let begun = Instant::now();

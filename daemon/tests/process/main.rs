@@ -8,6 +8,7 @@ mod log;
 mod memory;
 mod motord_sim;
 mod owners;
+mod player;
 mod port;
 mod safe_stop;
 mod serial;

@@ -8,6 +8,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use crate::player::become_user;
 use motord_ports::ClientPorts;
 use motord_ports::instance::Instance;
 use motord_ports::stop_socket::{AskedStop, StopError};
@@ -16,7 +17,7 @@ use motord_shared::{AdminRequest, Cause, JointSetpoint, Operation, Phase, Setpoi
 use nix::sys::ptrace;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::wait::{WaitPidFlag, waitpid};
-use nix::unistd::{Gid, Pid, Uid, setgid, setgroups, setuid};
+use nix::unistd::Pid;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -397,8 +398,7 @@ fn emergency_stop_is_confirmed_on_full_filesystem() {
 fn an_intruder_asks() {
     let Some(runtime) = std::env::var_os(INTRUDE) else { return };
     let instance = Instance::below(Path::new(&runtime), "robot").unwrap();
-    let (user, group) = (Uid::from_raw(NOBODY), Gid::from_raw(NOBODY));
-    setgroups(&[group]).and_then(|()| setgid(group)).and_then(|()| setuid(user)).unwrap();
+    become_user(NOBODY);
     let asked = AskedStop::send(&instance, PATIENCE).unwrap();
     assert_eq!(asked.confirm(PATIENCE), Err(StopError::NotPermitted));
 }
