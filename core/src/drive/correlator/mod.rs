@@ -1,0 +1,275 @@
+//! Finds the request that a reply answers.
+//!
+//! An MIT reply does not name its request: a state and a fault report look alike, and a late reply
+//! looks like a timely one (docs/adr/0005). A motor therefore has at most one open request. A reply
+//! is judged by the open request, by its shape as the dialect ([`Payload`]) classifies it, and by
+//! its time.
+//!
+//! Pure: a transition depends on state, payload and time only. Constant time; no allocation, no
+//! system call.
+
+mod reports;
+mod role;
+#[cfg(test)]
+mod tests;
+
+use motord_bus::time::nanos;
+use motord_bus::{Duration, Instant};
+use reports::{Reports, UNREPORTED_MAX};
+pub(super) use role::{Payload, Question, Role};
+
+/// No reply arrives later than this.
+pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
+/// Most unanswered requests that are remembered. It bounds how many replies of a second motor with
+/// the same id are taken for late ones.
+const UNPAID_MAX: u32 = 100;
+/// A report that arrives at least this many requests after its own proves that answers are late.
+const BEHIND_REQUESTS: u32 = 3;
+/// After this many such reports in a row the states of the motor are late. One follows any stall.
+const BEHIND_REPORTS: u32 = 2;
+/// For this time after the proof no state is an answer: longer than any `motor-lost` takes.
+const BEHIND_TIME: Duration = Duration::from_secs(1);
+
+/// The request that is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Request {
+    question: Question,
+    sent_at: Instant,
+}
+
+/// The state of the correlation: six independent parts.
+///
+/// ```text
+///   open             ┌──────── answer, withdrawal ◀────────┐
+///                    ▼                                     │
+///                 Nothing ──── request ──▶ State | Fault | Clear ──┐
+///                                                  ▲               │ request: the one before is owed,
+///                                                  └───────────────┘ if it is younger than 50 ms
+///
+///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1)
+///                    ▲                              │
+///                    └── request, 50 ms later ◀─────┘
+///
+///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
+///                                                         UNPAID_MAX); time does not change it
+///
+///   reports_behind   0 ◀── report in time ── n ◀── report BEHIND_REQUESTS after its request (n + 1)
+///                                            n = BEHIND_REPORTS: no state is an answer for BEHIND_TIME
+///
+///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
+///                       ▲                                          │
+///                       └── the next reply, which is dropped ◀─────┘
+///
+///   reports          Unseen(n) ── an unambiguous report ──▶ Seen(0)
+///                       ▲                                   │
+///                       └─────── n = DOUBTED_AFTER ── Seen(n)
+///                      n + 1: request while Fault is open;  0: a fault request was answered
+/// ```
+///
+/// | open | payload | trusted | distrusted |
+/// |---|---|---|---|
+/// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
+/// | nothing, or sent too short ago | any other | unasked | unasked |
+/// | any | unreadable | malformed | malformed |
+/// | State | report, while replies are owed | late report | late report |
+/// | State | report | malformed | late report |
+/// | State | continuation, plain, until `behind_until` | late | late |
+/// | State | continuation, plain | answer | unasked |
+/// | Clear | report | answer | late report |
+/// | Clear | continuation, plain | answer | unasked |
+/// | Fault | report | answer | given up |
+/// | Fault | continuation, once a report was seen, or while replies are owed or n < 3 | late | late |
+/// | Fault | plain, once a report was seen | late | late |
+/// | Fault | any other | answer | given up |
+///
+/// *Unasked* is late while replies are owed or unpaid, otherwise a duplicate. *Given up* is unasked, and
+/// closes the request: otherwise each fault request would be distrusted because of the previous
+/// one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Correlator {
+    /// Least time from a request to its reply, ns.
+    fastest_reply: u64,
+    open: Option<Request>,
+    /// Requests that were not answered before the next, and whose replies may still arrive.
+    owed: u32,
+    owed_since: Instant,
+    /// Requests that were not answered before the next, however long ago, less the replies that
+    /// were late or unasked: no more replies than these can still be late.
+    unpaid: u32,
+    /// Requests since the last fault request, whose report did not arrive before the next.
+    since_fault: Option<u32>,
+    /// Consecutive reports [`BEHIND_REQUESTS`] or more after their requests.
+    reports_behind: u32,
+    /// Until this time every state is late.
+    behind_until: Instant,
+    /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
+    /// request is open.
+    distrusted_until: Instant,
+    reports: Reports,
+}
+
+impl Correlator {
+    /// Creates a correlator without an open request. No reply arrives earlier than `fastest_reply`
+    /// after its request.
+    pub(super) const fn new(fastest_reply: Duration) -> Self {
+        Self {
+            fastest_reply: nanos(fastest_reply),
+            open: None,
+            owed: 0,
+            owed_since: Instant::ZERO,
+            unpaid: 0,
+            since_fault: None,
+            reports_behind: 0,
+            behind_until: Instant::ZERO,
+            distrusted_until: Instant::ZERO,
+            reports: Reports::Unseen(0),
+        }
+    }
+
+    /// Returns whether a request is open.
+    pub(super) const fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Returns the question of the open request.
+    #[inline]
+    pub(super) const fn question(&self) -> Option<Question> {
+        match self.open {
+            Some(open) => Some(open.question),
+            None => None,
+        }
+    }
+
+    /// Opens a request that is sent at `now`. Gives up the previous one, if it is still open.
+    pub(super) fn request(&mut self, question: Question, now: Instant) {
+        match self.open {
+            Some(open) if now <= open.sent_at + LATEST_REPLY => {
+                self.owed = self.owed.saturating_add(1);
+                self.owed_since = now;
+            }
+            _ if now > self.owed_since + LATEST_REPLY => self.owed = 0,
+            _ => {}
+        }
+        if self.open.is_some() {
+            self.unpaid = (self.unpaid + 1).min(UNPAID_MAX);
+        }
+        if let Some(requests) = &mut self.since_fault {
+            *requests = requests.saturating_add(1);
+        }
+        if let Some(Request { question: Question::Fault, sent_at }) = self.open {
+            self.since_fault = Some(1);
+            self.distrusted_until = sent_at + LATEST_REPLY;
+            self.reports = self.reports.unreported();
+        }
+        self.open = Some(Request { question, sent_at: now });
+    }
+
+    /// Withdraws the open request, whose frame was not sent.
+    pub(super) const fn withdraw(mut self) -> Self {
+        self.open = None;
+        self
+    }
+
+    /// Judges a payload that arrived at `at`.
+    #[inline(always)]
+    pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Role {
+        let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
+        if payload == Payload::Report && !asks_fault {
+            self.place_report(at);
+        }
+        match payload {
+            Payload::OtherId => Role::UnexpectedId,
+            Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
+            _ => match self.open {
+                Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
+                _ => self.unasked(),
+            },
+        }
+    }
+
+    /// Counts the requests from a fault request to its report. They are the answers that this motor
+    /// owes all the time: a lost reply delays no report.
+    #[cold]
+    fn place_report(&mut self, at: Instant) {
+        let Some(requests) = self.since_fault.take() else { return };
+        if requests < BEHIND_REQUESTS {
+            self.reports_behind = 0;
+            return;
+        }
+        self.reports_behind = (self.reports_behind + 1).min(BEHIND_REPORTS);
+        if self.reports_behind == BEHIND_REPORTS {
+            self.behind_until = at + BEHIND_TIME;
+        }
+    }
+
+    /// Returns whether a payload that arrived at `at` can have been sent after the request.
+    const fn may_answer(&self, open: Request, at: Instant) -> bool {
+        at.as_nanos() >= open.sent_at.as_nanos().saturating_add(self.fastest_reply)
+    }
+
+    /// Judges a payload that may answer the open request.
+    #[inline(always)]
+    fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Role {
+        match (open.question, payload) {
+            (Question::State, Payload::Report) if self.owed > 0 => self.late_report(),
+            (_, Payload::Unreadable) | (Question::State, Payload::Report) => Role::Malformed,
+            (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
+                self.late()
+            }
+            (Question::State, _) if at < self.behind_until => self.late(),
+            (Question::Fault, Payload::Report) => {
+                self.reports = Reports::Seen(0);
+                if self.since_fault.take().is_none() {
+                    self.reports_behind = 0;
+                }
+                self.answer(open, at)
+            }
+            _ => self.answer(open, at),
+        }
+    }
+
+    /// Takes the payload as the answer to the open request, unless the next reply is distrusted.
+    fn answer(&mut self, open: Request, at: Instant) -> Role {
+        let is_fault = open.question == Question::Fault;
+        if at < self.distrusted_until {
+            self.open = self.open.filter(|_| !is_fault);
+            return self.unasked();
+        }
+        self.open = None;
+        if is_fault && matches!(self.reports, Reports::Unseen(_)) {
+            self.reports = Reports::Unseen(0);
+        }
+        Role::Answer(open.question, at.since(open.sent_at))
+    }
+
+    const fn late_report(&mut self) -> Role {
+        self.reports = Reports::Seen(0);
+        let _late = self.late();
+        Role::LateReport
+    }
+
+    const fn late(&mut self) -> Role {
+        self.distrusted_until = Instant::ZERO;
+        self.owed = self.owed.saturating_sub(1);
+        self.unpaid = self.unpaid.saturating_sub(1);
+        Role::Late
+    }
+
+    const fn unasked(&mut self) -> Role {
+        if self.owed > 0 || self.unpaid > 0 {
+            return self.late();
+        }
+        self.distrusted_until = Instant::ZERO;
+        Role::Duplicate
+    }
+
+    /// Returns whether an ambiguous answer to a fault request is more likely a late state.
+    const fn is_rather_a_state(&self, payload: Payload) -> bool {
+        match self.reports {
+            Reports::Seen(_) => true,
+            Reports::Unseen(unreported) => {
+                matches!(payload, Payload::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
+            }
+        }
+    }
+}

@@ -1,0 +1,258 @@
+//! Each state with each payload, and the counts over many turns.
+
+use super::reports::DOUBTED_AFTER;
+use super::*;
+use Payload::{Continuation, OtherId, Plain, Report, Unreadable};
+use Question::{Clear, Fault, State};
+
+fn asked(mut state: Correlator, question: Question, at: Instant) -> Correlator {
+    state.request(question, at);
+    state
+}
+
+/// The state and the role after a payload.
+fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Role) {
+    let role = state.receive(payload, at);
+    (state, role)
+}
+
+const SENT: Instant = Instant::from_nanos(1_000_000_000);
+const FASTEST: Duration = Duration::from_micros(200);
+
+/// The role on a payload, and its effect on the state of the correlator.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Outcome {
+    /// The answer: closes the request.
+    Ans,
+    /// Late while replies are owed, else a duplicate. Ends distrust.
+    Una,
+    /// The same, and closes the request.
+    Giv,
+    /// Late, owed or not. Ends distrust.
+    Lat,
+    /// A late report. Ends distrust.
+    Rep,
+    /// Malformed: changes nothing.
+    Mal,
+}
+use Outcome::{Ans, Giv, Lat, Mal, Rep, Una};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Time {
+    /// Before the wire can carry request and reply.
+    Soon,
+    Timely,
+}
+use Time::{Soon, Timely};
+
+const FEW: Reports = Reports::Unseen(UNREPORTED_MAX - 1);
+const MANY: Reports = Reports::Unseen(UNREPORTED_MAX);
+const SEEN: Reports = Reports::Seen(0);
+
+/// Which states and times, as (open, reports, owed, distrusted, time), where `ANY…` is every one; then what becomes of each
+/// kind of payload.
+type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 4]);
+const ANY: &[Reports] = &[FEW, MANY, SEEN];
+const ANY_OWED: &[u32] = &[0, 1, 2];
+const ANY_TIME: &[Time] = &[Soon, Timely];
+const PAYLOADS: [Payload; 4] = [Unreadable, Report, Continuation, Plain];
+#[rustfmt::skip]
+const TABLE: [Row; 21] = [
+    // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain
+    (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una]),
+    (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una]),
+    (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+    (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
+    (Some(State),   ANY,      &[0],     false,      &[Timely], [Mal,       Mal,    Ans,          Ans]),
+    (Some(State),   ANY,      &[1, 2],  false,      &[Timely], [Mal,       Rep,    Ans,          Ans]),
+    (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
+    (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+    (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
+    (Some(Clear),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Ans,    Ans,          Ans]),
+    (Some(Clear),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
+    (Some(Fault),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+    (Some(Fault),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Una,    Una,          Una]),
+    (Some(Fault),   &[FEW],   ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Ans]),
+    (Some(Fault),   &[FEW],   ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
+    (Some(Fault),   &[MANY],  &[0],     false,      &[Timely], [Mal,       Ans,    Ans,          Ans]),
+    (Some(Fault),   &[MANY],  &[0],     true,       &[Timely], [Mal,       Giv,    Giv,          Giv]),
+    (Some(Fault),   &[MANY],  &[1, 2],  false,      &[Timely], [Mal,       Ans,    Lat,          Ans]),
+    (Some(Fault),   &[MANY],  &[1, 2],  true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
+    (Some(Fault),   &[SEEN],  ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Lat]),
+    (Some(Fault),   &[SEEN],  ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Lat]),
+];
+
+/// Every state that the table distinguishes, each with both times.
+fn every_state() -> impl Iterator<Item = (Correlator, Time)> {
+    let opens = [None, Some(State), Some(Clear), Some(Fault)];
+    let open_reports = opens.into_iter().flat_map(|open| ANY.iter().map(move |&reports| (open, reports)));
+    let owed = open_reports.flat_map(|state| ANY_OWED.iter().map(move |&owed| (state, owed)));
+    let trust = owed.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
+    let unpaid = trust.flat_map(|state| [0, 1].map(|unpaid| (state, unpaid)));
+    let times = unpaid.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
+    times.map(|(((((question, reports), owed), distrusted), unpaid), time)| {
+        let open = question.map(|question| Request { question, sent_at: SENT });
+        let distrusted_until = if distrusted { SENT + LATEST_REPLY } else { SENT };
+        let state = Correlator {
+            open,
+            reports,
+            owed,
+            unpaid,
+            distrusted_until,
+            owed_since: SENT,
+            ..Correlator::new(FASTEST)
+        };
+        (state, time)
+    })
+}
+
+/// The rows that speak of this state at this time.
+fn rows(state: &Correlator, time: Time) -> Vec<&'static Row> {
+    let is_distrusted = state.distrusted_until > SENT;
+    let speaks = |(open, reports, owed, distrusted, times, _): &&Row| {
+        *open == state.open.map(|open| open.question)
+            && reports.contains(&state.reports)
+            && owed.contains(&state.owed)
+            && *distrusted == is_distrusted
+            && times.contains(&time)
+    };
+    TABLE.iter().filter(speaks).collect()
+}
+
+/// The state and the role that an outcome means.
+fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Role) {
+    let late = |role| {
+        let (owed, unpaid) = (before.owed.saturating_sub(1), before.unpaid.saturating_sub(1));
+        (Correlator { owed, unpaid, distrusted_until: Instant::ZERO, ..before }, role)
+    };
+    let unasked = || late(if before.owed > 0 || before.unpaid > 0 { Role::Late } else { Role::Duplicate });
+    let closed = |(state, role)| (Correlator { open: None, ..state }, role);
+    match outcome {
+        Mal => (before, Role::Malformed),
+        Lat => late(Role::Late),
+        Rep => late(Role::LateReport),
+        Una => unasked(),
+        Giv => closed(unasked()),
+        Ans => {
+            let Request { question, sent_at } = before.open.expect("it answers a request");
+            closed((before, Role::Answer(question, at.since(sent_at))))
+        }
+    }
+}
+
+/// The value of `reports` after the payload.
+fn expected_reports(outcome: Outcome, before: Correlator, payload: Payload) -> Reports {
+    let answers_fault = before.open.is_some_and(|open| open.question == Fault);
+    match (outcome, payload) {
+        (Rep, _) => SEEN,
+        (Ans | Giv, Report) if answers_fault => SEEN,
+        (Ans, _) if answers_fault && before.reports != SEEN => Reports::Unseen(0),
+        _ => before.reports,
+    }
+}
+
+/// Goal: every payload in every state at every time has the role that the table says, and leaves the state it says.
+/// Method: all states that differ in any column, each looked up in the table; exactly one row speaks of each.
+#[test]
+fn every_payload_in_every_state_matches_the_table() {
+    for (before, time) in every_state() {
+        let at = if time == Soon { SENT + FASTEST / 2 } else { SENT + FASTEST };
+        let rows = rows(&before, time);
+        assert_eq!(rows.len(), 1, "{before:?}, {time:?}: {rows:?}");
+        for (payload, outcome) in PAYLOADS.into_iter().zip(rows[0].5) {
+            let (mut state, role) = expected(outcome, before, at);
+            state.reports = expected_reports(outcome, before, payload);
+            assert_eq!(received(before, payload, at), (state, role), "{before:?}, {payload:?}, {time:?}");
+        }
+        assert_eq!(received(before, OtherId, at), (before, Role::UnexpectedId));
+    }
+}
+
+#[test]
+fn new_request_leaves_the_open_one_owed() {
+    let open = asked(Correlator::new(FASTEST), State, SENT);
+    assert_eq!((open.owed, open.is_open()), (0, true));
+    let in_time = asked(open, State, SENT + LATEST_REPLY);
+    assert_eq!((in_time.owed, in_time.owed_since), (1, SENT + LATEST_REPLY));
+    let nanosecond = Duration::from_nanos(1);
+    assert_eq!(asked(open, State, SENT + LATEST_REPLY + nanosecond).owed, 0);
+    let idle = in_time.withdraw();
+    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY).owed, 1);
+    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY + nanosecond).owed, 0);
+}
+
+#[test]
+fn request_after_unanswered_fault_request_is_distrusted() {
+    let unanswered = asked(Correlator::new(FASTEST), Fault, SENT);
+    let state = asked(unanswered, State, SENT + Duration::from_millis(1));
+    assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
+    let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
+    assert_eq!(received(state, Plain, just_before).1, Role::Late);
+    assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Role::Answer(State, _)));
+    let trusted = asked(asked(Correlator::new(FASTEST), State, SENT), State, SENT + LATEST_REPLY);
+    assert_eq!(trusted.distrusted_until, Instant::ZERO);
+}
+
+#[test]
+fn motor_with_shapeless_reports_is_believed_after_ten() {
+    let after = |requests: u32| {
+        let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST) };
+        (0..requests).fold(seen, |state, _| asked(state, Fault, SENT))
+    };
+    let reports = |requests| after(requests).reports;
+    assert_eq!(reports(DOUBTED_AFTER), Reports::Seen(DOUBTED_AFTER - 1));
+    assert_eq!(reports(DOUBTED_AFTER + 1), Reports::Unseen(DOUBTED_AFTER));
+    let later = SENT + LATEST_REPLY;
+    let role = |requests| received(after(requests), Plain, later).1;
+    assert_eq!(role(DOUBTED_AFTER), Role::Late);
+    assert!(matches!(role(DOUBTED_AFTER + 1), Role::Answer(Fault, _)));
+}
+
+/// Goal: no more replies are called late than requests were unanswered, however late, and a second motor with the same
+/// id is still found. Method: `missed` silent turns of `period`; then two replies to each request.
+#[test]
+fn surplus_replies_are_late_while_requests_are_unanswered() {
+    for period in [1, 20, 100].map(Duration::from_millis) {
+        for missed in [0, 1, 12, UNPAID_MAX, 10 * UNPAID_MAX] {
+            let (mut state, mut at) = (Correlator::new(FASTEST), SENT);
+            for _ in 0..missed {
+                state.request(State, at);
+                at = at + period;
+            }
+            // Answered turns between the silence and the burst, and more than 50 ms.
+            for _ in 0..100 {
+                state.request(State, at);
+                assert!(matches!(state.receive(Plain, at + FASTEST), Role::Answer(State, _)));
+                at = at + period;
+            }
+            let surplus: Vec<_> = (0..2 * UNPAID_MAX).map(|_| state.receive(Plain, at)).collect();
+            let late = missed.min(UNPAID_MAX) as usize;
+            assert!(surplus[..late].iter().all(|role| *role == Role::Late), "{period:?}, {missed}");
+            assert!(surplus[late..].iter().all(|role| *role == Role::Duplicate), "{period:?}, {missed}");
+        }
+    }
+}
+
+/// Method: a queue of answers that is `lag` long; or as many lost replies, and timely answers since.
+#[test]
+fn reports_behind_their_requests_make_states_late() {
+    for (lag, lost) in [(0, 0), (1, 0), (2, 0), (3, 0), (30, 0), (0, 7)] {
+        let (mut state, mut queue, mut late) = (Correlator::new(FASTEST), Vec::new(), 0);
+        for turn in 0..1000_u32 {
+            let question = if turn % 100 == 50 { Fault } else { State };
+            let at = SENT + Duration::from_millis(3) * turn;
+            state.request(question, at);
+            queue.extend((turn >= lost).then_some(if question == Fault { Report } else { Continuation }));
+            if queue.len() > lag {
+                late += u32::from(state.receive(queue.remove(0), at + FASTEST) == Role::Late);
+            }
+        }
+        assert_eq!(late > 500, lag > 2, "{lag} behind, {lost} lost: {late}");
+    }
+}
+
+#[test]
+fn unsent_request_leaves_nothing_open() {
+    let before = Correlator::new(FASTEST);
+    assert_eq!(asked(before, Fault, SENT).withdraw(), before);
+}
