@@ -4,7 +4,7 @@ use motord_bus::Duration;
 
 /// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::drive) enum Question {
+pub(crate) enum Question {
     /// The state: every command but the next two. A GIM motor may confirm such a command without a
     /// state.
     State,
@@ -16,7 +16,7 @@ pub(in crate::drive) enum Question {
 
 /// The kind of a payload, judged by its bytes alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::drive) enum Payload {
+pub(crate) enum Payload {
     /// It has the id of another motor.
     OtherId,
     /// It is no reply, or it names another request than the open one.
@@ -31,7 +31,7 @@ pub(in crate::drive) enum Payload {
 
 /// The role of a payload, judged by its bytes and by the requests that were sent before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::drive) enum Role {
+pub(crate) enum Role {
     /// The answer to the open request, and the time since that was sent.
     Answer(Question, Duration),
     /// A fault report, which answers an earlier fault request.
