@@ -96,6 +96,8 @@ sections! {
             "File with the metrics for the textfile collector of Prometheus' node exporter. Replaced every 5 s.";
         "prometheus-listen" prometheus_listen: Option<SocketAddr>, "" = follows("none").words("a loopback address with its port"),
             "Such as `127.0.0.1:9464`: the metrics by HTTP, at `/metrics`, for a Prometheus on this computer.";
+        "prometheus-hosts" prometheus_hosts: Option<Vec<String>>, "" = follows("none").words("host names without a port"),
+            "Names in the Host field of a request that are served besides `localhost` and loopback addresses, such as the name of a reverse proxy. A request with another name is refused with status 421, so that no web page reads the metrics under a name of its own.";
     }
 
     /// `[safety]`.

@@ -59,6 +59,8 @@ pub struct TelemetrySettings {
     pub prometheus_file: Option<PathBuf>,
     /// Loopback address where Prometheus fetches them by HTTP.
     pub prometheus_listen: Option<SocketAddr>,
+    /// Host names that are served at that address, besides those of the loopback interface.
+    pub prometheus_hosts: Vec<String>,
 }
 
 /// Why a configuration is refused: every error found, in the order of the file's lines. At least one.
@@ -152,6 +154,7 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
             let telemetry = TelemetrySettings {
                 prometheus_file: document.telemetry.prometheus_file.value,
                 prometheus_listen: document.telemetry.prometheus_listen.value,
+                prometheus_hosts: document.telemetry.prometheus_hosts.value.unwrap_or_default(),
             };
             Ok(Loaded { settings, telemetry, limits, warnings, hash: fnv1a(bytes) })
         }

@@ -132,6 +132,8 @@ pub enum Wrong {
     MetricsFile { path: String },
     #[error("{address:?} is no loopback address with its port, such as 127.0.0.1:9464")]
     MetricsAddress { address: String },
+    #[error("{name:?} is no host name; write it without a port, such as robot.lan")]
+    HostName { name: String },
 
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]

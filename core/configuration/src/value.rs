@@ -149,6 +149,23 @@ impl Value for [f64; 2] {
     }
 }
 
+impl Value for Vec<String> {
+    const KIND: &'static str = "a list of texts";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let listed = Vec::<Listed>::read(written)?;
+        let names: Self = listed.into_iter().map(|item| item.text).collect();
+        let is_host = |name: &String| {
+            let is_part = |letter: char| letter.is_ascii_alphanumeric() || "-._".contains(letter);
+            !name.is_empty() && name.chars().all(is_part)
+        };
+        match names.iter().find(|name| !is_host(name)) {
+            Some(name) => Err(Wrong::HostName { name: name.clone() }),
+            None => Ok(names),
+        }
+    }
+}
+
 /// An item of a list, with its place.
 #[derive(Debug, Clone)]
 pub(super) struct Listed {

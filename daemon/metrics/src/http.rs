@@ -1,173 +1,232 @@
 //! The metrics by HTTP, for a Prometheus on this computer.
 //!
-//! One connection at a time with one request each, both bounded: a slow or hostile client delays other readers of
-//! the metrics by one second, and no other thread.
+//! One thread of normal priority serves all connections, each for one request. Number, time and bytes of the
+//! connections are bounded ([`Limits`]), so a silent, slow or hostile client delays no other reader of the metrics.
 
+use crate::hosts::Hosts;
 use crate::latest::Latest;
-use httparse::{EMPTY_HEADER, Request, Status};
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::time::{Duration, Instant};
+use http_body_util::Full;
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{ALLOW, CONTENT_TYPE, HOST, HeaderValue};
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode, Version};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::io;
+use std::net::TcpListener as StdListener;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::AbortHandle;
 
-/// Longest head of a request.
+/// Longest head of a request, in bytes. hyper permits no shorter one.
 const HEAD_BYTES_MAX: usize = 8 * 1024;
 /// Most header fields of a request.
 const HEADERS_MAX: usize = 64;
-/// Longest time of a connection.
-const CONNECTION: Duration = Duration::from_secs(1);
+/// Pause after a connection that could not be accepted. If no descriptors are left, an immediate next attempt would
+/// fail as well.
+const PAUSE: Duration = Duration::from_secs(1);
 /// The type of the text format of Prometheus.
-const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
+const TEXT_FORMAT: HeaderValue = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
 
-/// Answers the connections of `listener`, one after the other.
-pub(crate) fn run(listener: &TcpListener, latest: &Latest) {
-    loop {
-        match listener.accept() {
-            Ok((stream, _)) => {
-                let _client_is_gone_or_slow = serve(stream, latest);
+/// What bounds the connections.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    /// Most connections. One more closes the oldest.
+    pub(crate) connections: usize,
+    /// Longest time until the head of the request is complete, also of a connection that sends nothing.
+    pub(crate) head: Duration,
+    /// Longest time of a connection, also of one that reads no answer.
+    pub(crate) connection: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { connections: 32, head: Duration::from_secs(2), connection: Duration::from_secs(10) }
+    }
+}
+
+/// What the answers come from.
+#[derive(Debug)]
+pub(crate) struct Pages {
+    /// The metrics.
+    pub(crate) latest: Arc<Latest>,
+    /// The names of this computer that are answered.
+    pub(crate) hosts: Hosts,
+}
+
+/// Answers the connections of `listener` within `limits`. Does not return, except with the error of the system that
+/// prevents it from starting.
+pub(crate) fn run(listener: StdListener, pages: Pages, limits: Limits) -> io::Result<Infallible> {
+    listener.set_nonblocking(true)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+    runtime.block_on(async {
+        let listener = TcpListener::from_std(listener)?;
+        let pages = Arc::new(pages);
+        let mut open = VecDeque::with_capacity(limits.connections);
+        loop {
+            match listener.accept().await {
+                Ok((stream, _)) => admit(stream, &pages, limits, &mut open),
+                Err(_) => tokio::time::sleep(PAUSE).await,
             }
-            // If no descriptors are left, an immediate next attempt would fail as well.
-            Err(_) => std::thread::sleep(CONNECTION),
+        }
+    })
+}
+
+/// Begins to serve `stream`. Closes the oldest of the connections in `open` if these are the most.
+fn admit(stream: TcpStream, pages: &Arc<Pages>, limits: Limits, open: &mut VecDeque<AbortHandle>) {
+    open.retain(|connection| !connection.is_finished());
+    if open.len() >= limits.connections
+        && let Some(oldest) = open.pop_front()
+    {
+        oldest.abort();
+    }
+    open.push_back(tokio::spawn(serve(stream, Arc::clone(pages), limits)).abort_handle());
+}
+
+/// Serves one request.
+async fn serve(stream: TcpStream, pages: Arc<Pages>, limits: Limits) {
+    let service = service_fn(|request| std::future::ready(Ok::<_, Infallible>(pages.answer(&request))));
+    let connection = hyper::server::conn::http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(limits.head)
+        .keep_alive(false)
+        .max_buf_size(HEAD_BYTES_MAX)
+        .max_headers(HEADERS_MAX)
+        .serve_connection(TokioIo::new(stream), service);
+    let _client_is_gone_or_slow = tokio::time::timeout(limits.connection, connection).await;
+}
+
+impl Pages {
+    /// Answers the request from its head. A body is not read: no answer depends on it.
+    fn answer(&self, request: &Request<Incoming>) -> Response<Full<Bytes>> {
+        let refusal = |status, sentence: &'static str| page(status, Bytes::from_static(sentence.as_bytes()));
+        match self.judge(request) {
+            Ok(()) => page(StatusCode::OK, self.latest.text()),
+            Err(Refused::NoHost) => {
+                refusal(StatusCode::BAD_REQUEST, "The request names no host, or several.\n")
+            }
+            Err(Refused::Host) => refusal(
+                StatusCode::MISDIRECTED_REQUEST,
+                "This host name is not served: use localhost, or add the name to prometheus-hosts.\n",
+            ),
+            Err(Refused::Method) => {
+                let mut answer = refusal(StatusCode::METHOD_NOT_ALLOWED, "Only GET is known.\n");
+                answer.headers_mut().insert(ALLOW, HeaderValue::from_static("GET"));
+                answer
+            }
+            Err(Refused::Path) => refusal(StatusCode::NOT_FOUND, "The metrics are at /metrics.\n"),
+        }
+    }
+
+    fn judge<B>(&self, request: &Request<B>) -> Result<(), Refused> {
+        let mut fields = request.headers().get_all(HOST).iter();
+        let names = match (fields.next(), fields.next()) {
+            (Some(host), None) => host.to_str().is_ok_and(|host| self.hosts.has(host)),
+            (None, None) if request.version() == Version::HTTP_10 => true,
+            _ => return Err(Refused::NoHost),
+        };
+        // A request to a proxy names the host a second time.
+        let target = request.uri().authority().is_none_or(|target| self.hosts.has(target.as_str()));
+        match (names && target, request.method(), request.uri().path()) {
+            (false, _, _) => Err(Refused::Host),
+            (_, &Method::GET, "/metrics") => Ok(()),
+            (_, &Method::GET, _) => Err(Refused::Path),
+            _ => Err(Refused::Method),
         }
     }
 }
 
-/// Answers one request, within [`CONNECTION`].
-fn serve(stream: TcpStream, latest: &Latest) -> io::Result<()> {
-    let mut stream = Timed { stream, ends: Instant::now() + CONNECTION };
-    let (status, body) = match target(&mut stream)? {
-        Target::Metrics => ("200 OK", latest.text()),
-        Target::Other => ("404 Not Found", "The metrics are at /metrics.\n".into()),
-        Target::Method => ("405 Method Not Allowed", "Only GET is known.\n".into()),
-        Target::Malformed => ("400 Bad Request", "This is no HTTP request.\n".into()),
-    };
-    let length = body.len();
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {TEXT_FORMAT}\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n"
-    );
-    stream.write_all(head.as_bytes())?;
-    stream.write_all(body.as_bytes())
-}
-
-/// Returns the requested page.
+/// Why a request is refused.
 #[derive(Debug, PartialEq, Eq)]
-enum Target {
-    Metrics,
-    Other,
+enum Refused {
+    NoHost,
+    Host,
     Method,
-    Malformed,
+    Path,
 }
 
-/// Reads the head of a request. A body is not read: no answer depends on it.
-fn target(stream: &mut impl Read) -> io::Result<Target> {
-    let (mut head, mut length) = ([0; HEAD_BYTES_MAX], 0);
-    while length < head.len() {
-        let read = stream.read(&mut head[length..])?;
-        if read == 0 {
-            return Err(ErrorKind::UnexpectedEof.into());
-        }
-        length += read;
-        let mut headers = [EMPTY_HEADER; HEADERS_MAX];
-        let mut request = Request::new(&mut headers);
-        match request.parse(&head[..length]) {
-            Ok(Status::Partial) => {}
-            Ok(Status::Complete(_)) => return Ok(judge(&request)),
-            Err(_) => return Ok(Target::Malformed),
-        }
-    }
-    Ok(Target::Malformed)
-}
-
-fn judge(request: &Request<'_, '_>) -> Target {
-    let path = request.path.and_then(|path| path.split('?').next());
-    match (request.method, path) {
-        (Some("GET"), Some("/metrics")) => Target::Metrics,
-        (Some("GET"), _) => Target::Other,
-        _ => Target::Method,
-    }
-}
-
-/// A connection whose reads and writes fail after a time, however little each of them waits.
-struct Timed {
-    stream: TcpStream,
-    ends: Instant,
-}
-
-impl Timed {
-    /// The time that is left.
-    fn left(&self) -> io::Result<Duration> {
-        let left = self.ends.saturating_duration_since(Instant::now());
-        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
-    }
-}
-
-impl Read for Timed {
-    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        self.stream.set_read_timeout(Some(self.left()?))?;
-        self.stream.read(bytes)
-    }
-}
-
-impl Write for Timed {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.stream.set_write_timeout(Some(self.left()?))?;
-        self.stream.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.stream.flush()
-    }
+fn page(status: StatusCode, text: Bytes) -> Response<Full<Bytes>> {
+    let mut answer = Response::new(Full::new(text));
+    *answer.status_mut() = status;
+    answer.headers_mut().insert(CONTENT_TYPE, TEXT_FORMAT);
+    answer
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::{Read, Write};
+    use std::net::{SocketAddr, TcpStream as Client};
 
-    /// Returns its bytes one by one.
-    struct Slow<'a>(&'a [u8]);
-
-    impl Read for Slow<'_> {
-        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            let count = bytes.len().min(1);
-            self.0.read(&mut bytes[..count])
-        }
+    fn judged(request: Request<()>) -> Result<(), Refused> {
+        Pages { latest: Arc::default(), hosts: Hosts::default() }.judge(&request)
     }
 
-    fn asked(request: &[u8]) -> Option<Target> {
-        let at_once = target(&mut &request[..]).ok();
-        assert_eq!(target(&mut Slow(request)).ok(), at_once);
-        at_once
+    fn to_localhost(method: &str, target: &str) -> Result<(), Refused> {
+        judged(Request::builder().method(method).uri(target).header(HOST, "localhost").body(()).unwrap())
     }
 
     #[test]
     fn http_serves_only_metrics_and_only_get() {
-        assert_eq!(asked(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"), Some(Target::Metrics));
-        assert_eq!(asked(b"GET /metrics?name=a HTTP/1.0\r\n\r\n"), Some(Target::Metrics));
-        assert_eq!(asked(b"GET /. HTTP/1.1\r\n\r\n"), Some(Target::Other));
-        assert_eq!(asked(b"POST /metrics HTTP/1.1\r\nContent-Length: 9\r\n\r\n"), Some(Target::Method));
+        assert_eq!(to_localhost("GET", "/metrics?name=a"), Ok(()));
+        assert_eq!(to_localhost("GET", "http://127.0.0.1:9464/metrics"), Ok(()));
+        assert_eq!(to_localhost("GET", "http://attacker.example/metrics"), Err(Refused::Host));
+        assert_eq!(to_localhost("GET", "/."), Err(Refused::Path));
+        assert_eq!(to_localhost("POST", "/metrics"), Err(Refused::Method));
+        assert_eq!(to_localhost("CONNECT", "localhost:80"), Err(Refused::Method));
+    }
+
+    #[test]
+    fn request_names_exactly_one_host() {
+        let request = || Request::builder().uri("/metrics");
+        assert_eq!(judged(request().body(()).unwrap()), Err(Refused::NoHost));
+        assert_eq!(judged(request().version(Version::HTTP_10).body(()).unwrap()), Ok(()));
+        let both = request().header(HOST, "localhost").header(HOST, "localhost");
+        assert_eq!(judged(both.body(()).unwrap()), Err(Refused::NoHost));
+    }
+
+    fn serve(text: &str, limits: Limits) -> SocketAddr {
+        let listener = StdListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let latest = Arc::new(Latest::default());
+        latest.put(text.into());
+        std::thread::spawn(move || run(listener, Pages { latest, hosts: Hosts::default() }, limits));
+        address
+    }
+
+    fn answered(request: &[u8], limits: Limits) -> String {
+        let mut client = Client::connect(serve("", limits)).unwrap();
+        // The server may close before it has read everything.
+        let _closed = client.write_all(request);
+        let mut answer = Vec::new();
+        let _reset = client.read_to_end(&mut answer);
+        String::from_utf8(answer).unwrap()
     }
 
     #[test]
     fn hostile_requests_are_refused_within_bounds() {
-        assert_eq!(asked(b"\x16\x03\x01\x02\x00\x01"), Some(Target::Malformed), "TLS");
-        assert_eq!(asked(b"GET /metrics HTTP/1.1\r\nHost"), None, "the connection ended");
+        let status =
+            |request: &[u8]| answered(request, Limits::default()).get(..12).unwrap_or_default().to_owned();
+        assert_eq!(status(b"\x16\x03\x01\x02\x00\x01\r\n\r\n"), "HTTP/1.1 400", "TLS");
         let long = [&b"GET /"[..], &[b'a'; 2 * HEAD_BYTES_MAX]].concat();
-        assert_eq!(target(&mut &long[..]).unwrap(), Target::Malformed);
+        assert!(["HTTP/1.1 414", "HTTP/1.1 431", ""].contains(&status(&long).as_str()));
         let fields = "A: b\r\n".repeat(HEADERS_MAX + 1);
-        assert_eq!(
-            asked(format!("GET /metrics HTTP/1.1\r\n{fields}\r\n").as_bytes()),
-            Some(Target::Malformed)
-        );
+        let many = format!("GET /metrics HTTP/1.1\r\n{fields}\r\n");
+        assert_eq!(status(many.as_bytes()), "HTTP/1.1 431");
     }
 
     #[test]
-    fn silent_http_client_delays_others_boundedly() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        std::thread::spawn(move || run(&listener, &Latest::default()));
-        let _silent = TcpStream::connect(address).unwrap();
-        let mut client = TcpStream::connect(address).unwrap();
-        client.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
-        let answer = io::read_to_string(client).unwrap();
-        assert!(answer.starts_with("HTTP/1.1 200 OK\r\n"), "{answer}");
+    fn client_that_reads_nothing_is_closed() {
+        let limits = Limits { connection: Duration::from_millis(200), ..Limits::default() };
+        // More than the kernel buffers.
+        let text = "a".repeat(64 << 20);
+        let mut client = Client::connect(serve(&text, limits)).unwrap();
+        client.write_all(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+        std::thread::sleep(5 * limits.connection);
+        let mut answer = Vec::new();
+        let _reset = client.read_to_end(&mut answer);
+        assert!(answer.len() < text.len(), "the server waited");
     }
 }

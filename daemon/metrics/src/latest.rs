@@ -1,10 +1,11 @@
 //! The newest text of the metrics, which the threads share.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use hyper::body::Bytes;
+use std::sync::{Mutex, PoisonError};
 
 /// The newest text; empty before the first.
 #[derive(Debug, Default)]
-pub(crate) struct Latest(Mutex<Arc<str>>);
+pub(crate) struct Latest(Mutex<Bytes>);
 
 impl Latest {
     /// Replaces the text.
@@ -13,7 +14,7 @@ impl Latest {
     }
 
     /// The text. Does not copy it.
-    pub(crate) fn text(&self) -> Arc<str> {
-        Arc::clone(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    pub(crate) fn text(&self) -> Bytes {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

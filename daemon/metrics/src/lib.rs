@@ -9,6 +9,7 @@
 mod distributions;
 mod encoded;
 mod histogram;
+mod hosts;
 mod http;
 mod latest;
 mod metrics;

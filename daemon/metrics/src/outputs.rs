@@ -1,8 +1,10 @@
 //! The threads that serve the newest text of the metrics. None is real-time or delays another thread, and a panic
 //! in one ends that output only.
 
+use crate::hosts::Hosts;
+use crate::http::{self, Limits, Pages};
 use crate::latest::Latest;
-use crate::{http, textfile};
+use crate::textfile;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -19,6 +21,8 @@ pub struct Wanted {
     pub file: Option<PathBuf>,
     /// Loopback address where Prometheus fetches them by HTTP.
     pub listen: Option<SocketAddr>,
+    /// Host names that are served at `listen`, besides those of the loopback interface.
+    pub hosts: Vec<String>,
 }
 
 /// The running outputs.
@@ -30,7 +34,7 @@ impl Outputs {
     /// daemon runs without it.
     #[must_use]
     pub fn start(wanted: &Wanted) -> Option<Self> {
-        if *wanted == Wanted::default() {
+        if wanted.file.is_none() && wanted.listen.is_none() {
             return None;
         }
         let latest = Arc::new(Latest::default());
@@ -39,9 +43,9 @@ impl Outputs {
             log("the file of the metrics", spawn("motord-textfile", move || textfile::run(&file, &latest)));
         }
         if let Some(address) = wanted.listen {
-            let given = Arc::clone(&latest);
+            let pages = Pages { latest: Arc::clone(&latest), hosts: Hosts::new(wanted.hosts.clone()) };
             let listening = TcpListener::bind(address)
-                .and_then(|listener| spawn("motord-http", move || http::run(&listener, &given)));
+                .and_then(|listener| spawn("motord-http", move || serve(listener, pages)));
             log("the metrics by HTTP", listening);
         }
         Some(Self(latest))
@@ -51,6 +55,12 @@ impl Outputs {
     pub fn publish(&self, text: String) {
         self.0.put(text);
     }
+}
+
+/// Serves until the process ends.
+fn serve(listener: TcpListener, pages: Pages) {
+    let Err(error) = http::run(listener, pages, Limits::default());
+    log("the metrics by HTTP", Err(error));
 }
 
 /// Starts a detached thread, which ends with the process.
@@ -80,7 +90,8 @@ mod tests {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("motord.prom");
-        let wanted = Wanted { file: Some(file.clone()), listen: taken.local_addr().ok() };
+        let wanted =
+            Wanted { file: Some(file.clone()), listen: taken.local_addr().ok(), ..Wanted::default() };
         let outputs = Outputs::start(&wanted).unwrap();
         outputs.publish("motord_cycles_total 1\n".into());
         let ends = std::time::Instant::now() + std::time::Duration::from_secs(60);
@@ -94,13 +105,13 @@ mod tests {
     #[test]
     fn the_newest_text_is_fetched_by_http() {
         let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let outputs = Outputs::start(&Wanted { file: None, listen: Some(free) }).unwrap();
+        let outputs = Outputs::start(&Wanted { listen: Some(free), ..Wanted::default() }).unwrap();
         for text in ["first\n", "second\n"] {
             outputs.publish(text.into());
             let mut client = TcpStream::connect(free).unwrap();
-            client.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+            client.write_all(b"GET /metrics HTTP/1.0\r\n\r\n").unwrap();
             let answer = io::read_to_string(client).unwrap();
-            assert!(answer.ends_with(&format!("\r\nConnection: close\r\n\r\n{text}")), "{answer}");
+            assert!(answer.ends_with(&format!("\r\n\r\n{text}")), "{answer}");
         }
     }
 }

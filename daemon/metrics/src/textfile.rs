@@ -32,7 +32,7 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
 }
 
 /// Replaces `file` atomically: a reader reads the old text or the new one.
-fn replace(file: &Path, text: &str) -> io::Result<()> {
+fn replace(file: &Path, text: &[u8]) -> io::Result<()> {
     // The collector reads names that end with .prom only.
     let temporary = file.with_extension("prom.new");
     fs::write(&temporary, text)?;
@@ -47,9 +47,9 @@ mod tests {
     fn textfile_is_replaced_atomically() {
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("motord.prom");
-        replace(&file, "first, and longer\n").unwrap();
+        replace(&file, b"first, and longer\n").unwrap();
         let open = fs::File::open(&file).unwrap();
-        replace(&file, "second\n").unwrap();
+        replace(&file, b"second\n").unwrap();
         assert_eq!(io::read_to_string(open).unwrap(), "first, and longer\n", "a reader keeps what it opened");
         assert_eq!(fs::read_to_string(&file).unwrap(), "second\n");
         assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);

@@ -45,8 +45,11 @@ pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
     (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
-    let outputs =
-        Outputs::start(&Wanted { file: telemetry.prometheus_file, listen: telemetry.prometheus_listen });
+    let outputs = Outputs::start(&Wanted {
+        file: telemetry.prometheus_file,
+        listen: telemetry.prometheus_listen,
+        hosts: telemetry.prometheus_hosts,
+    });
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock, outputs)?;
     let realtime = granted(&[daemon.realtime(), &[deep_sleep]].concat());
     log_start(lock.instance().name(), (path, hash), size, &realtime);

@@ -469,6 +469,12 @@ fn metrics_go_to_file_and_no_network() {
         let error = only_error(&with(&format!("prometheus-listen = '{address}' #!")));
         assert!(error.contains("no loopback address"), "{error}");
     }
+    let named = judge(&with("prometheus-hosts = ['robot.lan']")).expect("is good").telemetry;
+    assert_eq!(named.prometheus_hosts, ["robot.lan"]);
+    for host in ["robot.lan:9464", "http://robot.lan", "a b", ""] {
+        let error = only_error(&with(&format!("prometheus-hosts = ['{host}'] #!")));
+        assert!(error.contains("no host name"), "{error}");
+    }
 }
 
 #[test]
