@@ -10,6 +10,7 @@
 mod draw;
 mod news;
 mod picture;
+mod question;
 mod reader;
 mod replay;
 mod request;
@@ -27,7 +28,8 @@ use motord_client::Client;
 use motord_terminal::Interrupt;
 use news::News;
 use picture::{Loss, Picture};
-use request::{Notice, Requests};
+use question::Question;
+use request::{Notice, Requests, Tone};
 use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -131,6 +133,9 @@ impl Monitor {
             News::Reading(reading) => {
                 self.view.know_groups(reading.robot.groups.len());
                 self.lost_since = None;
+                if self.picture.is_restart(&reading) {
+                    self.notice.forget_daemon();
+                }
                 self.picture.take(*reading);
             }
             News::Lost(reason) => {
@@ -138,6 +143,7 @@ impl Monitor {
                 self.picture.loss = Some(Loss { lasting: since.elapsed(), reason });
             }
             News::Key(key) => return Ok(self.press(&key)),
+            News::Pasted => self.notice.say(Tone::Warning, "Pasted text was ignored."),
             News::Resized => {}
             News::Stop(outcome) => self.notice.stop_done(outcome),
             News::Done(action, outcomes) => self.notice.done(action, &outcomes),
@@ -147,18 +153,41 @@ impl Monitor {
     }
 
     fn press(&mut self, key: &crossterm::event::KeyEvent) -> bool {
+        let question = self.notice.question.take();
         self.notice.forget();
         if view::is_stop(key) {
             // The key thread has sent the stop already.
             self.notice.stop_asked();
             return true;
         }
+        if let Some(question) = question {
+            if question.is_agreed(key, Instant::now()) {
+                self.ask(Action::Reset, question.groups);
+                return true;
+            }
+            self.notice.say(Tone::Warning, "The stop was not cleared.");
+        }
         match self.view.press(key) {
             Some(Action::Quit) => return false,
-            Some(action) if !self.requests.ask(action, self.chosen()) => self.notice.busy(),
-            _ => {}
+            Some(Action::Reset) => self.ask_to_clear(),
+            Some(action) => self.ask(action, self.chosen()),
+            None => {}
         }
         true
+    }
+
+    fn ask(&mut self, action: Action, groups: Vec<String>) {
+        if !self.requests.ask(action, groups) {
+            self.notice.say(Tone::Warning, "the last request is still under way");
+        }
+    }
+
+    fn ask_to_clear(&mut self) {
+        let Some(reading) = &self.picture.reading else { return };
+        self.notice.question = Question::about(&reading.report, &self.chosen(), Instant::now());
+        if self.notice.question.is_none() {
+            self.notice.say(Tone::Plain, "No chosen group has a stop to clear.");
+        }
     }
 
     /// Returns the names of the groups that keys act on.

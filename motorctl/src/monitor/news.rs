@@ -15,6 +15,8 @@ pub(super) enum News {
     Lost(String),
     /// A key.
     Key(KeyEvent),
+    /// Text was pasted.
+    Pasted,
     /// The terminal has another size.
     Resized,
     /// The outcome of an emergency stop; an error if it is not confirmed.

@@ -103,9 +103,7 @@ pub(super) struct Picture {
 impl Picture {
     /// Adds a reading.
     pub(super) fn take(&mut self, reading: Reading) {
-        let is_another =
-            self.reading.as_ref().is_none_or(|before| before.robot.boot_id != reading.robot.boot_id);
-        if is_another {
+        if self.reading.is_none() || self.is_restart(&reading) {
             self.samples.clear();
             self.counted = (reading.report.cycle, frames(&reading.report));
             self.loads = vec![None; reading.report.buses.len()];
@@ -117,6 +115,11 @@ impl Picture {
         }
         self.loss = None;
         self.reading = Some(reading);
+    }
+
+    /// Returns whether `reading` is of another daemon than the reading before.
+    pub(super) fn is_restart(&self, reading: &Reading) -> bool {
+        self.reading.as_ref().is_some_and(|before| before.robot.boot_id != reading.robot.boot_id)
     }
 
     fn count_loads(&mut self, reading: &Reading) {

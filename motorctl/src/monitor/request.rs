@@ -3,6 +3,7 @@
 //! An emergency stop has a separate thread: it waits neither for other requests nor for the screen.
 
 use super::news::{self, News};
+use super::question::Question;
 use super::view::Action;
 use motord_client::{Client, Error};
 use std::io;
@@ -13,6 +14,9 @@ use std::time::{Duration, Instant};
 /// Longest wait for the confirmation of a stop before an alarm. The daemon answers within two
 /// cycles.
 const CONFIRMED_MAX: Duration = Duration::from_millis(300);
+
+/// How long the outcome of a request is shown.
+const SHOWN: Duration = Duration::from_secs(10);
 
 /// The threads that send requests.
 #[derive(Debug, Clone)]
@@ -103,26 +107,33 @@ enum StopProgress {
     #[default]
     None,
     Asked(Instant),
-    Confirmed,
+    Confirmed(Instant),
     NotConfirmed(String),
 }
 
-/// The shown outcomes.
+/// The question and the outcomes that are shown. Outcomes stand for ten seconds, except that of a stop that is not confirmed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Notice {
     stop: StopProgress,
-    said: Option<(Tone, String)>,
+    said: Option<(Instant, Tone, String)>,
+    /// The open question.
+    pub(super) question: Option<Question>,
     /// The progress of the program that opened the monitor.
     pub(super) progress: Option<String>,
 }
 
 impl Notice {
-    /// Clears the texts after a key. An unconfirmed stop stays.
+    /// Clears the outcomes after a key. An unconfirmed stop stays.
     pub(super) fn forget(&mut self) {
         self.said = None;
-        if matches!(self.stop, StopProgress::Confirmed) {
+        if matches!(self.stop, StopProgress::Confirmed(_)) {
             self.stop = StopProgress::None;
         }
+    }
+
+    /// Clears the question and all outcomes: another daemon runs, to which they do not apply.
+    pub(super) fn forget_daemon(&mut self) {
+        *self = Self { progress: self.progress.take(), ..Self::default() };
     }
 
     /// Records that an emergency stop was requested.
@@ -134,7 +145,8 @@ impl Notice {
 
     /// Records the outcome of the emergency stop.
     pub(super) fn stop_done(&mut self, outcome: Result<(), String>) {
-        self.stop = outcome.map_or_else(StopProgress::NotConfirmed, |()| StopProgress::Confirmed);
+        let confirmed = |()| StopProgress::Confirmed(Instant::now());
+        self.stop = outcome.map_or_else(StopProgress::NotConfirmed, confirmed);
     }
 
     /// Records the outcome of another request.
@@ -148,34 +160,42 @@ impl Notice {
             })
             .collect();
         let is_good = outcomes.iter().all(|(_, outcome)| outcome.is_ok());
-        self.said = Some((if is_good { Tone::Plain } else { Tone::Warning }, texts.join("; ")));
+        self.say(if is_good { Tone::Plain } else { Tone::Warning }, &texts.join("; "));
     }
 
-    /// Records that a request was dropped.
-    pub(super) fn busy(&mut self) {
-        self.said = Some((Tone::Warning, "the last request is still under way".to_owned()));
+    /// Shows `text` for ten seconds, or until the next key.
+    pub(super) fn say(&mut self, tone: Tone, text: &str) {
+        self.said = Some((Instant::now(), tone, text.to_owned()));
     }
 
-    /// Returns the lines to show.
-    pub(super) fn texts(&self) -> Vec<(Tone, String)> {
-        let stop = match &self.stop {
+    /// Returns the lines to show at `now`.
+    pub(super) fn texts(&self, now: Instant) -> Vec<(Tone, String)> {
+        let is_shown = |since: &Instant| now.saturating_duration_since(*since) < SHOWN;
+        let question = self.question.as_ref().map(|question| (Tone::Warning, question.text.clone()));
+        let said = self.said.as_ref().filter(|(since, ..)| is_shown(since));
+        let said = said.map(|(_, tone, text)| (*tone, text.clone()));
+        let progress = self.progress.clone().map(|progress| (Tone::Plain, progress));
+        self.stop_text(now).into_iter().chain(said).chain(question).chain(progress).collect()
+    }
+
+    fn stop_text(&self, now: Instant) -> Option<(Tone, String)> {
+        match &self.stop {
             StopProgress::None => None,
-            StopProgress::Asked(since) if since.elapsed() < CONFIRMED_MAX => {
+            StopProgress::Asked(since) if now.saturating_duration_since(*since) < CONFIRMED_MAX => {
                 Some((Tone::Warning, "emergency stop: requested".to_owned()))
             }
             StopProgress::Asked(_) => {
                 Some((Tone::Alarm, "EMERGENCY STOP NOT CONFIRMED yet: cut the power".to_owned()))
             }
-            StopProgress::Confirmed => Some((
+            StopProgress::Confirmed(since) if now.saturating_duration_since(*since) >= SHOWN => None,
+            StopProgress::Confirmed(_) => Some((
                 Tone::Plain,
                 "emergency stop confirmed: every motor is being damped, then stopped".to_owned(),
             )),
             StopProgress::NotConfirmed(error) => {
                 Some((Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}")))
             }
-        };
-        let progress = self.progress.clone().map(|progress| (Tone::Plain, progress));
-        stop.into_iter().chain(self.said.clone()).chain(progress).collect()
+        }
     }
 }
 
@@ -190,19 +210,33 @@ mod tests {
         notice.stop_done(Err("no motord runs".to_owned()));
         notice.forget();
         let alarm = "EMERGENCY STOP NOT CONFIRMED: cut the power. no motord runs";
-        assert_eq!(notice.texts(), [(Tone::Alarm, alarm.to_owned())]);
+        assert_eq!(notice.texts(Instant::now()), [(Tone::Alarm, alarm.to_owned())]);
         notice.stop_asked();
         notice.stop_done(Ok(()));
-        assert_eq!(notice.texts()[0].0, Tone::Plain);
+        assert_eq!(notice.texts(Instant::now())[0].0, Tone::Plain);
         notice.forget();
-        assert_eq!(notice.texts(), []);
+        assert_eq!(notice.texts(Instant::now()), []);
+    }
+
+    #[test]
+    fn outcome_expires_and_unconfirmed_stop_stays() {
+        let mut notice = Notice::default();
+        notice.done(Action::Disable, &[("legs".to_owned(), Ok(()))]);
+        notice.stop_done(Ok(()));
+        let now = Instant::now();
+        assert_eq!(notice.texts(now).len(), 2);
+        assert_eq!(notice.texts(now + SHOWN), []);
+        notice.stop_done(Err("no motord runs".to_owned()));
+        assert_eq!(notice.texts(now + 200 * SHOWN).len(), 1);
+        notice.forget_daemon();
+        assert_eq!(notice.texts(now), []);
     }
 
     #[test]
     fn stop_without_answer_is_soon_an_alarm() {
         let long_ago = Instant::now().checked_sub(2 * CONFIRMED_MAX).unwrap();
         let notice = Notice { stop: StopProgress::Asked(long_ago), ..Notice::default() };
-        assert_eq!(notice.texts()[0].0, Tone::Alarm);
+        assert_eq!(notice.texts(Instant::now())[0].0, Tone::Alarm);
     }
 
     #[test]
@@ -210,6 +244,6 @@ mod tests {
         let mut notice = Notice::default();
         let outcomes = [("legs".to_owned(), Ok(())), ("arm".to_owned(), Err("refused".to_owned()))];
         notice.done(Action::Reset, &outcomes);
-        assert_eq!(notice.texts(), [(Tone::Warning, "legs: reset; arm: refused".to_owned())]);
+        assert_eq!(notice.texts(Instant::now()), [(Tone::Warning, "legs: reset; arm: refused".to_owned())]);
     }
 }

@@ -2,7 +2,8 @@
 
 use super::news::News;
 use super::view::is_stop;
-use crossterm::event::{self, Event};
+use crossterm::event::{self, DisableBracketedPaste, EnableBracketedPaste, Event};
+use crossterm::execute;
 use ratatui::DefaultTerminal;
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -35,6 +36,8 @@ impl Screen {
     /// When the terminal cannot be set.
     pub(super) fn open(stop: impl Fn() + Send + 'static, news: &Sender<News>) -> io::Result<Self> {
         let screen = Self { terminal: ratatui::try_init()?, closed: Arc::default() };
+        // Without it a terminal passes pasted text as keys.
+        execute!(io::stdout(), EnableBracketedPaste)?;
         let closed = Arc::clone(&screen.closed);
         super::news::start("motorctl-keys", news, move |news| {
             if let Err(error) = hear(&stop, &closed, news) {
@@ -49,6 +52,7 @@ impl Drop for Screen {
     fn drop(&mut self) {
         self.closed.store(true, Ordering::Relaxed);
         // A closed terminal needs no restoring.
+        let _gone = execute!(io::stdout(), DisableBracketedPaste);
         let _gone = self.terminal.show_cursor();
         let _gone = ratatui::try_restore();
     }
@@ -79,6 +83,7 @@ fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
             listens
         }
         Event::Resize(..) => news.send(News::Resized).is_ok(),
+        Event::Paste(_) => news.send(News::Pasted).is_ok(),
         _ => true,
     }
 }

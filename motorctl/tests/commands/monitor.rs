@@ -68,6 +68,11 @@ fn keys_stop_reset_and_disable_the_robot() {
             });
             until("rest", || (phase() == Some(Phase::Disarmed)).then_some(()));
             tmux.press(&["r"]);
+            let question = tmux.until("the question", |screen| screen.contains("Clear the stop of legs"));
+            assert!(question.contains("An emergency stop was requested"), "{question}");
+            std::thread::sleep(Duration::from_secs(1));
+            assert!(is_stopped());
+            tmux.press(&["y"]);
             tmux.until("the reset", |screen| screen.contains("legs: reset") && !screen.contains("STOPPED"));
             assert!(!is_stopped());
 
@@ -80,6 +85,29 @@ fn keys_stop_reset_and_disable_the_robot() {
         end.store(true, Ordering::Relaxed);
         all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     });
+    tmux.press(&["q"]);
+    tmux.until("the shell", |screen| screen.trim_end().ends_with('$'));
+    tmux.assert_given_back();
+}
+
+/// Goal: text that is meant for another window does nothing here, also in a terminal without bracketed paste.
+#[test]
+fn pasted_text_neither_stops_nor_clears_a_stop() {
+    let daemon = Daemon::start(&slow_quadruped());
+    let Some(tmux) = terminal(&daemon) else { return };
+    let client = daemon.connect();
+    let is_stopped = || client.wait(Duration::from_secs(5)).unwrap().emergency_stop();
+    tmux.enter("motorctl --instance demo monitor");
+    tmux.until("the robot", |screen| screen.contains("rr-knee"));
+    tmux.paste("cargo run --yes\ny");
+    tmux.until("the note", |screen| screen.contains("Pasted text was ignored"));
+    assert!(!is_stopped());
+    tmux.press(&["Space"]);
+    tmux.until("the stop", |screen| screen.contains("STOPPED"));
+    tmux.paste("cargo run --yes\ny");
+    tmux.press(&["-l", "cry"]);
+    tmux.until("the note", |screen| screen.contains("The stop was not cleared."));
+    assert!(is_stopped());
     tmux.press(&["q"]);
     tmux.until("the shell", |screen| screen.trim_end().ends_with('$'));
     tmux.assert_given_back();
@@ -148,6 +176,10 @@ fn three_simultaneous_troubles_fit_the_first_screen() {
                     && !screen.contains("offline")
             });
             tmux.press(&["r"]);
+            let question = tmux.until("the question", |screen| screen.contains("Clear the stop of legs"));
+            assert!(question.contains("An emergency stop was requested"), "{question}");
+            std::thread::sleep(Duration::from_secs(1));
+            tmux.press(&["y"]);
             tmux.until("the reset", |screen| screen.contains("legs: reset") && !screen.contains("STOPPED"));
         }));
         end.store(true, Ordering::Relaxed);

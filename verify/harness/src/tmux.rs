@@ -61,6 +61,12 @@ impl Tmux {
         self.press(&["Enter"]);
     }
 
+    /// Pastes text, as bracketed paste if the program has asked for it.
+    pub fn paste(&self, text: &str) {
+        self.run(&["set-buffer", text]);
+        self.run(&["paste-buffer", "-p"]);
+    }
+
     /// Resizes the terminal.
     pub fn resize(&self, width: u16, height: u16) {
         self.run(&["resize-window", "-x", &width.to_string(), "-y", &height.to_string()]);

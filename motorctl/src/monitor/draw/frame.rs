@@ -6,6 +6,7 @@ use super::super::view::{Page, View};
 use super::text::{alarm, banner, dim, duration, shortened, warning, wrapped};
 use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
+use std::time::Instant;
 
 const KEYS: [(&str, &str); 8] = [
     ("SPACE", "e-stop"),
@@ -75,7 +76,7 @@ fn lost(loss: &Loss, width: usize) -> Vec<Line<'static>> {
 /// Returns the outcome of the last request, and the keys.
 pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
-    for (tone, text) in notice.texts() {
+    for (tone, text) in notice.texts(Instant::now()) {
         let wrapped = wrapped(&text, width, 1).into_iter();
         lines.extend(wrapped.map(|line| match tone {
             Tone::Plain => Line::from(line),

@@ -25,7 +25,7 @@ const WIDTH_MIN: u16 = 40;
 const LIVE_HELP: &[&str] = &[
     "SPACE     emergency stop: damps and stops every motor now",
     "d         disable: damps, then stops the chosen groups",
-    "r         reset: clears the cause of a stop; nothing moves",
+    "r, y      reset: clears the cause of a stop; nothing moves",
     "g         choose the group for d and r",
 ];
 
