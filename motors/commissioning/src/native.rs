@@ -393,9 +393,9 @@ impl<'l> Native<'l> {
 
     /// Sends `command` until an answer arrives, up to three times where repeating is harmless. Each
     /// attempt waits twice as long as the one before: a busy computer may delay an answer. A
-    /// command that is sent only once waits as long as the second attempt.
+    /// command that is sent only once waits as long as the last attempt.
     fn transact(&mut self, command: &Command) -> Result<Reply, Error> {
-        let attempts = if may_repeat(command) { 0..ATTEMPTS } else { 1..2 };
+        let attempts = if may_repeat(command) { 0..ATTEMPTS } else { ATTEMPTS - 1..ATTEMPTS };
         let mut failure = self.silent(command);
         for attempt in attempts {
             match self.attempt(command, self.link.patience() * (1 << attempt))? {
