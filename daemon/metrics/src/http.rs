@@ -30,7 +30,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// The type of the text format of Prometheus.
 const TEXT_FORMAT: HeaderValue = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
 
-/// What bounds the connections.
+/// Bounds of the connections.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
     /// Most connections. One more closes the oldest.
@@ -47,7 +47,7 @@ impl Default for Limits {
     }
 }
 
-/// What the answers come from.
+/// Source of the answers.
 #[derive(Debug)]
 pub(crate) struct Pages {
     /// The metrics.

@@ -24,7 +24,7 @@ fn connect(server: SocketAddr) -> TcpStream {
     stream
 }
 
-fn exchange(server: SocketAddr, request: &str) -> String {
+fn ask(server: SocketAddr, request: &str) -> String {
     let mut client = connect(server);
     client.write_all(request.as_bytes()).unwrap();
     io::read_to_string(client).unwrap()
@@ -32,7 +32,7 @@ fn exchange(server: SocketAddr, request: &str) -> String {
 
 fn scrape(server: SocketAddr) -> Duration {
     let began = Instant::now();
-    let answer = exchange(server, "GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    let answer = ask(server, "GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
     assert!(answer.starts_with("HTTP/1.1 200 OK\r\n"), "{answer}");
     assert!(answer.ends_with("\r\n\r\nmotord_cycles_total 1\n"), "{answer}");
     began.elapsed()
@@ -69,7 +69,7 @@ fn scrape_is_served_beyond_the_most_connections() {
 fn host_of_another_name_is_refused() {
     let (_outputs, server) = serve();
     let status = |host: &str| {
-        let answer = exchange(server, &format!("GET /metrics HTTP/1.1\r\nHost: {host}\r\n\r\n"));
+        let answer = ask(server, &format!("GET /metrics HTTP/1.1\r\nHost: {host}\r\n\r\n"));
         answer.split_whitespace().nth(1).map(str::to_owned)
     };
     for host in ["localhost", "LOCALHOST:9464", "127.0.0.1", "127.1.2.3:1", "[::1]:9464"] {
