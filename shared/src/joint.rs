@@ -11,7 +11,7 @@ pub(crate) const STATE_TYPE: &str = "motord.State.v5";
 pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v1";
 
 /// [`JointState::flags`]: position, velocity and torque were received since the previous states
-/// were published.
+/// were published, in answer to the command of their turn.
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// [`JointState::flags`]: position, velocity and torque have been received at least once since the motor came online.
 pub const JOINT_VALID: u32 = 1 << 1;
@@ -66,21 +66,21 @@ macro_rules! joint_state {
                 fault: u32, [Set Fault], view faults, json faults, proto faults = 9;
                 /// `JOINT_*` flags.
                 flags: u32, [Flags];
-                /// Turns of the motor since the last reply. A turn is a cycle, or N cycles with `every = N`.
+                /// Age of the state in turns of the motor; 0 for an answer to its last command. A turn is a cycle, or N cycles with `every = N`. Contains the lateness of a motor whose answers are constantly late.
                 age_cycles: u32, [Count], view age_cycles, json age_cycles, proto age_cycles = 12;
                 /// Turns without a reply since the daemon started.
                 missed: u32, [Count], view missed, json missed, proto missed = 13;
-                /// Time from the last command to its reply; 0 before the first.
+                /// Time from a command to the last reply, which answers it; 0 before the first.
                 reply_latency_ns: u32, [Latency], unit "ns", view reply_latency, json reply_latency_us, proto reply_latency_ns = 16;
                 /// Replies that arrived after the end of their turn.
                 late: u32, [Count], view late, json late, proto late = 14;
                 /// Physically impossible states; none of them was used.
                 implausible: u32, [Count], view implausible, json implausible, proto implausible = 15;
-                /// Time of the last reply, on `CLOCK_MONOTONIC`; 0 before the first.
+                /// Time of the last reply, on `CLOCK_MONOTONIC`, less the lateness of a motor whose answers are constantly late; 0 before the first.
                 receive_ns: u64, [Time], unit "ns", view receive_ns, proto receive_ns = 17;
             }
             flags {
-                /// Position, velocity and torque were received since the previous states were published.
+                /// Position, velocity and torque were received since the previous states were published, in answer to the command of their turn.
                 fresh: JOINT_FRESH, proto 11;
                 /// Position, velocity and torque were received at least once since the motor came online.
                 valid: JOINT_VALID, json valid;

@@ -34,6 +34,15 @@ pub enum Event {
         /// The difference at its joint, mrad.
         milliradians: i32,
     },
+    /// All answers of a motor are late, at the usual time after a later request, or not any more.
+    Late {
+        /// Its index.
+        motor: usize,
+        /// The lateness in turns of the motor; 0 when it answers in time again.
+        turns: u32,
+        /// The lateness.
+        time: Duration,
+    },
     /// A motor reported fault bits, or that they are cleared.
     Fault {
         /// Its index.

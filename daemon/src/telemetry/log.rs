@@ -160,6 +160,7 @@ impl Log {
                 see = "foreign-master",
                 "frames with its command id arrive that motord did not send: another program or device commands it"
             ),
+            Event::Late { motor, turns, time } => self.log_late(cycle, motor, turns, time),
             Event::LostTurns { motor, milliradians } => self.log_lost_turns(cycle, motor, milliradians),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
@@ -195,6 +196,26 @@ impl Log {
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
             (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),
         }
+    }
+
+    fn log_late(&mut self, cycle: u64, motor: usize, turns: u32, time: Duration) {
+        let motor = &mut self.motors[motor].subject;
+        if !motor.changes() {
+            return;
+        }
+        let motor = &motor.name;
+        if turns == 0 {
+            return tracing::info!(cycle, motor, "answers in time again");
+        }
+        tracing::warn!(
+            cycle,
+            motor,
+            turns,
+            see = "late-answers",
+            "each of its answers is {:.1} ms late and belongs to an earlier command, and its state is as old: check the adapter \
+             and its driver, and what else uses the bus",
+            time.as_secs_f64() * 1e3
+        );
     }
 
     fn log_lost_turns(&mut self, cycle: u64, motor: usize, milliradians: i32) {

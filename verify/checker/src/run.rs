@@ -8,12 +8,14 @@
 //! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
 //! | I4 | a stopped motor receives only stop and queries, and only an active group moves |
 //! | I5 | at most one command per motor, and one fault request per bus, in a cycle |
-//! | I6 | a state is fresh when a reply with it was on the wire in this cycle; otherwise it reports its age |
+//! | I6 | a state is fresh when a reply with it was on the wire in this cycle; otherwise it reports its age: also a state
+//! |    | from a reply of this cycle whose request is older |
 //! | I7 | only messages of the owner's lease move motors |
 //! | I8 | counters never fall; every message is counted once; as many frames are on the wire as were counted |
 //! | I9 | a latched cause is left by a reset only, and nothing starts while it is latched |
 //! | I10 | a bus or a motor that fails stops its groups in time; no motion from the first cycle after a cause on; a motor
-//! |     | that is not offline receives a command in every cycle, and damping ones before it goes limp |
+//! |     | that is not offline receives a command in every cycle, and damping ones before it goes limp. After a missed reply
+//! |     | one cycle between two of the same mode may be without |
 //!
 //! The rules attribute a frame to the cycle that sent it, however late it is on the wire.
 //!
@@ -441,6 +443,11 @@ impl Checker {
         let is_new = now.age_cycles == 0 && now.receive_ns > 0;
         assert!(now.fresh == is_new || takes_turns && is_new, "I6: {now:?}");
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
+        let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
+        let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
+        // The daemon has just found out that the last state was older than its reply.
+        let is_backdated = kept && now.receive_ns < before.receive_ns && now.age_cycles > before.age_cycles;
+        let is_late = now.valid && !is_new && now.receive_ns != before.receive_ns && !is_backdated;
         if now.fresh {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
             let is_later = now.receive_ns > before.receive_ns || cycle.state.cycle == cycle.before.cycle;
@@ -449,12 +456,19 @@ impl Checker {
             let mut replies = self.replies.iter().flatten().filter(|reply| reply.at >= cycle.before.begun);
             let said = replies.any(|reply| reported::says(reply, settings, before, now, velocities));
             assert!(said, "I6: no reply of {} said {now:?}", settings.name);
+        } else if is_late {
+            // The reply is on the wire, and at least as much newer than its state.
+            let mut replies = self.replies.iter().flatten();
+            let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
+            let said = replies.any(|reply| reported::says_late(reply, settings, before, now, velocities));
+            assert!(said, "I6: no reply of {} said {now:?}", settings.name);
+            let old = cycle.begun.as_nanos().saturating_sub(now.receive_ns);
+            let least = u64::from(now.age_cycles - 1) * self.robot.period.as_nanos() as u64;
+            assert!(old >= least, "I6: not as old as it says: {now:?}");
         } else if now.valid && cycle.state.cycle > cycle.before.cycle {
             let is_kept = takes_turns && now.age_cycles == before.age_cycles;
-            assert!(is_kept || now.age_cycles == before.age_cycles + 1, "I6: the age of {now:?}");
-            assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
-            let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
-            let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
+            let is_aged = now.age_cycles == before.age_cycles + 1 && now.receive_ns == before.receive_ns;
+            assert!(is_kept || is_aged || is_backdated, "I6: the age of {now:?}");
             assert!(kept, "I6: {now:?} from {before:?}");
         }
     }

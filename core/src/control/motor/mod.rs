@@ -2,9 +2,11 @@
 //! request. The module [`mode`] has the diagram of its modes.
 
 mod absence;
+mod backlog;
 mod follow;
 mod foreign;
 mod heat;
+mod late;
 mod limit;
 mod mode;
 mod orders;
@@ -24,6 +26,7 @@ use super::{Command, Event};
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::{BeyondRange, MotorSettings};
 use absence::Absence;
+use backlog::Backlog;
 use foreign::Foreign;
 use heat::Heat;
 use mode::{Mode, Start};
@@ -69,6 +72,7 @@ pub(super) struct Motor {
     plausibility: Plausibility,
     foreign: Foreign,
     absence: Absence,
+    backlog: Backlog,
 }
 
 /// The faults of a motor, and when it is asked for them.
@@ -103,6 +107,7 @@ impl Motor {
             plausibility: Plausibility::default(),
             foreign: Foreign::default(),
             absence: Absence::default(),
+            backlog: Backlog::default(),
         }
     }
 
@@ -167,6 +172,7 @@ impl Motor {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
             self.leave();
+            self.forget_backlog();
             self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
             (self.replies.silent, self.replies.unanswered) = (0, 0);
@@ -265,8 +271,12 @@ impl Motor {
     }
 
     /// The command of this cycle. Does not allocate or block; constant time.
-    pub(super) fn command(&mut self, orders: &Orders, cx: &Context) -> Command {
+    pub(super) fn command(&mut self, orders: &Orders, cx: &mut Context) -> Command {
         if self.turn.waits {
+            return Command::Wait;
+        }
+        if self.backlog.is_due(cx.now) && self.probes(cx) {
+            self.replies.asked(&Command::Wait);
             return Command::Wait;
         }
         self.applied.limits = 0;
@@ -321,6 +331,8 @@ impl Motor {
             self.confirm_stop(runs);
             return Ok(());
         }
+        let is_late = self.backlog.turns() != 0;
+        let (at, latency) = if is_late { self.backdated(at, latency, cx) } else { (at, latency) };
         let (measured, cause) = match self.judge(reported, at) {
             Credibility::Sound(measured) => (measured, None),
             Credibility::Stop(measured, cause) => (measured, Some(cause)),
@@ -412,6 +424,7 @@ impl Motor {
     /// Counts a late answer.
     pub(super) const fn report_late(&mut self) {
         self.replies.late = self.replies.late.wrapping_add(1);
+        self.backlog.late();
     }
 
     /// Records a second answer to one question. Returns whether two motors share its id.
@@ -509,7 +522,7 @@ impl Motor {
 
     /// Ends its turn. Returns whether the motor is lost.
     #[inline(always)]
-    pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
+    pub(super) fn end_turn(&mut self, cx: &mut Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
             self.replies.unanswered = 0;
@@ -520,20 +533,33 @@ impl Motor {
 
     /// Ends a turn without a state. Returns whether the motor is lost.
     #[cold]
-    fn end_unanswered_turn(&mut self, cx: &Context) -> bool {
+    fn end_unanswered_turn(&mut self, cx: &mut Context) -> bool {
         self.replies.age(cx.publications);
+        let is_explained = self.replies.is_awaited() && self.explains_gap(cx);
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but reports no state while it should move: it refuses its commands.
         let lost_cycles = cx.safety.lost_cycles;
         let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
-        let lost = blind || counts && self.replies.miss(cx.wake.cycle) >= lost_cycles;
+        let misses = counts && !is_explained;
+        let lost = blind || misses && self.miss(cx) >= lost_cycles || self.is_too_late();
         if lost {
             self.mode = Mode::OFFLINE;
             self.leave();
+            self.forget_backlog();
             (self.replies.silent, self.replies.unanswered) = (0, 0);
             self.replies.forget(cx.publications);
         }
         lost
+    }
+
+    /// Records a turn without an answer. Returns the consecutive unanswered turns.
+    fn miss(&mut self, cx: &Context) -> u32 {
+        let missed = self.replies.missed;
+        let unanswered = self.replies.miss(cx.wake.cycle);
+        if self.replies.missed != missed {
+            self.suspect_backlog(cx.now);
+        }
+        unanswered
     }
 
     /// Returns when it should be asked for its faults next, if it may be asked now: no service
@@ -545,7 +571,7 @@ impl Motor {
 
     pub(super) fn report(&self, publications: u64) -> JointState {
         let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
-        let fresh = if self.replies.is_new(publications) { message::JOINT_FRESH } else { 0 };
+        let fresh = if self.replies.is_fresh(publications) { message::JOINT_FRESH } else { 0 };
         let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
         let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
         JointState {

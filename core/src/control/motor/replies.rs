@@ -14,6 +14,8 @@ pub(super) struct Replies {
     asked: bool,
     /// The command of this turn was a stop.
     pub(super) asked_stop: bool,
+    /// The command of this turn was a setpoint.
+    pub(super) asked_control: bool,
     /// The command of this turn was a question for the faults.
     pub(super) asked_fault: bool,
     /// It reported its state since the command.
@@ -24,7 +26,7 @@ pub(super) struct Replies {
     pub(super) silent: u32,
     /// Consecutive turns whose command had no answer. A late state ends a silence, but not this.
     pub(super) unanswered: u32,
-    /// Turns since its last state; 0 when that came in the last one.
+    /// Turns since its last state was current; 0 when that came in the last one, and in time.
     pub(super) age_cycles: u32,
     /// Turns without a reply since the start, modulo 2³².
     pub(super) missed: u32,
@@ -36,6 +38,8 @@ pub(super) struct Replies {
     pub(super) latency_ns: u32,
     /// The cycle of the last missed reply; 0 for none.
     last_missed: u64,
+    /// Turns by which all its answers are late.
+    behind: u32,
 }
 
 impl Replies {
@@ -43,13 +47,31 @@ impl Replies {
     pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
+        self.asked_control = matches!(command, Command::Control(_));
         self.asked_fault = matches!(command, Command::GetFault);
         self.answered = false;
+    }
+
+    /// Returns whether the question of this turn has no answer of any kind yet.
+    pub(super) const fn is_awaited(&self) -> bool {
+        self.asked && !self.answered
     }
 
     /// Returns whether a state arrived in this turn.
     pub(super) const fn answered(&self) -> bool {
         self.answered
+    }
+
+    /// Records that all its answers are late by this many turns.
+    pub(super) const fn set_behind(&mut self, turns: u32) {
+        self.age_cycles = self.age_cycles.saturating_sub(self.behind).saturating_add(turns);
+        self.behind = turns;
+    }
+
+    /// Returns whether a state arrived since the last publication, and in time.
+    #[inline]
+    pub(super) const fn is_fresh(&self, publications: u64) -> bool {
+        self.behind == 0 && self.is_new(publications)
     }
 
     /// Returns whether a state arrived since the last publication.
@@ -62,7 +84,7 @@ impl Replies {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
         self.answered = true;
         self.publications = Some(publications);
-        (self.silent, self.age_cycles) = (0, 0);
+        (self.silent, self.age_cycles) = (0, self.behind);
     }
 
     /// Discards the last state: it is not published as new.

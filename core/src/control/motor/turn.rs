@@ -40,6 +40,11 @@ impl Turn {
         Self { every, left: cycle, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
     }
 
+    /// Returns the time from one turn to the next.
+    pub(super) fn time(&self, period: Duration) -> Duration {
+        self.every.get() * period
+    }
+
     /// Begins a cycle at `now`. Returns whether it is the motor's turn. Missed ticks are not
     /// counted, so they take no turn from a motor.
     pub(crate) fn begin_cycle(&mut self, now: Instant, period: Duration) -> bool {

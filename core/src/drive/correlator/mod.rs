@@ -23,12 +23,6 @@ pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// Most unanswered requests that are remembered. It bounds how many replies of a second motor with
 /// the same id are taken for late ones.
 const UNPAID_MAX: u32 = 100;
-/// A report that arrives at least this many requests after its own proves that answers are late.
-const BEHIND_REQUESTS: u32 = 3;
-/// After this many such reports in a row the states of the motor are late. One follows any stall.
-const BEHIND_REPORTS: u32 = 2;
-/// For this time after the proof no state is an answer: longer than any `motor-lost` takes.
-const BEHIND_TIME: Duration = Duration::from_secs(1);
 
 /// The request that is open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +31,7 @@ struct Request {
     sent_at: Instant,
 }
 
-/// The state of the correlation: six independent parts.
+/// The state of the correlation: five independent parts.
 ///
 /// ```text
 ///   open             ┌──────── answer, withdrawal ◀────────┐
@@ -52,9 +46,6 @@ struct Request {
 ///
 ///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
 ///                                                         UNPAID_MAX); time does not change it
-///
-///   reports_behind   0 ◀── report in time ── n ◀── report BEHIND_REQUESTS after its request (n + 1)
-///                                            n = BEHIND_REPORTS: no state is an answer for BEHIND_TIME
 ///
 ///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
 ///                       ▲                                          │
@@ -73,7 +64,6 @@ struct Request {
 /// | any | unreadable | malformed | malformed |
 /// | State | report, while replies are owed | late report | late report |
 /// | State | report | malformed | late report |
-/// | State | continuation, plain, until `behind_until` | late | late |
 /// | State | continuation, plain | answer | unasked |
 /// | Clear | report | answer | late report |
 /// | Clear | continuation, plain | answer | unasked |
@@ -96,12 +86,6 @@ pub(super) struct Correlator {
     /// Requests that were not answered before the next, however long ago, less the replies that
     /// were late or unasked: no more replies than these can still be late.
     unpaid: u32,
-    /// Requests since the last fault request, whose report did not arrive before the next.
-    since_fault: Option<u32>,
-    /// Consecutive reports [`BEHIND_REQUESTS`] or more after their requests.
-    reports_behind: u32,
-    /// Until this time every state is late.
-    behind_until: Instant,
     /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
     /// request is open.
     distrusted_until: Instant,
@@ -118,9 +102,6 @@ impl Correlator {
             owed: 0,
             owed_since: Instant::ZERO,
             unpaid: 0,
-            since_fault: None,
-            reports_behind: 0,
-            behind_until: Instant::ZERO,
             distrusted_until: Instant::ZERO,
             reports: Reports::Unseen(0),
         }
@@ -153,11 +134,7 @@ impl Correlator {
         if self.open.is_some() {
             self.unpaid = (self.unpaid + 1).min(UNPAID_MAX);
         }
-        if let Some(requests) = &mut self.since_fault {
-            *requests = requests.saturating_add(1);
-        }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {
-            self.since_fault = Some(1);
             self.distrusted_until = sent_at + LATEST_REPLY;
             self.reports = self.reports.unreported();
         }
@@ -174,9 +151,6 @@ impl Correlator {
     #[inline(always)]
     pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Role {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
-        if payload == Payload::Report && !asks_fault {
-            self.place_report(at);
-        }
         match payload {
             Payload::OtherId => Role::UnexpectedId,
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
@@ -184,21 +158,6 @@ impl Correlator {
                 Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
                 _ => self.unasked(),
             },
-        }
-    }
-
-    /// Counts the requests from a fault request to its report. They are the answers that this motor
-    /// owes all the time: a lost reply delays no report.
-    #[cold]
-    fn place_report(&mut self, at: Instant) {
-        let Some(requests) = self.since_fault.take() else { return };
-        if requests < BEHIND_REQUESTS {
-            self.reports_behind = 0;
-            return;
-        }
-        self.reports_behind = (self.reports_behind + 1).min(BEHIND_REPORTS);
-        if self.reports_behind == BEHIND_REPORTS {
-            self.behind_until = at + BEHIND_TIME;
         }
     }
 
@@ -216,12 +175,8 @@ impl Correlator {
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
             }
-            (Question::State, _) if at < self.behind_until => self.late(),
             (Question::Fault, Payload::Report) => {
                 self.reports = Reports::Seen(0);
-                if self.since_fault.take().is_none() {
-                    self.reports_behind = 0;
-                }
                 self.answer(open, at)
             }
             _ => self.answer(open, at),

@@ -233,24 +233,6 @@ fn surplus_replies_are_late_while_requests_are_unanswered() {
     }
 }
 
-/// Method: a queue of answers that is `lag` long; or as many lost replies, and timely answers since.
-#[test]
-fn reports_behind_their_requests_make_states_late() {
-    for (lag, lost) in [(0, 0), (1, 0), (2, 0), (3, 0), (30, 0), (0, 7)] {
-        let (mut state, mut queue, mut late) = (Correlator::new(FASTEST), Vec::new(), 0);
-        for turn in 0..1000_u32 {
-            let question = if turn % 100 == 50 { Fault } else { State };
-            let at = SENT + Duration::from_millis(3) * turn;
-            state.request(question, at);
-            queue.extend((turn >= lost).then_some(if question == Fault { Report } else { Continuation }));
-            if queue.len() > lag {
-                late += u32::from(state.receive(queue.remove(0), at + FASTEST) == Role::Late);
-            }
-        }
-        assert_eq!(late > 500, lag > 2, "{lag} behind, {lost} lost: {late}");
-    }
-}
-
 #[test]
 fn unsent_request_leaves_nothing_open() {
     let before = Correlator::new(FASTEST);

@@ -43,7 +43,7 @@ const HELP: &[&str] = &[
     "",
     "position  the mark stands within the limits of the joint",
     "torque    N·m, and its part of the limit",
-    "age       cycles since the last reply",
+    "age       age of the state, in cycles",
     "notes     faults, limits that changed the setpoint, replies",
     "          that were missed, late or implausible",
     "bus %     part of the time that the bus is busy, at most",

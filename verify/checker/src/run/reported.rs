@@ -68,7 +68,18 @@ pub(super) fn says(
     joint: &Joint,
     velocities: &Velocities,
 ) -> bool {
-    if !is_from(reply, motor) || reply.at.as_nanos() != joint.receive_ns {
+    reply.at.as_nanos() == joint.receive_ns && says_late(reply, motor, before, joint, velocities)
+}
+
+/// As [`says`], for a reply that arrived later than the time of `joint`.
+pub(super) fn says_late(
+    reply: &Reply,
+    motor: &Motor,
+    before: &Joint,
+    joint: &Joint,
+    velocities: &Velocities,
+) -> bool {
+    if !is_from(reply, motor) || reply.at.as_nanos() < joint.receive_ns {
         return false;
     }
     let position = (f64::from(joint.position) - motor.offset) * motor.direction;
