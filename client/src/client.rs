@@ -11,7 +11,7 @@ use motord_ports::{ClientPorts, Instance};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::limits::HISTOGRAMS_MAX;
 use motord_shared::message::ALL_GROUPS;
-use motord_shared::{Operation, Phase};
+use motord_shared::{MotorMode, Operation, Phase};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -264,6 +264,24 @@ impl Client {
         let robot = self.description();
         let index = group_of(&robot, group)?;
         self.link.wait_for(index, phase, timeout, || self.ready(&robot))
+    }
+
+    /// Returns the joints of `group`, or of all groups, whose motors do not answer in the next state. After a stop they are those that
+    /// perhaps did not hear it: cut their power. Excluded joints are not among them.
+    ///
+    /// # Errors
+    /// [`Error::UnknownGroup`] and those of [`wait`](Self::wait).
+    pub fn offline_joints(&self, group: Option<&str>, timeout: Duration) -> Result<Vec<String>, Error> {
+        let robot = self.description();
+        let index = group.map(|group| group_of(&robot, group)).transpose()?;
+        let members = index.map(|index| &robot.groups[index].joints);
+        let state = self.wait(timeout)?;
+        let is_offline =
+            |index: usize| state.joint(index).is_some_and(|joint| joint.mode == Some(MotorMode::Offline));
+        let joints = robot.joints.iter().enumerate();
+        let offline = joints
+            .filter(|(index, _)| members.is_none_or(|members| members.contains(index)) && is_offline(*index));
+        Ok(offline.map(|(_, joint)| joint.name.clone()).collect())
     }
 
     /// Takes `group` from its owner.

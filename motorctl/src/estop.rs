@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use crate::instances::line;
 use crate::say::say;
 use crate::status::{self, PATIENCE};
-use motord_client::{Client, DEFAULT_INSTANCE, Error, Joint, JointDescription, MotorMode, RunningInstance};
+use motord_client::{Client, DEFAULT_INSTANCE, Error, RunningInstance};
 use motord_client::{emergency_stop, emergency_stop_in, running_instances};
 
 /// Stops `instance`, or `all` daemons.
@@ -70,7 +70,10 @@ fn stop(running: &RunningInstance) -> Result<(), Failure> {
 /// delay the stop.
 fn tell(who: Option<&str>, motorctl: &str, client: &Result<Client, Error>) -> Result<(), Failure> {
     let of = who.map(|who| format!(" of {who}")).unwrap_or_default();
-    let unchecked = match silent(client) {
+    let silent = client.as_ref().map_err(Error::to_string);
+    let silent =
+        silent.and_then(|client| client.offline_joints(None, PATIENCE).map_err(|error| error.to_string()));
+    let unchecked = match silent {
         Ok(silent) if silent.is_empty() => String::new(),
         Ok(silent) => return Err(Failure::NotHeard(format!("{}{of}", silent.join(", ")))),
         Err(error) => format!("; whether each answers was not checked: {error}"),
@@ -79,14 +82,4 @@ fn tell(who: Option<&str>, motorctl: &str, client: &Result<Client, Error>) -> Re
         "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{unchecked}"
     ));
     Ok(())
-}
-
-/// Returns the joints whose motors do not answer.
-fn silent(client: &Result<Client, Error>) -> Result<Vec<String>, String> {
-    let client = client.as_ref().map_err(Error::to_string)?;
-    let state = client.wait(PATIENCE).map_err(|error| error.to_string())?;
-    let offline = |(joint, state): (&JointDescription, Joint)| {
-        (state.mode == Some(MotorMode::Offline)).then(|| joint.name.clone())
-    };
-    Ok(client.description().joints.iter().zip(state.joints()).filter_map(offline).collect())
 }

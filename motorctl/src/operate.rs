@@ -114,11 +114,33 @@ fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
     Ok(matches!(phase, Some(Phase::Starting | Phase::Active)))
 }
 
-/// `motorctl disable`: damps and stops the motors of a group.
+/// `motorctl disable`: damps and stops the motors of a group. Fails when some of them do not answer.
 fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, |client, group| {
-        client.disable(group).map(|()| "stopped, after damping what moves")
-    })
+    let client = Client::connect(instance)?;
+    let (mut silent, mut outcome) = (Vec::new(), Ok(()));
+    for group in groups(&client, group) {
+        let offline = client.disable(&group).map(|()| client.offline_joints(Some(&group), PATIENCE));
+        match offline {
+            Ok(Ok(offline)) if offline.is_empty() => {
+                say(&format!("{group}: stopped, after damping what moves"));
+            }
+            Ok(Ok(offline)) => silent.extend(offline),
+            Ok(Err(error)) => {
+                say(&format!(
+                    "{group}: being damped, then stopped; whether each motor answers was not checked: {error}"
+                ));
+            }
+            Err(refusal) => outcome = outcome.and(Err(refusal)),
+        }
+    }
+    outcome?;
+    if silent.is_empty() { Ok(()) } else { Err(Failure::NotHeard(silent.join(", "))) }
+}
+
+/// Returns the names of `group`, or of all groups.
+fn groups(client: &Client, group: Option<&str>) -> Vec<String> {
+    let all = || client.description().groups.iter().map(|group| group.name.clone()).collect();
+    group.map_or_else(all, |group| vec![group.to_owned()])
 }
 
 /// `motorctl reset`: clears the cause of a stop; no motor moves. `wait` first waits until the
@@ -200,12 +222,8 @@ fn for_groups(
     request: impl Fn(&Client, &str) -> Result<&'static str, Error>,
 ) -> Result<(), Failure> {
     let client = Client::connect(instance)?;
-    let groups: Vec<String> = match group {
-        Some(group) => vec![group.to_owned()],
-        None => client.description().groups.iter().map(|group| group.name.clone()).collect(),
-    };
     let mut outcome = Ok(());
-    for group in groups {
+    for group in groups(&client, group) {
         match request(&client, &group) {
             Ok(done) => say(&format!("{group}: {done}")),
             Err(refusal) => outcome = outcome.and(Err(refusal)),

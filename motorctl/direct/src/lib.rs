@@ -82,6 +82,9 @@ pub enum DirectCommand {
         /// The consent.
         #[command(flatten)]
         confirm: Confirm,
+        /// No argument: names the command that is meant.
+        #[arg(hide = true, value_parser = no_group_starts)]
+        group: Option<String>,
     },
     /// Stop a motor, which then is limp.
     #[command(
@@ -94,6 +97,9 @@ pub enum DirectCommand {
         /// End only the control command that is being executed; the motor stays started.
         #[arg(long)]
         control: bool,
+        /// No argument: names the command that is meant.
+        #[arg(hide = true, value_parser = no_group_stops)]
+        group: Option<String>,
     },
     /// Hold a torque for a duration, then stop.
     ///
@@ -359,6 +365,17 @@ pub fn get_fault(reading: &ReadArguments) -> Result<(), DirectFailure> {
     status::fault(&reading.target, reading.json)
 }
 
+/// Refuses the name of a group after `motorctl start`.
+fn no_group_starts(group: &str) -> Result<String, String> {
+    Err(format!("`start` starts one motor, without motord; `motorctl enable {group}` starts a group"))
+}
+
+/// Refuses the name of a group after `motorctl stop`.
+fn no_group_stops(group: &str) -> Result<String, String> {
+    let meant = "stops a group, `motorctl estop` every motor";
+    Err(format!("`stop` stops one motor, without motord; `motorctl disable {group}` {meant}"))
+}
+
 /// Runs a command on the bus.
 pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
     match command {
@@ -366,8 +383,8 @@ pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
         DirectCommand::Ping { target, json } => find::ping(&target, json),
         DirectCommand::Id(arguments) => address::run(&arguments),
         DirectCommand::Version { target, json } => status::version(&target, json),
-        DirectCommand::Start { target, confirm } => status::start(&target, confirm),
-        DirectCommand::Stop { target, control } => status::stop(&target, control),
+        DirectCommand::Start { target, confirm, group: _ } => status::start(&target, confirm),
+        DirectCommand::Stop { target, control, group: _ } => status::stop(&target, control),
         DirectCommand::Torque { torque, max_nm, target, bounds } => {
             motion::torque(&target, torque, max_nm, &bounds)
         }

@@ -19,12 +19,25 @@ pub(super) enum News {
     Pasted,
     /// The terminal has another size.
     Resized,
-    /// The outcome of an emergency stop; an error if it is not confirmed.
-    Stop(Result<(), String>),
+    /// The outcome of an emergency stop.
+    Stop(StopOutcome),
     /// The outcome of another request, by group.
     Done(Action, Vec<(String, Result<(), String>)>),
     /// A thread ended with an error.
     Ended(String),
+}
+
+/// The outcome of an emergency stop.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum StopOutcome {
+    /// The daemon confirms it, and every motor answers.
+    Confirmed,
+    /// The daemon confirms it. No state arrived that shows whether each motor answers.
+    NotChecked(String),
+    /// The daemon confirms it. These joints do not answer.
+    NotHeard(Vec<String>),
+    /// Nothing confirms it.
+    NotConfirmed(String),
 }
 
 /// Starts a thread. A panic is sent to `news`.

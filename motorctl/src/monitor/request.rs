@@ -2,7 +2,7 @@
 //!
 //! An emergency stop has a separate thread: it waits neither for other requests nor for the screen.
 
-use super::news::{self, News};
+use super::news::{self, News, StopOutcome};
 use super::question::Question;
 use super::view::Action;
 use motord_client::{Client, Error};
@@ -43,8 +43,7 @@ impl Requests {
         let instance = instance.map(str::to_owned);
         news::start("motorctl-stop", news, move |news| {
             for () in stops {
-                let outcome = stop_robot(&stopping, instance.as_deref());
-                let _left = news.send(News::Stop(outcome.map_err(|error| error.to_string())));
+                let _left = news.send(News::Stop(stop_robot(&stopping, instance.as_deref())));
             }
         })?;
         news::start("motorctl-ask", news, move |news| {
@@ -74,11 +73,17 @@ impl Requests {
 
 /// Stops the robot over the daemon's socket or the open connection. After a failure it opens a new
 /// connection.
-fn stop_robot(client: &Client, instance: Option<&str>) -> Result<(), Error> {
+fn stop_robot(client: &Client, instance: Option<&str>) -> StopOutcome {
     let first = client.emergency_stop();
-    match (first, instance) {
+    let stopped = match (first, instance) {
         (Err(_), Some(instance)) => motord_client::emergency_stop(instance),
         (first, _) => first,
+    };
+    match stopped.map(|()| client.offline_joints(None, CONFIRMED_MAX)) {
+        Ok(Ok(offline)) if offline.is_empty() => StopOutcome::Confirmed,
+        Ok(Ok(offline)) => StopOutcome::NotHeard(offline),
+        Ok(Err(error)) => StopOutcome::NotChecked(error.to_string()),
+        Err(error) => StopOutcome::NotConfirmed(error.to_string()),
     }
 }
 
@@ -107,8 +112,14 @@ enum StopProgress {
     #[default]
     None,
     Asked(Instant),
-    Confirmed(Instant),
-    NotConfirmed(String),
+    Done(Instant, StopOutcome),
+}
+
+impl StopProgress {
+    /// Returns whether it is known that every motor is stopped.
+    fn is_sure(&self) -> bool {
+        matches!(self, Self::Done(_, StopOutcome::Confirmed))
+    }
 }
 
 /// The question and the outcomes that are shown. Outcomes stand for ten seconds, except that of a stop that is not confirmed.
@@ -126,7 +137,7 @@ impl Notice {
     /// Clears the outcomes after a key. An unconfirmed stop stays.
     pub(super) fn forget(&mut self) {
         self.said = None;
-        if matches!(self.stop, StopProgress::Confirmed(_)) {
+        if self.stop.is_sure() {
             self.stop = StopProgress::None;
         }
     }
@@ -144,9 +155,8 @@ impl Notice {
     }
 
     /// Records the outcome of the emergency stop.
-    pub(super) fn stop_done(&mut self, outcome: Result<(), String>) {
-        let confirmed = |()| StopProgress::Confirmed(Instant::now());
-        self.stop = outcome.map_or_else(StopProgress::NotConfirmed, confirmed);
+    pub(super) fn stop_done(&mut self, outcome: StopOutcome) {
+        self.stop = StopProgress::Done(Instant::now(), outcome);
     }
 
     /// Records the outcome of another request.
@@ -179,22 +189,33 @@ impl Notice {
     }
 
     fn stop_text(&self, now: Instant) -> Option<(Tone, String)> {
+        let is_over = |since: &Instant, limit| now.saturating_duration_since(*since) >= limit;
         match &self.stop {
             StopProgress::None => None,
-            StopProgress::Asked(since) if now.saturating_duration_since(*since) < CONFIRMED_MAX => {
-                Some((Tone::Warning, "emergency stop: requested".to_owned()))
-            }
-            StopProgress::Asked(_) => {
+            StopProgress::Asked(since) if is_over(since, CONFIRMED_MAX) => {
                 Some((Tone::Alarm, "EMERGENCY STOP NOT CONFIRMED yet: cut the power".to_owned()))
             }
-            StopProgress::Confirmed(since) if now.saturating_duration_since(*since) >= SHOWN => None,
-            StopProgress::Confirmed(_) => Some((
-                Tone::Plain,
-                "emergency stop confirmed: every motor is being damped, then stopped".to_owned(),
-            )),
-            StopProgress::NotConfirmed(error) => {
-                Some((Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}")))
-            }
+            StopProgress::Asked(_) => Some((Tone::Warning, "emergency stop: requested".to_owned())),
+            StopProgress::Done(since, StopOutcome::Confirmed) if is_over(since, SHOWN) => None,
+            StopProgress::Done(_, outcome) => Some(done_text(outcome)),
+        }
+    }
+}
+
+fn done_text(outcome: &StopOutcome) -> (Tone, String) {
+    const CONFIRMED: &str = "emergency stop confirmed: every motor is being damped, then stopped";
+    match outcome {
+        StopOutcome::Confirmed => (Tone::Plain, CONFIRMED.to_owned()),
+        StopOutcome::NotChecked(error) => {
+            (Tone::Warning, format!("{CONFIRMED}; whether each answers was not checked: {error}"))
+        }
+        StopOutcome::NotHeard(joints) => {
+            let names = joints.join(", ");
+            let text = "EMERGENCY STOP confirmed, but motors do not answer and may still move: cut the power";
+            (Tone::Alarm, format!("{text}. {names}"))
+        }
+        StopOutcome::NotConfirmed(error) => {
+            (Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}"))
         }
     }
 }
@@ -207,12 +228,12 @@ mod tests {
     fn unconfirmed_stop_stays_on_screen() {
         let mut notice = Notice::default();
         notice.stop_asked();
-        notice.stop_done(Err("no motord runs".to_owned()));
+        notice.stop_done(StopOutcome::NotConfirmed("no motord runs".to_owned()));
         notice.forget();
         let alarm = "EMERGENCY STOP NOT CONFIRMED: cut the power. no motord runs";
         assert_eq!(notice.texts(Instant::now()), [(Tone::Alarm, alarm.to_owned())]);
         notice.stop_asked();
-        notice.stop_done(Ok(()));
+        notice.stop_done(StopOutcome::Confirmed);
         assert_eq!(notice.texts(Instant::now())[0].0, Tone::Plain);
         notice.forget();
         assert_eq!(notice.texts(Instant::now()), []);
@@ -222,14 +243,23 @@ mod tests {
     fn outcome_expires_and_unconfirmed_stop_stays() {
         let mut notice = Notice::default();
         notice.done(Action::Disable, &[("legs".to_owned(), Ok(()))]);
-        notice.stop_done(Ok(()));
+        notice.stop_done(StopOutcome::Confirmed);
         let now = Instant::now();
         assert_eq!(notice.texts(now).len(), 2);
         assert_eq!(notice.texts(now + SHOWN), []);
-        notice.stop_done(Err("no motord runs".to_owned()));
+        notice.stop_done(StopOutcome::NotConfirmed("no motord runs".to_owned()));
         assert_eq!(notice.texts(now + 200 * SHOWN).len(), 1);
         notice.forget_daemon();
         assert_eq!(notice.texts(now), []);
+    }
+
+    #[test]
+    fn unheard_stop_is_an_alarm() {
+        let mut notice = Notice::default();
+        notice.stop_done(StopOutcome::NotHeard(vec!["rr-hip".to_owned(), "rr-knee".to_owned()]));
+        notice.forget();
+        let [(Tone::Alarm, text)] = &notice.texts(Instant::now() + SHOWN)[..] else { panic!("no alarm") };
+        assert!(text.contains("cut the power") && text.contains("rr-hip, rr-knee"), "{text}");
     }
 
     #[test]

@@ -90,6 +90,7 @@ fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::news::StopOutcome;
     use super::*;
     use crossterm::event::KeyCode;
     use motord_harness::tmux::Tmux;
@@ -100,9 +101,9 @@ mod tests {
         let space = Event::Key(KeyCode::Char(' ').into());
         let (news, heard) = std::sync::mpsc::channel();
         let confirmed = news.clone();
-        assert!(pass_on(&space, &|| confirmed.send(News::Stop(Ok(()))).unwrap(), &news));
+        assert!(pass_on(&space, &|| confirmed.send(News::Stop(StopOutcome::Confirmed)).unwrap(), &news));
         let shown: Vec<_> = heard.try_iter().collect();
-        assert!(matches!(shown[..], [News::Key(_), News::Stop(Ok(()))]), "{shown:?}");
+        assert!(matches!(shown[..], [News::Key(_), News::Stop(StopOutcome::Confirmed)]), "{shown:?}");
         drop(heard);
         let stopped = AtomicBool::new(false);
         assert!(!pass_on(&space, &|| stopped.store(true, Ordering::Relaxed), &news));

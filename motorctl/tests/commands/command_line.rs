@@ -178,3 +178,15 @@ fn closed_pipeline_is_no_failure() {
     drop(child.stdout.take());
     assert!(child.wait().unwrap().success());
 }
+
+#[test]
+fn misplaced_group_names_the_command_that_is_meant() {
+    for (command, meant) in [
+        ("stop", "`motorctl disable legs` stops a group, `motorctl estop`"),
+        ("start", "`motorctl enable legs`"),
+    ] {
+        let output = motorctl(&[command, "legs"]);
+        assert_eq!(output.status.code(), Some(64), "{output:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(meant), "{output:?}");
+    }
+}

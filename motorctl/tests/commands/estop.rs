@@ -60,6 +60,19 @@ fn stop_that_motors_did_not_hear_fails() {
 }
 
 #[test]
+fn disabling_that_motors_did_not_hear_fails() {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    assert!(daemon.motorctl(&["disable"]).status.success());
+    assert!(daemon.motorctl(&["sim", "arm", "off"]).status.success());
+    daemon.await_status(|status| status["joints"][0]["mode"] == "offline");
+    let output = daemon.motorctl(&["disable"]);
+    assert_eq!(output.status.code(), Some(80), "{output:?}");
+    assert_eq!(text(&output.stdout), "");
+    assert!(text(&output.stderr).ends_with("cut the power: arm\n"), "{output:?}");
+}
+
+#[test]
 fn only_daemon_elsewhere_is_stopped() {
     let Some(output) = alone("start other robot && motorctl estop && is_stopped other robot") else { return };
     assert!(output.status.success(), "{output:?}");
