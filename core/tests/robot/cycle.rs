@@ -292,6 +292,18 @@ fn burst_of_owed_answers_is_no_duplicate() {
     }
 }
 
+/// Goal: the same at a low rate, where each request is older than any reply is expected to be when the next is sent.
+#[test]
+fn burst_at_low_rate_is_no_duplicate() {
+    let mut robot = Robot::new(motors_at(3, 10), 1);
+    robot.steps(50);
+    robot.disturb("joint2 delayed 350ms");
+    robot.steps(20);
+    robot.disturb("joint2 ok");
+    robot.steps(20);
+    assert_eq!(robot.bus(0).duplicate, 0);
+}
+
 /// Returns a robot whose thigh answers every request one cycle late, until no miss is remembered.
 fn lagging_by_a_cycle() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
