@@ -13,8 +13,11 @@ use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::InterfaceError;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
+use motord_ports::stop_socket::{self, AskedStop, CONFIRMED, StopError};
+use nix::sys::socket::{Backlog, MsgFlags, SockFlag, accept, bind, listen, send};
 use nix::unistd::{Gid, chown};
 use std::fs::{self, Permissions};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -26,6 +29,8 @@ use tempfile::TempDir;
 
 /// Variable for a process that becomes another user and plays the switch: its runtime directory.
 const PLAY: &str = "MOTORD_TEST_PLAY_IMPOSTOR";
+/// The same for the socket of emergency stops.
+const PLAY_STOP: &str = "MOTORD_TEST_PLAY_STOP_SOCKET";
 /// A user who owns nothing, and the group whose members share the directory.
 const MEMBER: u32 = 65_534;
 /// Longer than a busy machine stalls.
@@ -99,6 +104,33 @@ fn daemon_registers_with_no_switch_of_a_member() {
     heartbeat.rest();
     end.store(true, Ordering::Relaxed);
     registrar.join().unwrap();
+}
+
+/// Runs in the process of a member that has the name of the socket for emergency stops; not a test of its own.
+#[test]
+fn plays_the_stop_socket() {
+    let Some(runtime) = std::env::var_os(PLAY_STOP) else { return };
+    let instance = Instance::below(Path::new(&runtime), "test").unwrap();
+    become_user(MEMBER);
+    let listener = stop_socket::open(SockFlag::empty()).unwrap();
+    bind(listener.as_raw_fd(), &stop_socket::address(&instance).unwrap()).unwrap();
+    listen(&listener, Backlog::new(8).unwrap()).unwrap();
+    println!("listens");
+    loop {
+        let caller = accept(listener.as_raw_fd()).unwrap();
+        send(caller, CONFIRMED, MsgFlags::empty()).unwrap();
+    }
+}
+
+/// Goal: an emergency stop that a member's process confirms is not confirmed.
+#[test]
+fn stop_that_a_member_confirms_is_unconfirmed() {
+    let Some((directory, instance)) = shared() else { return };
+    let role = "impostors::plays_the_stop_socket";
+    let impostor = Player::start(role, &[(PLAY_STOP, directory.path().as_os_str())], "listens");
+    let outcome = AskedStop::send(&instance, PATIENCE).unwrap().confirm(PATIENCE);
+    let Err(StopError::NotTrusted(found)) = outcome else { panic!("{outcome:?}") };
+    assert_eq!((found.pid.cast_unsigned(), found.uid), (impostor.id(), MEMBER));
 }
 
 /// Goal: a member who claims that the switch acts does not keep `motord safe-stop` from damping.

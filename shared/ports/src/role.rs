@@ -79,4 +79,16 @@ mod tests {
             drop(held);
         }
     }
+
+    /// Goal: the process id of a daemon overwrites no file elsewhere that has the lock's name as a second name.
+    #[test]
+    fn second_name_of_another_file_is_no_lock() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let elsewhere = place.path().join("elsewhere");
+        fs::write(&elsewhere, "kept").unwrap();
+        fs::hard_link(&elsewhere, place.path().join("robot.lock")).unwrap();
+        let _lock = instance.lock().unwrap();
+        assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
+    }
 }
