@@ -34,6 +34,19 @@ fn unsafe_code_stands_in_listed_files_only() {
     assert_eq!(found, UNSAFE);
 }
 
+/// Goal: the table of the document names each of the files, and no other.
+#[test]
+fn unsafe_files_are_in_table_of_document() {
+    let documents = sources::files(&["docs/security.md"]);
+    let (_, part) = documents[0].text.split_once("## Unsafe code").unwrap();
+    let part = part.split("\n## ").next().unwrap();
+    let rows = part.lines().filter_map(|line| line.strip_prefix("| `")?.split('`').next());
+    let mut named: Vec<&str> = rows.collect();
+    named.sort_unstable();
+    named.dedup();
+    assert_eq!(named, UNSAFE);
+}
+
 #[test]
 fn unsafe_is_found_in_code_not_words() {
     for code in
