@@ -6,6 +6,7 @@ use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol, Verdict,
 use motord_configuration::{Machine, parse};
 use motord_settings::settings::Settings;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 
 /// `elbow`: GIM8108-36, rotor 0.154 N·m/A, ratio 36, 21 pole pairs.
@@ -153,4 +154,20 @@ fn lock_round_trips_and_other_file_is_refused() {
     fs::remove_file(&file).unwrap();
     fs::create_dir(&file).unwrap();
     assert!(Lock::load(&config).is_err());
+}
+
+/// Goal: a lock that cannot be reached is not taken for a robot without a lock, and saving follows no link.
+#[test]
+fn link_without_target_is_no_missing_lock() {
+    let directory = tempfile::tempdir().unwrap();
+    let config = directory.path().join("robot.toml");
+    let (file, elsewhere) = (Lock::path(&config), directory.path().join("elsewhere"));
+    symlink(&elsewhere, &file).unwrap();
+    let complaint = Lock::load(&config).unwrap_err().to_string();
+    assert!(complaint.contains("robot.lock.toml: cannot be read"), "{complaint}");
+    fs::write(&elsewhere, "kept").unwrap();
+    symlink(&elsewhere, directory.path().join("robot.lock.toml.new")).unwrap();
+    Lock::new(vec![elbow()]).save(&config).unwrap();
+    assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
+    assert!(fs::symlink_metadata(&file).unwrap().is_file());
 }

@@ -1,8 +1,8 @@
 //! The metrics as a file for the textfile collector of Prometheus' node exporter.
 
 use crate::latest::Latest;
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::Path;
 use std::time::Duration;
 
@@ -31,11 +31,16 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
     }
 }
 
-/// Replaces `file` atomically: a reader reads the old text or the new one.
+/// Replaces `file` atomically: a reader reads the old text or the new one. Follows no link that another user created under
+/// the temporary name.
 fn replace(file: &Path, text: &[u8]) -> io::Result<()> {
     // The collector reads names that end with .prom only.
     let temporary = file.with_extension("prom.new");
-    fs::write(&temporary, text)?;
+    match fs::remove_file(&temporary) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    File::create_new(&temporary)?.write_all(text)?;
     fs::rename(&temporary, file)
 }
 
@@ -48,10 +53,21 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("motord.prom");
         replace(&file, b"first, and longer\n").unwrap();
-        let open = fs::File::open(&file).unwrap();
+        let open = File::open(&file).unwrap();
         replace(&file, b"second\n").unwrap();
         assert_eq!(io::read_to_string(open).unwrap(), "first, and longer\n", "a reader keeps what it opened");
         assert_eq!(fs::read_to_string(&file).unwrap(), "second\n");
         assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn prepared_link_is_not_written_through() {
+        let place = tempfile::tempdir().unwrap();
+        let (file, elsewhere) = (place.path().join("motord.prom"), place.path().join("elsewhere"));
+        fs::write(&elsewhere, "kept").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, file.with_extension("prom.new")).unwrap();
+        replace(&file, b"text\n").unwrap();
+        assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
+        assert!(fs::symlink_metadata(&file).unwrap().is_file());
     }
 }

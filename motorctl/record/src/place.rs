@@ -39,8 +39,13 @@ impl Place {
         written
     }
 
+    /// Removes what has the name `path`, and creates the file. Another user may have created a link or a FIFO there.
     fn fill(path: &Path, remembered: &Remembered) -> io::Result<u64> {
-        let mut out = BufWriter::with_capacity(WRITE_BYTES, File::create(path)?);
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            Ok(()) | Err(_) => {}
+        }
+        let mut out = BufWriter::with_capacity(WRITE_BYTES, File::create_new(path)?);
         let cycles = remembered.write(&mut out)?;
         out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         Ok(cycles)
@@ -145,6 +150,27 @@ mod tests {
         let is_there = |name: &str| directory.join(name).exists();
         assert!(others.iter().all(|name| is_there(name)));
         assert_eq!(ours.each_ref().map(|name| is_there(name)), [true, false, false, true, true]);
+        fs::remove_dir_all(&directory).unwrap();
+    }
+
+    /// Goal: a user who may write to the directory has no file elsewhere overwritten, and blocks no write.
+    #[test]
+    fn prepared_unfinished_file_is_not_written_into() {
+        let directory = std::env::temp_dir().join(format!("motord-flight-link-{}", std::process::id()));
+        fs::create_dir(&directory).unwrap();
+        let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 9 };
+        let (unfinished, elsewhere) = (directory.join("arm.unfinished"), directory.join("elsewhere"));
+        let robot = motord_client::RobotDescription::default();
+        let mut memory = motord_mcap::Memory::new(&robot, Duration::from_secs(1), 1 << 20);
+        let mut write = || place.write(&memory.remembered(motord_mcap::Origin::default()).unwrap(), "x");
+        fs::write(&elsewhere, "kept").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &unfinished).unwrap();
+        let (linked, _) = write().unwrap();
+        assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
+        assert!(fs::symlink_metadata(linked).unwrap().is_file());
+        assert!(std::process::Command::new("mkfifo").arg(&unfinished).status().unwrap().success());
+        let (piped, _) = write().unwrap();
+        assert!(fs::symlink_metadata(piped).unwrap().is_file());
         fs::remove_dir_all(&directory).unwrap();
     }
 }

@@ -12,6 +12,8 @@ use crate::file::read;
 use crate::problem::Wrong;
 
 use serde::{Deserialize, Serialize};
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// The form of the file.
@@ -73,8 +75,11 @@ impl Lock {
     pub fn load(config: &Path) -> Result<Option<Self>, LockError> {
         let file = Self::path(config);
         let failed = |wrong| LockError::File { file: file.clone(), wrong: Box::new(wrong) };
-        if !file.try_exists().map_err(|error| failed(error.into()))? {
-            return Ok(None);
+        match fs::symlink_metadata(&file) {
+            // A link without a target is no missing lock.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(failed(error.into())),
+            Ok(_) => {}
         }
         let bytes = read(&file).map_err(failed)?;
         let malformed = |reason: String| LockError::Malformed { file: file.clone(), reason };
@@ -96,8 +101,7 @@ impl Lock {
         let text = toml::to_string(self)
             .map_err(|error| LockError::Malformed { file: file.clone(), reason: error.to_string() })?;
         let next = file.with_extension("toml.new");
-        let written =
-            std::fs::write(&next, format!("{HEAD}{text}")).and_then(|()| std::fs::rename(&next, &file));
+        let written = replace(&next, &file, &format!("{HEAD}{text}"));
         written.map_err(|error| LockError::File { file: file.clone(), wrong: Box::new(error.into()) })?;
         Ok(file)
     }
@@ -107,4 +111,14 @@ impl Lock {
     pub fn motor(&self, name: &str) -> Option<&ReportedMotor> {
         self.motors.iter().find(|motor| motor.name == name)
     }
+}
+
+/// Replaces `file` atomically. Removes what has the temporary name `next`, and follows no link there.
+fn replace(next: &Path, file: &Path, text: &str) -> io::Result<()> {
+    match fs::remove_file(next) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    File::create_new(next)?.write_all(text.as_bytes())?;
+    fs::rename(next, file)
 }
