@@ -1,5 +1,7 @@
 //! The metrics by HTTP, beside clients that are silent, slow or strange.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
 use motord_metrics::{Outputs, Wanted};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
