@@ -10,6 +10,8 @@ mod codec;
 mod failure;
 mod gim;
 mod hex;
+mod input;
+mod log;
 mod member;
 mod mit;
 mod null_bytes;
@@ -26,19 +28,17 @@ pub use failure::FrameFailure;
 
 use clap::{Args, Subcommand};
 use codec::Codec;
+use input::{Decoder, Frames};
 use object::Object;
 use options::{AnsweredCommand, Constants, Direction, FrameProtocol};
 use output::ObjectWriter;
 use rejected::Rejected;
 use robot::LoggedRobot;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, Read};
 use std::path::PathBuf;
 use strict::Strict;
 
-/// Limit on a line of standard input, bytes. A frame has at most a few hundred; the rest of a longer
-/// line is skipped.
-const LINE_BYTES_MAX: usize = 4096;
-/// Limit on the objects of standard input, and on one of its lines, bytes.
+/// Limit on the objects of standard input, bytes.
 const INPUT_BYTES_MAX: u64 = 64 << 20;
 
 /// The two directions of conversion.
@@ -46,7 +46,9 @@ const INPUT_BYTES_MAX: u64 = 64 << 20;
 pub enum FrameCommand {
     /// Decode frames into JSON objects, one per line.
     ///
-    /// A frame that cannot be decoded prints {"kind":"reject","reason":…}. The exit status is then 65.
+    /// A frame that cannot be decoded prints {"kind":"reject","reason":…}, of a file also with its line (or the number of its
+    /// packet), and of a log with its time and interface. So do a bus-off, other error frames, CAN FD, remote and 29-bit
+    /// frames. The exit status is then 65.
     #[command(override_usage = DECODE_USAGE, after_help = DECODE_EXAMPLES)]
     Decode(Decode),
     /// Encode JSON objects, in the format of `decode`, into hexadecimal frames, one per line.
@@ -59,8 +61,8 @@ pub enum FrameCommand {
 }
 
 const DECODE_USAGE: &str =
-    "motorctl frame decode [OPTIONS] --protocol <PROTOCOL> --direction <DIRECTION> <HEX>...
-       motorctl frame decode --config <FILE> [--protocol <PROTOCOL>] -";
+    "motorctl frame decode [OPTIONS] --protocol <PROTOCOL> --direction <DIRECTION> <HEX|FILE|->...
+       motorctl frame decode --config <FILE> [--protocol <PROTOCOL>] [--interface <NAME>] <FILE|->...";
 
 const DECODE_EXAMPLES: &str = "\
 Examples:
@@ -68,7 +70,15 @@ Examples:
       8A3D80F19A333816
   motorctl frame decode --protocol mit --direction to-host --asked get_fault '101#01 02 00 00 00 00'
   motorctl frame decode --protocol gim-rs485 --direction to-motor 010008099100000000000000
-  candump -L can0 | motorctl frame decode --config /etc/motord/motord.toml -";
+  candump can0 | motorctl frame decode --config /etc/motord/motord.toml -
+  motorctl frame decode --config /etc/motord/motord.toml candump-2026-03-01_101500.log
+  motorctl frame decode --config /etc/motord/motord.toml --interface can0 \\
+      trace.trc vector.asc capture.pcap
+
+A log is the output of candump (with -L or -l, or the default form with any -t), a log of Vector (.asc), a log of PEAK
+(.trc), or a capture of tcpdump or Wireshark (pcap, pcapng). The first line or bytes decide, not the name. Logs of Vector and
+PEAK, and pcap, have numbers instead of interfaces: number N is the Nth interface of the configuration, in the order of its
+[[bus]] tables, unless --interface names it. Their `time` is that of the file; dates count as UTC.";
 
 const ENCODE_EXAMPLES: &str = "\
 Examples:
@@ -91,13 +101,18 @@ pub struct Decode {
     /// The command that a reply answers. Some replies depend on it.
     #[arg(long, value_enum, default_value_t = AnsweredCommand::State)]
     asked: AnsweredCommand,
-    /// Configuration of motord. Lines of `candump -L` are decoded with the names, protocols and
-    /// constants of its motors.
+    /// Configuration of motord. Logs are decoded with the names, protocols and constants of its motors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
-    /// Frames in hexadecimal. Spaces, and an id before `#`, are allowed. `-` reads frames from standard input, one per
-    /// line.
-    #[arg(required = true, value_name = "HEX")]
+    /// Interface of the frames of logs that name none: logs of Vector and PEAK, and pcap.
+    #[arg(long, value_name = "NAME")]
+    interface: Option<String>,
+    /// Accepted as by other commands: the output is JSON in any case.
+    #[arg(long)]
+    json: bool,
+    /// Frames in hexadecimal, or names of files with frames or logs. Spaces, and an id before `#`, are allowed. `-` reads
+    /// standard input, one frame per line. A file whose name is hexadecimal needs its folder: ./AB.
+    #[arg(required = true, value_name = "HEX|FILE")]
     frames: Vec<String>,
 }
 
@@ -134,15 +149,19 @@ pub fn run(frame: FrameCommand) -> Result<(), FrameFailure> {
 
 fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
     let mut report = ObjectWriter::default();
-    let Decode { protocol, direction, constants, asked, config, frames } = arguments;
-    if let Some(path) = config {
-        let mut robot = LoggedRobot::read(path, *protocol)?;
-        for_each_line(frames, &mut report, |line| robot.decode(line))?;
-    } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
-        let (profile, scale) = (constants.profile.profile, constants.scale()?);
-        let reading = Codec { protocol, direction, asked: *asked, profile, scale };
-        let decode = |line: &str| hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes));
-        for_each_line(frames, &mut report, decode)?;
+    let Decode { protocol, direction, constants, asked, config, interface, json: _, frames } = arguments;
+    let whose = match (config, *protocol, *direction) {
+        (Some(path), protocol, _) => Frames::OfRobot(LoggedRobot::read(path, protocol)?),
+        (None, Some(protocol), Some(direction)) => {
+            let (profile, scale) = (constants.profile.profile, constants.scale()?);
+            Frames::Alike(Codec { protocol, direction, asked: *asked, profile, scale })
+        }
+        // The command line requires both.
+        (None, ..) => return Ok(()),
+    };
+    let mut decoder = Decoder { frames: whose, interface: interface.as_deref(), report: &mut report };
+    for argument in frames {
+        decoder.argument(argument)?;
     }
     report.finish()
 }
@@ -163,59 +182,6 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     report.finish()
 }
 
-/// Prints the object of every argument; for `-`, of every line of standard input that is not blank.
-/// Prints each immediately if no further line has arrived.
-fn for_each_line(
-    arguments: &[String],
-    report: &mut ObjectWriter,
-    mut decode: impl FnMut(&str) -> Result<Object, Rejected>,
-) -> Result<(), io::Error> {
-    for argument in arguments {
-        if argument != "-" {
-            report.object(decode(argument))?;
-            continue;
-        }
-        let (mut input, mut line) = (BufReader::new(io::stdin().lock()), Vec::new());
-        while read_line(&mut input, &mut line)? {
-            let text = String::from_utf8_lossy(&line);
-            if !text.trim().is_empty() {
-                report.object(decode(text.trim()))?;
-            }
-            if !input.buffer().contains(&b'\n') {
-                report.flush()?;
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Replaces `line` by the next line, of which it keeps [`LINE_BYTES_MAX`] bytes. Returns `false` at
-/// the end of the input. A line of more than [`INPUT_BYTES_MAX`] bytes is an error: it may have no
-/// end.
-fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<bool> {
-    line.clear();
-    let (mut is_begun, mut skipped) = (false, 0);
-    loop {
-        let arrived = input.fill_buf()?;
-        if arrived.is_empty() {
-            return Ok(is_begun);
-        }
-        is_begun = true;
-        let end = arrived.iter().position(|byte| *byte == b'\n');
-        let (part, used) = end.map_or((arrived, arrived.len()), |end| (&arrived[..end], end + 1));
-        let kept = part.len().min(LINE_BYTES_MAX - line.len());
-        line.extend_from_slice(&part[..kept]);
-        skipped += (part.len() - kept) as u64;
-        input.consume(used);
-        if skipped > INPUT_BYTES_MAX {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, "a line has no end: this is no text"));
-        }
-        if end.is_some() {
-            return Ok(true);
-        }
-    }
-}
-
 /// Returns the objects on standard input, whole.
 fn read_input() -> io::Result<String> {
     let mut text = String::new();
@@ -225,25 +191,4 @@ fn read_input() -> io::Result<String> {
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
     }
     Ok(text)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn endless_line_is_cut_and_next_one_whole() {
-        let long = vec![b'A'; 10 * LINE_BYTES_MAX];
-        let text = [b"01\n\n", &long[..], b"\n02"].concat();
-        let mut input = BufReader::with_capacity(1000, &text[..]);
-        let (mut line, mut lengths) = (Vec::new(), Vec::new());
-        while read_line(&mut input, &mut line).is_ok_and(|is_line| is_line) {
-            lengths.push(line.len());
-        }
-        assert_eq!(lengths, [2, 0, LINE_BYTES_MAX, 2]);
-        assert_eq!(line, b"", "the end of the input");
-        let mut endless = BufReader::new(io::repeat(0));
-        assert!(read_line(&mut endless, &mut line).is_err());
-        assert!(line.len() <= LINE_BYTES_MAX);
-    }
 }

@@ -22,6 +22,27 @@ impl Default for ObjectWriter {
     }
 }
 
+/// Time and interface of a frame, as its log has them.
+#[derive(Debug, Default)]
+pub(super) struct Place {
+    /// Seconds.
+    pub(super) time: Option<f64>,
+    pub(super) interface: Option<String>,
+}
+
+impl Place {
+    /// Returns the known members of an object.
+    pub(super) fn members(&self) -> impl Iterator<Item = (&'static str, Value)> {
+        let time = self.time.map(|time| ("time", time.into()));
+        let interface = self.interface.as_deref().map(|name| ("interface", name.into()));
+        [time, interface].into_iter().flatten()
+    }
+}
+
+fn reject(rejected: &Rejected) -> Value {
+    json!({ "kind": "reject", "reason": cut(rejected.to_string()) })
+}
+
 fn cut(reason: String) -> String {
     match reason.char_indices().nth(REASON_MAX) {
         Some((end, _)) => format!("{}…", &reason[..end]),
@@ -30,15 +51,32 @@ fn cut(reason: String) -> String {
 }
 
 impl ObjectWriter {
-    pub(super) fn object(&mut self, object: Result<Object, Rejected>) -> Result<(), io::Error> {
-        self.line(object.map(|object| Value::from(object).to_string()))
+    pub(super) fn object(&mut self, object: Object) -> Result<(), io::Error> {
+        self.line(Ok(Value::from(object).to_string()))
+    }
+
+    /// Prints why an input was rejected, and where it is.
+    pub(super) fn reject(
+        &mut self,
+        rejected: &Rejected,
+        file: Option<&str>,
+        line: Option<u64>,
+        place: &Place,
+    ) -> Result<(), io::Error> {
+        (self.total, self.refused) = (self.total + 1, self.refused + 1);
+        let mut object = reject(rejected);
+        let known = [file.map(|file| ("file", file.into())), line.map(|line| ("line", line.into()))];
+        for (key, value) in known.into_iter().flatten().chain(place.members()) {
+            object[key] = value;
+        }
+        writeln!(self.out, "{object}")
     }
 
     pub(super) fn line(&mut self, line: Result<String, Rejected>) -> Result<(), io::Error> {
         self.total += 1;
         let line = line.unwrap_or_else(|refused| {
             self.refused += 1;
-            json!({ "kind": "reject", "reason": cut(refused.to_string()) }).to_string()
+            reject(&refused).to_string()
         });
         writeln!(self.out, "{line}")
     }

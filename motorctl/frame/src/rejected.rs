@@ -1,8 +1,10 @@
 //! The reason why a frame was rejected.
 
-use motord_bus::FrameId;
+use crate::log::pcap::InvalidCapture;
 use motord_bus::candump::InvalidLine;
+use motord_bus::frame::ControllerState;
 use motord_bus::serial::framing::FrameError;
+use motord_bus::{ErrorFrame, FrameId};
 use motord_protocol::{DecodeError, ScaleError};
 
 /// The reason why a frame was rejected.
@@ -44,8 +46,56 @@ pub(super) enum Rejected {
     NotMitSafe,
     #[error(transparent)]
     LogLine(#[from] InvalidLine),
+    #[error(transparent)]
+    Capture(InvalidCapture),
     #[error("unsupported frame: expected a data frame with an 11-bit id and at most 8 bytes")]
     Unsupported,
+    #[error("remote frame: no motor sends or reads one")]
+    Remote,
+    #[error("frame with the 29-bit id {id}: no motor sends or reads one")]
+    Extended { id: FrameId },
+    #[error("CAN FD frame with the id {id}: no motor sends or reads one")]
+    Fd { id: FrameId },
+    #[error("bus off: the controller of the interface has left the bus")]
+    BusOff,
+    #[error("error frame: the controller is {state}")]
+    Controller { state: &'static str },
+    #[error("error frame of class {class:#x}: {names}")]
+    ErrorFrame { class: u32, names: String },
+    #[error("channel {channel} has no interface in the configuration: use --interface NAME")]
+    Channel { channel: u32 },
     #[error("unexpected id {id}: no motor on {interface} receives or sends it")]
     UnexpectedId { interface: String, id: FrameId },
+}
+
+/// `CAN_ERR_TRX` of `linux/can/error.h`.
+const TRANSCEIVER: u32 = 0x010;
+
+/// The classes of an error frame, with words of `candump -e`.
+const CLASSES: [(u32, &str); 8] = [
+    (ErrorFrame::TX_TIMEOUT, "time-out of a transmission"),
+    (ErrorFrame::LOST_ARBITRATION, "lost arbitration"),
+    (ErrorFrame::CONTROLLER, "problem of the controller"),
+    (ErrorFrame::PROTOCOL, "protocol violation"),
+    (TRANSCEIVER, "problem of the transceiver"),
+    (ErrorFrame::NO_ACKNOWLEDGE, "no acknowledgement"),
+    (ErrorFrame::BUS_ERROR, "bus error"),
+    (ErrorFrame::RESTARTED, "controller restarted"),
+];
+
+impl Rejected {
+    /// Names a report of a controller.
+    pub(super) fn of_report(report: &ErrorFrame) -> Self {
+        let class = report.class;
+        let names: Vec<_> =
+            CLASSES.iter().filter(|(bit, _)| class & bit != 0).map(|(_, name)| *name).collect();
+        match report.state() {
+            Some(ControllerState::Off) => Self::BusOff,
+            Some(ControllerState::Passive) => Self::Controller { state: "error passive" },
+            Some(ControllerState::Warning) => Self::Controller { state: "at its error warning limit" },
+            Some(ControllerState::Active) => Self::Controller { state: "error active again" },
+            None if names.is_empty() => Self::ErrorFrame { class, names: "unknown".into() },
+            None => Self::ErrorFrame { class, names: names.join(", ") },
+        }
+    }
 }

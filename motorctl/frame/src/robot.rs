@@ -5,8 +5,7 @@ use crate::object::Object;
 use crate::options::{AnsweredCommand, Direction, FrameProtocol};
 use crate::rejected::Rejected;
 use crate::scale::Scale;
-use motord_bus::candump::LogLine;
-use motord_bus::{Content, Frame, FrameId};
+use motord_bus::{Frame, FrameId};
 use motord_configuration::Problem;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Profile, ScaleError};
@@ -74,6 +73,8 @@ enum ProtocolConfig {
 /// The motors of a configuration.
 pub(super) struct LoggedRobot {
     motors: Vec<LoggedMotor>,
+    /// The interfaces of its buses, in the order of the file.
+    interfaces: Vec<String>,
 }
 
 struct LoggedMotor {
@@ -100,23 +101,22 @@ impl LoggedRobot {
         for motor in &mut motors {
             motor.protocol = protocol.unwrap_or(motor.protocol);
         }
-        Ok(Self { motors })
+        let interfaces = bus.into_iter().map(|bus| bus.interface.unwrap_or(bus.name)).collect();
+        Ok(Self { motors, interfaces })
     }
 
-    /// Decodes a line of a log.
-    pub(super) fn decode(&mut self, line: &str) -> Result<Object, Rejected> {
-        let LogLine { at, interface, content } = LogLine::parse(line)?;
-        let Content::Frame(frame) = content else { return Err(Rejected::Unsupported) };
-        if !frame.is_classic() || frame.id().is_extended() {
-            return Err(Rejected::Unsupported);
-        }
+    /// Returns the interface of a channel of a log, from 1 on: that of the bus at this place in the file.
+    pub(super) fn interface(&self, channel: u32) -> Option<&str> {
+        let index = usize::try_from(channel).ok()?.checked_sub(1)?;
+        self.interfaces.get(index).map(String::as_str)
+    }
+
+    /// Decodes a classic frame with an 11-bit id.
+    pub(super) fn decode(&mut self, interface: &str, frame: &Frame) -> Result<Object, Rejected> {
         let (motor, direction) = self
-            .motor_of(interface, &frame)
+            .motor_of(interface, frame)
             .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
-        // A double holds microseconds since 1970 exactly, nanoseconds not.
-        object.insert("time", at.as_micros() as f64 / 1e6);
-        object.insert("interface", interface);
         object.insert("motor", motor.name.as_str());
         Ok(object)
     }

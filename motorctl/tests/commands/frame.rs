@@ -58,7 +58,7 @@ impl Vector {
     }
 }
 
-fn frame(verb: &str, arguments: &[&str], input: &str) -> Output {
+pub(crate) fn frame(verb: &str, arguments: &[&str], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
         .args(["frame", verb])
         .args(arguments)
@@ -71,11 +71,11 @@ fn frame(verb: &str, arguments: &[&str], input: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
-fn text(output: &Output) -> String {
+pub(crate) fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
-fn objects(output: &Output) -> Vec<Value> {
+pub(crate) fn objects(output: &Output) -> Vec<Value> {
     text(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
@@ -376,7 +376,7 @@ fn serial_frame_with_contradicting_payload_is_refused() {
     assert!(text(&output).contains("'pos_int' is 1"), "{output:?}");
 }
 
-const ROBOT: &str = r#"
+pub(crate) const ROBOT: &str = r#"
 [[bus]]
 name = "front-left"
 type = "socketcan"

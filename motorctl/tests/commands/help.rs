@@ -76,6 +76,7 @@ impl Place {
         place.write("motord.toml", can);
         place.write("candump", "#!/bin/sh\necho '(1436509052.249713) can0 001#FFFFFFFFFFFFFFFC'\n");
         place.shell("chmod +x candump && mkdir run");
+        place.write_logs();
         for instance in ["robot", "arm"] {
             place.write(&format!("{instance}-daemon.toml"), &named(instance));
             place.start(instance);
@@ -89,6 +90,20 @@ impl Place {
 
     fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path().join(name), text).unwrap();
+    }
+
+    /// Writes the logs of a stop, as other tools have them.
+    fn write_logs(&self) {
+        self.write("candump-2026-03-01_101500.log", "(1772360100.000000) can0 001#FFFFFFFFFFFFFFFD\n");
+        self.write("trace.trc", ";$FILEVERSION=1.1\n  1)  0.5  Tx  0001  8  FF FF FF FF FF FF FF FD\n");
+        self.write(
+            "vector.asc",
+            "base hex  timestamps absolute\n 0.000500 1  1  Tx  d 8 FF FF FF FF FF FF FF FD\n",
+        );
+        let header = [0xA1B2_C3D4, 0x0002_0004, 0, 0, 65_535, 227];
+        let packet = [1_772_360_100, 0, 16, 16, 1, 0x0800_0000, 0xFFFF_FFFF, 0xFFFF_FFFD];
+        let words = header.into_iter().chain(packet).map(u32::to_be_bytes);
+        std::fs::write(self.path().join("capture.pcap"), words.collect::<Vec<_>>().concat()).unwrap();
     }
 
     fn start(&mut self, instance: &str) {

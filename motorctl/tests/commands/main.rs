@@ -13,6 +13,7 @@ mod configurations;
 mod doctor;
 mod estop;
 mod frame;
+mod frame_logs;
 mod help;
 mod monitor;
 mod operate;
