@@ -55,6 +55,8 @@ pub(super) struct Rule<T> {
     range_words: Option<&'static str>,
     /// An angle, rarely more than a turn.
     is_angle: bool,
+    /// The advice in the error about a negative number.
+    negative: Option<&'static str>,
 }
 
 /// A key with a default.
@@ -67,6 +69,7 @@ pub(super) fn is<T>(default: T) -> Rule<T> {
         max: f64::INFINITY,
         range_words: None,
         is_angle: false,
+        negative: None,
     }
 }
 
@@ -99,6 +102,11 @@ impl<T: Value> Rule<T> {
         Self { is_angle: true, ..self }
     }
 
+    /// Advises what to write instead of a negative number.
+    pub(super) fn if_negative(self, hint: &'static str) -> Self {
+        Self { negative: Some(hint), ..self }
+    }
+
     /// Reads the value, or returns the reason why it is invalid.
     pub(super) fn read(&self, written: &Spanned<DeValue<'_>>, unit: &'static str) -> Result<T, Wrong> {
         let value = T::read(written)?;
@@ -107,8 +115,12 @@ impl<T: Value> Rule<T> {
                 Err(Wrong::NotFinite { value: number, expected: self.expected(unit) })
             }
             Some(number) if !(self.min..=self.max).contains(&number) => {
-                let degrees = if unit == "rad" { degrees(number) } else { String::new() };
-                Err(Wrong::OutOfRange { value: number, expected: self.expected(unit), degrees })
+                let hint = match self.negative {
+                    Some(hint) if number < 0.0 => format!("; {hint}"),
+                    _ if unit == "rad" => degrees(number),
+                    _ => String::new(),
+                };
+                Err(Wrong::OutOfRange { value: number, expected: self.expected(unit), hint })
             }
             _ => Ok(value),
         }

@@ -11,6 +11,9 @@ use super::machine::Machine;
 use super::problem::{Place, Problem, Wrong, plain};
 use super::similar::suggestion;
 
+/// Letters of a rejected name in a report.
+const SHOWN_MAX: usize = 200;
+
 /// Errors and warnings, each with its place.
 pub(super) struct Findings<'a> {
     file: &'a Path,
@@ -91,7 +94,15 @@ impl<'a> Findings<'a> {
         if !name.is_empty() && name.len() <= NAME_BYTES_MAX && name.chars().all(is_allowed) {
             return Some(name.clone());
         }
-        self.error(entry.at, Wrong::Name { name: name.chars().take(NAME_BYTES_MAX).collect() });
+        let letters = name.chars().count();
+        let shown = name.chars().take(SHOWN_MAX).collect();
+        self.error(
+            entry.at,
+            match letters > NAME_BYTES_MAX {
+                true => Wrong::LongName { name: shown, letters },
+                false => Wrong::Name { name: shown },
+            },
+        );
         None
     }
 

@@ -16,6 +16,9 @@ use super::table::{Section, Sections, Table};
 use super::value::BusType;
 use super::value::Listed;
 
+/// Advice about a negative constant of a motor.
+const REVERSED: &str = "a joint that turns against its motor has direction = -1";
+
 /// Declares sections: a struct per section, one [`Entry`] per key.
 macro_rules! sections {
     ($($(#[$doc:meta])* $Section:ident $path:literal {
@@ -170,9 +173,9 @@ sections! {
             "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
-        "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0),
+        "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0).if_negative(REVERSED),
             "SteadyWin only. Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
-        "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0),
+        "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0).if_negative(REVERSED),
             "SteadyWin only. Rotor turns per turn of the output shaft.";
         "rated-torque-nm" rated_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
             "Torque that the motor can give continuously; at most `peak-torque-nm`. More is given until the winding is warm by a model (I²t); then the torque falls to this.";

@@ -83,12 +83,14 @@ pub enum Wrong {
     UnknownWord { word: String, hint: String },
     #[error("{value} is not a finite number; give a number {expected}")]
     NotFinite { value: f64, expected: String },
-    #[error("{value} is out of range; give a number {expected}{degrees}")]
-    OutOfRange { value: f64, expected: String, degrees: String },
+    #[error("{value} is out of range; give a number {expected}{hint}")]
+    OutOfRange { value: f64, expected: String, hint: String },
     #[error("{value} rad is more than a turn{degrees}")]
     ManyTurns { value: f64, degrees: String },
     #[error("{name:?} cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
     Name { name: String },
+    #[error("{name:?} has {letters} letters; use at most {NAME_BYTES_MAX}")]
+    LongName { name: String, letters: usize },
     #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`")]
     InstanceName { name: String },
     #[error("{name:?} is taken by an earlier {what}; every {what} needs its own name")]

@@ -123,7 +123,19 @@ pub(crate) const REFUSED: &[Case] = &[
         "motor.limits.temperature-derate-celsius",
         "derating begins",
     ),
+    (
+        "damping-kd = 2.0",
+        "gear-ratio = -8 #!",
+        "motor.gear-ratio",
+        "from 1 to 200; a joint that turns against its motor has direction = -1",
+    ),
     // Names, ids, models.
+    (
+        "name = 'hand'",
+        "name = 'front-left-leg-of-the-second-robot' #!",
+        "group.name",
+        "\"front-left-leg-of-the-second-robot\" has 34 letters; use at most 32",
+    ),
     ("name = 'knee'", "name = 'hip' #!", "motor.name", "\"hip\" is taken by an earlier motor"),
     ("name = 'gripper'", "name = 'front' #!", "bus.name", "\"front\" is taken by an earlier bus"),
     ("name = 'hand'", "name = 'legs' #!", "group.name", "\"legs\" is taken by an earlier group"),

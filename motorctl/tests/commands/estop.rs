@@ -9,7 +9,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs a script of bash in a network namespace of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
+/// Runs a script of bash in network and mount namespaces of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
 /// INSTANCE` starts a daemon. `None` where the computer allows no namespaces.
 fn alone(script: &str) -> Option<Output> {
     const START: &str = r#"
@@ -29,9 +29,9 @@ fn alone(script: &str) -> Option<Output> {
         mkdir -m 700 here
         export MOTORD_RUNTIME_DIR=$PWD/here
     "#;
-    let unshare = ["--user", "--map-root-user", "--net"];
+    let unshare = ["--user", "--map-root-user", "--net", "--mount"];
     if !Command::new("unshare").args(unshare).arg("true").status().is_ok_and(|status| status.success()) {
-        println!("NOT TESTED: this computer allows no network namespaces");
+        println!("NOT TESTED: this computer allows no such namespaces");
         return None;
     }
     let place = TempDir::new().unwrap();
@@ -108,4 +108,21 @@ fn one_alarm_precedes_daemons_that_are_not_confirmed() {
     );
     assert_eq!(said.matches("NOT CONFIRMED").count(), 1, "{said}");
     assert!(text(&output.stdout).contains("confirmed: every motor of instance arm"), "{output:?}");
+}
+
+/// Goal: a client that finds no space is not told that files are damaged. The emergency stop needs none.
+#[test]
+fn client_on_full_file_system_is_told_so() {
+    let script = "mkdir small; mount -t tmpfs -o size=40m tmpfs small || exit 42\n\
+        start small/robot robot; head -c 64m /dev/zero >small/full 2>/dev/null\n\
+        export MOTORD_RUNTIME_DIR=$PWD/small/robot\n\
+        motorctl --instance robot status; status=$?\n\
+        motorctl --instance robot estop && rm small/full && is_stopped small/robot robot && exit $status";
+    let Some(output) = alone(script) else { return };
+    if output.status.code() == Some(42) {
+        return println!("NOT TESTED: this computer allows no mount");
+    }
+    let said = text(&output.stderr);
+    assert!(said.contains("no space for its files"), "{output:?}");
+    assert!(text(&output.stdout).contains("confirmed: every motor"), "{output:?}");
 }

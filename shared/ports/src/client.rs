@@ -75,6 +75,11 @@ impl ClientPorts {
     /// # Errors
     /// Those of [`open`](Self::open).
     pub fn open_to_stop(attachment: Attachment) -> Result<Self, ServiceError> {
+        let directory = attachment.instance().root();
+        Self::open_all(attachment).map_err(|error| error.explained(&directory))
+    }
+
+    fn open_all(attachment: Attachment) -> Result<Self, ServiceError> {
         let instance = attachment.instance();
         let node = service::node(instance, false)?;
         let state = service::state(&node, instance).open().map_err(Part::State.failed())?;
@@ -124,7 +129,7 @@ impl ClientPorts {
             Some(watcher) => watcher,
             none => {
                 let builder = self.state.subscriber_builder().buffer_size(1);
-                let port = builder.create().map_err(Part::State.failed())?;
+                let port = builder.create().map_err(|error| self.explain(Part::State.failed()(error)))?;
                 none.insert(Watcher { port, state: Box::default() })
             }
         };
@@ -180,7 +185,7 @@ impl ClientPorts {
         let node = locked(&self.node);
         let records = service::record(&node, self.attachment.instance()).open();
         let port = records.map_err(Part::Record.failed())?.subscriber_builder().create();
-        Ok(RecordPort { port: port.map_err(of_recorders)? })
+        Ok(RecordPort { port: port.map_err(|error| self.explain(of_recorders(error)))? })
     }
 
     /// Returns a port for the setpoints of one group. A port holds one message: two groups need
@@ -191,7 +196,13 @@ impl ClientPorts {
     pub fn setpoint_port(&self) -> Result<SetpointPort, ServiceError> {
         let builder = self.setpoint.publisher_builder().max_loaned_samples(1);
         let port = builder.backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        Ok(SetpointPort { port: port.map_err(Part::Setpoint.failed())? })
+        let port = port.map_err(|error| self.explain(Part::Setpoint.failed()(error)))?;
+        Ok(SetpointPort { port })
+    }
+
+    /// Names a full file system as the cause of an error.
+    fn explain(&self, error: ServiceError) -> ServiceError {
+        error.explained(&self.attachment.instance().root())
     }
 
     /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`](motord_shared::limits::REQUESTS_PER_CLIENT) may be open at a time.

@@ -5,6 +5,7 @@
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open, posix_fallocate};
 use nix::sys::stat::Mode;
+use nix::sys::statvfs::statvfs;
 use std::fs::{self, File, Metadata};
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
@@ -13,6 +14,8 @@ use std::path::Path;
 /// The files of a daemon without clients take 8 MB; the rest is for the connections of some
 /// clients.
 const BYTES: i64 = 20 << 20;
+/// Upper bound of the files of a client.
+const CLIENT_BYTES: u64 = 1 << 20;
 
 /// Checks that `directory` has space for the services, by a temporary reservation.
 ///
@@ -25,6 +28,17 @@ pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
         open(&path, flags, Mode::S_IRUSR | Mode::S_IWUSR).and_then(|file| posix_fallocate(file, 0, BYTES));
     let _left_for_the_next_start = fs::remove_file(&path);
     checked
+}
+
+/// Returns `true` when the file system of `directory` has less space than the ports of a client take, or no inode for
+/// their files. A file system that cannot be asked is not full.
+pub(crate) fn is_full(directory: &Path) -> bool {
+    statvfs(directory).is_ok_and(|system| {
+        let bytes = u64::from(system.blocks_available()).saturating_mul(u64::from(system.fragment_size()));
+        // Some file systems have no count of inodes.
+        let has_inodes = system.files() == 0 || system.files_available() > 0;
+        bytes < CLIENT_BYTES || !has_inodes
+    })
 }
 
 /// Reserves the space of every file below `directory`, up to its length. A directory that was

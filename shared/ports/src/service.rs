@@ -13,6 +13,7 @@
 
 use crate::iceoryx::{Payload, PortLock};
 use crate::instance::Instance;
+use crate::reserved_space;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::client::RequestSendError;
 use iceoryx2::port::listener::ListenerCreateError;
@@ -157,6 +158,19 @@ pub struct ServiceError {
     pub part: Part,
     /// The reason.
     pub obstacle: Obstacle,
+}
+
+impl ServiceError {
+    /// Names the cause of damage that a full file system of `directory`, that of the services, explains: iceoryx2 reports
+    /// both alike.
+    pub(crate) fn explained(self, directory: &std::path::Path) -> Self {
+        match self.obstacle {
+            Obstacle::Damaged if reserved_space::is_full(directory) => {
+                Self { obstacle: Obstacle::NoSpace, ..self }
+            }
+            _ => self,
+        }
+    }
 }
 
 impl Part {

@@ -139,7 +139,7 @@ fn at_most(
 ) -> Option<i64> {
     if id > largest {
         let expected = format!("from {least} to {largest}");
-        findings.error(entry.at, Wrong::OutOfRange { value: id as f64, expected, degrees: String::new() });
+        findings.error(entry.at, Wrong::OutOfRange { value: id as f64, expected, hint: String::new() });
     }
     (id <= largest).then_some(id)
 }

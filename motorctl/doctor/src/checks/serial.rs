@@ -43,17 +43,46 @@ fn owner(tree: &Tree, device: &str, resolved: &str) -> Finding {
         let mut files = tree.names(&directory).into_iter();
         files.any(|file| tree.link(&format!("{directory}/{file}")).as_ref() == Some(&opened))
     };
-    let Some(pid) = tree.numbers("proc").into_iter().find(has_it) else {
+    let users: Vec<_> =
+        tree.numbers("proc").into_iter().filter(has_it).map(|pid| User::of(tree, pid)).collect();
+    if users.is_empty() {
         return Finding::good(CHECK, "nobody that this user may see").of(device);
-    };
-    let program = process::program(tree, pid).unwrap_or_else(|| "unknown program".to_owned());
-    let measured = format!("{program}, process {pid}");
-    let finding = match program.as_str() {
-        "motord" => Finding::good(CHECK, measured),
-        "ModemManager" => Finding::bad(CHECK, measured, "it sends bytes to every port that it finds")
-            .mended_by("sudo systemctl disable --now ModemManager".to_owned()),
-        _ => Finding::bad(CHECK, measured, "two programs take each other's bytes")
-            .mended_by(format!("kill {pid}")),
+    }
+    let names: Vec<_> = users.iter().map(|user| format!("{}, process {}", user.program, user.pid)).collect();
+    let measured = names.join("; ");
+    let commands: Vec<_> = users.iter().filter_map(User::remedy).collect();
+    let finding = match users.iter().find(|user| user.remedy().is_some()) {
+        None => Finding::good(CHECK, measured),
+        Some(user) => Finding::bad(CHECK, measured, user.harm()).mended_by(commands.join("; ")),
     };
     finding.of(device)
+}
+
+/// A process that has the port open.
+struct User {
+    program: String,
+    pid: u32,
+}
+
+impl User {
+    fn of(tree: &Tree, pid: u32) -> Self {
+        let program = process::program(tree, pid).unwrap_or_else(|| "unknown program".to_owned());
+        Self { program, pid }
+    }
+
+    /// Returns the command that ends it; `None` for motord.
+    fn remedy(&self) -> Option<String> {
+        match self.program.as_str() {
+            "motord" => None,
+            "ModemManager" => Some("sudo systemctl disable --now ModemManager".to_owned()),
+            _ => Some(format!("kill {}", self.pid)),
+        }
+    }
+
+    fn harm(&self) -> &'static str {
+        match self.program.as_str() {
+            "ModemManager" => "it sends bytes to every port that it finds",
+            _ => "two programs take each other's bytes",
+        }
+    }
 }

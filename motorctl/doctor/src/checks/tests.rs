@@ -466,6 +466,12 @@ fn serial_port_is_present_fast_and_unshared() {
     assert_finding(&check()[1], Level::Bad, "ModemManager, process 900", Some("disable --now ModemManager"));
     fixture.write("proc/900/comm", "motord");
     assert_finding(&check()[1], Level::Good, "motord, process 900", None);
+    fixture.link("proc/901/fd/4", "/dev/ttyUSB0");
+    fixture.write("proc/901/comm", "minicom");
+    fixture.link("proc/902/fd/4", "/dev/ttyUSB0");
+    fixture.write("proc/902/comm", "ModemManager");
+    let all = "motord, process 900; minicom, process 901; ModemManager, process 902";
+    assert_finding(&check()[1], Level::Bad, all, Some("kill 901; sudo systemctl disable --now ModemManager"));
     let missing = serial::device(&fixture.tree(), "/dev/ttyUSB9");
     assert_finding(&missing[0], Level::Bad, "is not there", Some("ls -l"));
 }
