@@ -36,7 +36,7 @@ pub enum RunError {
         /// Why.
         errno: nix::errno::Errno,
         /// An instruction for the operator.
-        remedy: &'static str,
+        remedy: std::borrow::Cow<'static, str>,
     },
     /// Clients could not be served.
     #[error("{0}")]

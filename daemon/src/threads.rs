@@ -376,15 +376,16 @@ fn start_cycle(
         let mut steps = prepare_thread(request);
         steps.push(tighten_timers());
         steps.push(lock_memory());
-        let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
+        let refused = steps.iter().find_map(|step| Some((step.clone(), step.outcome.err()?)));
         steps.iter().for_each(|step| step.log("cycle"));
+        let is_complete = refused.is_none();
         if let Some((step, errno)) = refused.filter(|_| required) {
             return report(
                 &prepared,
                 Err(RunError::Realtime { what: step.what, errno, remedy: step.remedy }),
             );
         }
-        cycle.set_realtime(refused.is_none());
+        cycle.set_realtime(is_complete);
         report(&prepared, Ok(steps));
         drop(prepared);
         let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| given.cycle_order())));

@@ -2,16 +2,19 @@
 //! and systemd.
 
 pub mod deaths;
+pub mod denial;
 pub mod descriptors;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 mod kernel;
 pub mod process;
 pub mod systemd;
 
+use denial::{Denial, Facts};
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{Resource, getrlimit};
-use std::fs::{File, OpenOptions};
+use std::borrow::Cow;
+use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 
@@ -30,7 +33,7 @@ pub struct SchedulingRequest {
 }
 
 /// One step of the set-up, and its outcome.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
     /// The name of the step, for the log.
     pub what: &'static str,
@@ -39,13 +42,13 @@ pub struct Step {
     /// The consequence when it is refused.
     pub without: &'static str,
     /// The remedy when it is refused.
-    pub remedy: &'static str,
+    pub remedy: Cow<'static, str>,
 }
 
 impl Step {
     /// Logs the outcome for `thread`. A refusal is a warning with its remedy.
     pub fn log(&self, thread: &str) {
-        let Self { what, outcome, without, remedy } = *self;
+        let Self { what, outcome, without, remedy } = self;
         match outcome {
             Ok(()) => tracing::debug!(thread, "{what}: yes"),
             Err(errno) => {
@@ -77,18 +80,26 @@ pub fn prepare_thread(request: SchedulingRequest) -> Vec<Step> {
             what: "processor of its own",
             outcome: pin(cpu),
             without: "the scheduler may move this thread, with cold caches each time",
-            remedy: "set its `cpu` to a processor that `taskset -p $$` allows",
+            remedy: "set its `cpu` to a processor that `taskset -p $$` allows".into(),
         });
     }
     if let Some(priority) = request.priority {
+        let outcome = kernel::schedule_fifo(priority);
         steps.push(Step {
             what: "SCHED_FIFO",
-            outcome: kernel::schedule_fifo(priority),
+            outcome,
             without: "any other program can delay this thread by milliseconds",
-            remedy: "give it the right: LimitRTPRIO=90 in the unit, or `ulimit -r 90`",
+            remedy: if outcome.is_err() { why_refused(priority).into() } else { "".into() },
         });
     }
     steps
+}
+
+/// Returns the reason why this process was refused `priority`, and the remedy. Reads files.
+fn why_refused(priority: u8) -> String {
+    let facts = Facts::read("self", |path| fs::read_to_string(format!("/{path}")).ok());
+    let denial = facts.denial(priority, true).unwrap_or(Denial::Unknown { may_divide: false });
+    format!("The reason: {denial}. The remedy: {}", denial.remedy())
 }
 
 /// Locks all present and future memory of the process. Fails with `ENOMEM` where the limit would make later
@@ -105,7 +116,7 @@ pub fn lock_memory() -> Step {
         what: "locked memory",
         outcome,
         without: "a page that was swapped out or never touched can delay the cycle",
-        remedy: "give it the right: LimitMEMLOCK=infinity in the unit, or `ulimit -l unlimited`",
+        remedy: "give it the right: LimitMEMLOCK=infinity in the unit, or `ulimit -l unlimited`".into(),
     }
 }
 
@@ -125,7 +136,7 @@ pub fn forbid_deep_sleep() -> (Step, Option<File>) {
         what: "processors kept awake",
         outcome,
         without: "waking from deep sleep can delay the cycle by some 100 µs",
-        remedy: "let the service write /dev/cpu_dma_latency (the udev rule does)",
+        remedy: "let the service write /dev/cpu_dma_latency (the udev rule does)".into(),
     };
     (step, opened.ok())
 }
@@ -138,7 +149,7 @@ pub fn tighten_timers() -> Step {
         what: "exact timers",
         outcome: nix::sys::prctl::set_timerslack(1),
         without: "timers may fire 50 µs late",
-        remedy: "allow prctl(PR_SET_TIMERSLACK)",
+        remedy: "allow prctl(PR_SET_TIMERSLACK)".into(),
     }
 }
 

@@ -1,10 +1,11 @@
-//! The memory of a running daemon.
+//! The memory of a running daemon, and its thread that serves the metrics.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
@@ -12,11 +13,17 @@ use std::process::{Child, Command, Stdio};
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-simulated.toml");
 /// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the system permits it.
 const RESIDENT_MAX: u64 = 32 * 1024;
+/// A field of proc_pid_stat(5).
+const SCHEDULING_POLICY: usize = 41;
+const SCHED_OTHER: u32 = 0;
 
 /// Starts the daemon in `place`, and returns it once it is ready.
-fn start(place: &Path) -> Child {
+fn start(place: &Path, metrics: SocketAddr) -> Child {
+    let config = place.join("robot.toml");
+    let robot = std::fs::read_to_string(CONFIG).unwrap();
+    std::fs::write(&config, format!("{robot}\n[telemetry]\nprometheus-listen = '{metrics}'\n")).unwrap();
     let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"))
-        .args(["run", "--config", CONFIG])
+        .args(["run".as_ref(), "--config".as_ref(), config.as_os_str()])
         .env("MOTORD_RUNTIME_DIR", place)
         .stderr(Stdio::piped())
         .spawn()
@@ -35,14 +42,56 @@ fn status(pid: u32, key: &str) -> u64 {
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
+/// A field of the thread `name` in `/proc/<pid>/task/<tid>/stat`, counted from 1.
+fn stat(pid: u32, name: &str, field: usize) -> u32 {
+    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    let stats = tasks.map(|task| std::fs::read_to_string(task.unwrap().path().join("stat")).unwrap());
+    let stat = stats.into_iter().find(|stat| stat.contains(&format!("({name})"))).unwrap();
+    // The name is the second field.
+    let after_name = stat.rsplit(')').next().unwrap();
+    after_name.split_whitespace().nth(field - 3).unwrap().parse().unwrap()
+}
+
 #[test]
 fn resident_memory_stays_within_budget() {
     let place = tempfile::tempdir().unwrap();
-    let mut daemon = start(place.path());
+    let metrics = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut daemon = start(place.path(), metrics);
     std::thread::sleep(std::time::Duration::from_secs(1));
+    // Each holds a buffer of the server.
+    let clients: Vec<_> = (0..64).map(|_| TcpStream::connect(metrics).unwrap()).collect();
+    for mut client in &clients {
+        let _closed = client.write_all(b"GET /metrics HTTP/1.1\r\nHost: ");
+    }
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert_eq!(stat(daemon.id(), "motord-http", SCHEDULING_POLICY), SCHED_OTHER);
     let [resident, locked] = ["VmRSS", "VmLck"].map(|key| status(daemon.id(), key));
     kill(Pid::from_raw(daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
     assert!(daemon.wait().unwrap().success());
     println!("resident: {resident} KiB, locked: {}", locked > 0);
     assert!(resident <= RESIDENT_MAX, "{resident} KiB");
+}
+
+/// Goal: the advice after a refusal of `SCHED_FIFO` is not circular.
+/// Method: the daemon starts without the capability, and with a limit of 0.
+#[test]
+fn daemon_names_missing_capability() {
+    const WITHOUT_RIGHT: &str = r#"
+        [ "$(id -u)" = 0 ] || exec prlimit --rtprio=0:0 "$@"
+        exec setpriv --bounding-set=-sys_nice --inh-caps=-sys_nice prlimit --rtprio=0:0 "$@""#;
+    let place = tempfile::tempdir().unwrap();
+    let mut daemon = Command::new("sh")
+        .args(["-c", WITHOUT_RIGHT, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config", CONFIG])
+        .env("MOTORD_RUNTIME_DIR", place.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let lines: Vec<_> = lines.take_while(|line| !line.contains(" ready ")).collect();
+    kill(Pid::from_raw(daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
+    daemon.wait().unwrap();
+    let refusal = lines.iter().find(|line| line.contains("SCHED_FIFO: no"));
+    let is_root = nix::unistd::geteuid().is_root();
+    let reason = if is_root { "root has no CAP_SYS_NICE" } else { "RLIMIT_RTPRIO is 0" };
+    assert!(refusal.is_some_and(|line| line.contains(reason) && line.contains("The remedy: ")), "{lines:?}");
 }

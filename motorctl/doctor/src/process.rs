@@ -82,9 +82,3 @@ pub(crate) fn groups(tree: &Tree, process: &str) -> Vec<u32> {
     let others = status(tree, process, "Groups");
     effective.into_iter().chain(others).filter_map(|group| group.parse().ok()).collect()
 }
-
-/// Returns the effective capabilities of a process as bits.
-pub(crate) fn capabilities(tree: &Tree, process: &str) -> u64 {
-    let set = status(tree, process, "CapEff").into_iter().next();
-    set.and_then(|set| u64::from_str_radix(&set, 16).ok()).unwrap_or(0)
-}

@@ -5,9 +5,8 @@ use crate::process::{self, RunningDaemon};
 use crate::robot::Robot;
 use crate::tree::Tree;
 use motord_realtime::MEMLOCK_LEAST;
+use motord_realtime::denial::{Denial, Facts};
 
-/// From capabilities(7): lifts the limit of the priority.
-const CAP_SYS_NICE: u64 = 1 << 23;
 /// Paths of the systemd unit. The first existing one counts.
 const UNITS: [&str; 3] = [
     "etc/systemd/system/motord.service",
@@ -76,26 +75,48 @@ impl Source {
     }
 }
 
-/// Checks whether the cycle may have its `SCHED_FIFO` priority.
+/// Checks whether the cycle may have its `SCHED_FIFO` priority: its limit, the time of its control group, and a filter of
+/// system calls.
 pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "rtprio";
     let source = Source::find(tree, daemon);
-    let name = source.name();
-    let capabilities = source.process().map_or(0, |process| process::capabilities(tree, &process));
-    if capabilities & CAP_SYS_NICE != 0 {
-        return Finding::good(CHECK, format!("any: {name} has CAP_SYS_NICE"));
+    let (name, asked) = (source.name(), robot.priority());
+    let facts = facts(tree, &source);
+    let measured = match facts.may_nice {
+        true => format!("any: {name} has CAP_SYS_NICE"),
+        false => format!("{} for {name}; the cycle asks for {asked}", bound(facts.limit)),
+    };
+    let stat = |daemon: RunningDaemon| format!("proc/{}/task/{}", daemon.pid, daemon.cycle);
+    let was_refused = daemon.map(stat).is_some_and(|directory| {
+        tree.has(&format!("{directory}/stat")) && process::priority(tree, &directory).is_none()
+    });
+    match facts.denial(asked, was_refused) {
+        None => Finding::good(CHECK, measured),
+        Some(Denial::Right { is_root: false, .. }) => {
+            let why = "without SCHED_FIFO any other program can delay the cycle by milliseconds; a new limit counts after the \
+                next login, or start of the service";
+            let most = asked.max(90);
+            let mend = source.mend(tree, "LimitRTPRIO", &most.to_string(), &format!("rtprio {most}"));
+            Finding::bad(CHECK, measured, why).mended_by(mend)
+        }
+        Some(denial) => Finding::bad(CHECK, measured, denial.to_string()).mended_by(denial.remedy()),
     }
-    let limit = source.limit(tree, "Max realtime priority", "LimitRTPRIO");
-    let (limit_text, asked) = (bound(limit), robot.priority());
-    if limit >= asked.into() {
-        return Finding::good(CHECK, format!("{limit_text} for {name}; the cycle asks for {asked}"));
+}
+
+/// Reads the facts that decide over the priority. A unit's limit is in its file.
+fn facts(tree: &Tree, source: &Source) -> Facts {
+    let process = source.process().unwrap_or_else(|| "self".to_owned());
+    let facts = Facts::read(&process, |path| tree.text(path));
+    match source {
+        Source::Unit(_) => Facts {
+            is_root: false,
+            may_nice: false,
+            is_filtered: false,
+            limit: source.limit(tree, "Max realtime priority", "LimitRTPRIO"),
+            ..facts
+        },
+        _ => facts,
     }
-    let why = "without SCHED_FIFO any other program can delay the cycle by milliseconds; a new limit counts after the next \
-        login, or start of the service";
-    let measured = format!("{limit_text} for {name}; the cycle asks for {asked}");
-    let most = asked.max(90);
-    let mend = source.mend(tree, "LimitRTPRIO", &most.to_string(), &format!("rtprio {most}"));
-    Finding::bad(CHECK, measured, why).mended_by(mend)
 }
 
 /// Checks whether the daemon may lock its memory.

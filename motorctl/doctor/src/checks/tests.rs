@@ -209,6 +209,40 @@ fn root_may_have_any_priority_and_memory() {
     assert_eq!(limits::memory(&root.tree(), None).level, Level::Good);
 }
 
+const ROOT: &str = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\nSeccomp:\t2";
+
+#[test]
+fn control_group_without_time_is_reported_to_root() {
+    let root = Fixture::new(&[
+        ("proc/self/status", ROOT),
+        ("proc/self/cgroup", "0::/user.slice/session-1.scope"),
+        ("proc/sys/kernel/sched_rt_runtime_us", "950000"),
+        ("proc/sys/kernel/osrelease", "6.1.0"),
+        ("boot/config-6.1.0", "CONFIG_RT_GROUP_SCHED=y"),
+    ]);
+    let (measured, command) = ("any: this shell has CAP_SYS_NICE", "sysctl kernel.sched_rt_runtime_us=-1");
+    let check = || limits::priority(&root.tree(), &robot(None), None);
+    assert_finding(&check(), Level::Bad, measured, Some(command));
+    root.write("proc/self/cgroup", "4:cpu,cpuacct:/user.slice");
+    let share = "sys/fs/cgroup/cpu,cpuacct/user.slice/cpu.rt_runtime_us";
+    root.write(share, "0");
+    assert_finding(&check(), Level::Bad, measured, Some(&format!("sudo tee /{share}")));
+    root.write(share, "400000");
+    assert_finding(&check(), Level::Good, measured, None);
+}
+
+#[test]
+fn filter_of_running_daemon_is_named() {
+    let daemon = Some(process::RunningDaemon { pid: 812, cycle: 813 });
+    let stat_path = "proc/812/task/813/stat";
+    let fixture = Fixture::new(&[("proc/812/status", ROOT), (stat_path, &stat(0, 0))]);
+    let check = || limits::priority(&fixture.tree(), &robot(None), daemon);
+    let measured = "any: motord, process 812 has CAP_SYS_NICE";
+    assert_finding(&check(), Level::Bad, measured, Some("RestrictRealtime=no"));
+    fixture.write(stat_path, &stat(1, 80));
+    assert_finding(&check(), Level::Good, measured, None);
+}
+
 #[test]
 fn unpinned_cycle_names_isolating_parameters() {
     let isolation = |isolated, online, cpu| {
