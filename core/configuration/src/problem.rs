@@ -146,6 +146,12 @@ pub enum Wrong {
     DuplicateDevice { name: String },
     #[error("{name:?} is another name of {other:?}, which an earlier bus uses; two buses cannot share it")]
     OtherName { name: String, other: String },
+    #[error(
+        "bus {other:?} has motors with the ids {ids} of this bus too: if adapters or cables of the two are exchanged, motors obey the \
+         commands of the other bus, and motord cannot notice it; give each motor of the robot its own id, here and with \
+         `motorctl id --set-id`"
+    )]
+    SharedIds { ids: String, other: String },
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
     #[error(

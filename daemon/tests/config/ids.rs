@@ -1,6 +1,8 @@
 //! Ids that two motors of a bus must not share.
 
-use crate::document::judge;
+use crate::document::{judge, shipped, warnings};
+use crate::shipped::shipped_names;
+use motord_configuration::load;
 
 /// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id; its 0x100 + id is a command to the motor itself.
 #[test]
@@ -36,5 +38,40 @@ fn reply_that_writes_a_parameter_is_refused() {
     for host_id in ["0x101", "0x201", "0x301", "0x401"] {
         let error = judge(&text(&format!("host-id = {host_id}"))).expect_err(host_id).to_string();
         assert!(error.contains("command id on the same bus"), "{error}");
+    }
+}
+
+/// Motors that obey the commands of another bus, after adapters or cables were exchanged, answer as the expected ones.
+#[test]
+fn ids_on_two_buses_are_a_warning() {
+    let bus = |name: &str, kind: &str| format!("[[bus]]\nname = '{name}'\n{kind}\nevery = 5\n");
+    let motor = |bus: &str, id: u8| {
+        format!(
+            "[[motor]]\nname = '{bus}-{id}'\nbus = '{bus}'\nid = {id}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n[motor.limits]\n\
+             position-rad = [-1, 1]\nvelocity-rad-s = 5\ntorque-nm = 5\n"
+        )
+    };
+    let shared = |kinds: [&str; 2], ids: [u8; 2]| {
+        let buses = [bus("left", kinds[0]), bus("right", kinds[1])].concat();
+        let text = buses + &motor("left", ids[0]) + &motor("right", ids[1]);
+        warnings(&text).into_iter().filter(|warning| warning.contains("exchanged")).collect::<Vec<_>>()
+    };
+    let can = ["type = 'socketcan'\ninterface = 'nocan7'", "type = 'socketcan'\ninterface = 'nocan8'"];
+    let warned = shared(can, [3, 3]);
+    assert_eq!(warned.len(), 1, "{warned:?}");
+    assert!(warned[0].contains("bus \"left\" has motors with the ids 3 of this bus"), "{warned:?}");
+    assert_eq!(shared(can, [3, 4]), [""; 0]);
+    assert_eq!(shared(["type = 'simulated'"; 2], [3, 3]), [""; 0]);
+    assert_eq!(shared([can[0], "type = 'serial'\ndevice = '/dev/null'"], [3, 3]), [""; 0], "no cable fits");
+}
+
+#[test]
+fn no_shipped_robot_uses_an_id_twice() {
+    for name in shipped_names() {
+        let warned = load(&shipped(&name)).expect("is good").warnings;
+        assert!(
+            !warned.iter().any(|warning| warning.to_string().contains("exchanged")),
+            "{name}: {warned:?}"
+        );
     }
 }

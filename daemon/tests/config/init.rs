@@ -4,6 +4,7 @@
 
 use motord_configuration as config;
 use nix::pty::openpty;
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
@@ -47,6 +48,32 @@ fn init_rate_is_highest_the_buses_allow() {
     assert_eq!(output.status.code(), Some(78));
     let complaint = String::from_utf8(output.stderr).unwrap();
     assert!(complaint.contains("later than the reply deadline"), "{complaint}");
+}
+
+/// Two adapters with exchanged names must find no motor that obeys them.
+#[test]
+fn init_gives_each_motor_its_own_ids() {
+    let directory = tempfile::tempdir().unwrap();
+    let cases: [&[&str]; 5] = [
+        &["--legs", "4", "--buses", "can0,can1,can2,can3"],
+        &["--legs", "4", "--buses", "can0,can1"],
+        &["--legs", "4", "--model", "DM-J4310-2EC", "--buses", "can0,can1,can2,can3"],
+        &["--legs", "6", "--model", "RS00", "--buses", "can0,can1,can2,can3,can4,can5"],
+        &["--legs", "2", "--protocol", "gim", "--buses", "/dev/ttyUSB0,/dev/ttyUSB1"],
+    ];
+    for (index, arguments) in cases.iter().enumerate() {
+        let loaded =
+            written(&directory.path().join(format!("{index}.toml")), &[*arguments, &["--yes"]].concat());
+        let motors = &loaded.settings.motors;
+        let ids: BTreeSet<_> = motors.iter().map(|motor| motor.id).collect();
+        let host_ids: BTreeSet<_> = motors.iter().map(|motor| motor.host_id).collect();
+        assert_eq!([ids.len(), host_ids.len()], [motors.len(); 2], "{arguments:?}");
+        let warned: Vec<_> = loaded.warnings.iter().map(ToString::to_string).collect();
+        assert!(
+            !warned.iter().any(|warning| warning.contains("exchanged") || warning.contains("host id")),
+            "{warned:?}"
+        );
+    }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Checks `[[bus]]`, and the load of its motors.
 
+use std::collections::BTreeSet;
+use std::mem::discriminant;
 use std::num::NonZero;
 use std::path::Path;
 
@@ -146,6 +148,33 @@ fn device(path: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>
         findings.warn(entry.at, Wrong::NoDevice(path.to_owned()));
     }
     Some(path.to_owned())
+}
+
+/// Warns of a bus whose motors have ids of an earlier bus of the same kind. Simulated buses have no
+/// adapters and no cables.
+pub(super) fn judge_shared_ids(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
+    for (bus, item) in items.iter().enumerate() {
+        if let Some((other, ids)) =
+            (0..bus).find_map(|other| Some((other, shared_ids(settings, [other, bus])?)))
+        {
+            findings.warn(item.at, Wrong::SharedIds { ids, other: settings.buses[other].name.clone() });
+        }
+    }
+}
+
+/// The ids that motors of both buses have, as text; `None` without one, or where the buses cannot be exchanged.
+fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
+    let [kind, other_kind] = buses.map(|bus| &settings.buses[bus].kind);
+    let is_simulated = matches!(kind, BusKind::Simulated { .. });
+    if is_simulated || discriminant(kind) != discriminant(other_kind) {
+        return None;
+    }
+    let [ids, other_ids] = buses.map(|bus| {
+        let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
+        motors.map(|motor| motor.id).collect::<BTreeSet<_>>()
+    });
+    let shared: Vec<_> = ids.intersection(&other_ids).map(ToString::to_string).collect();
+    (!shared.is_empty()).then(|| shared.join(", "))
 }
 
 /// Reports the buses that have no capacity for their motors.

@@ -46,6 +46,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let simulation = simulation.into_iter().collect::<Option<_>>()?;
     let settings = Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups? };
     bus::judge_load(&document.buses, &settings, findings);
+    bus::judge_shared_ids(&document.buses, &settings, findings);
     motor::judge_durations(&document.motors, &settings, findings);
     Some(settings)
 }

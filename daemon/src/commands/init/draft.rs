@@ -33,10 +33,14 @@ const HEAD: &str = "\
 # Written by `motord init`. Every key and its default: docs/configuration.md. `motord check --config FILE` judges the file.
 #
 # Before the first start:
-# - Give the motors of each bus the ids and host ids below, one motor at a time.
+# - Give the motors the ids and host ids below, one motor at a time. An id is used once on the whole robot, where the vendor has
+#   enough: when adapters or cables are exchanged, the motors do not answer, instead of moving with the commands of another leg.
 # - Turn each joint by hand while the robot hangs. Set direction = -1 where the angle falls although it should rise.
 # - The limits are cautious: half of the rated torque, half a radian to each side. Widen them after the first motion.
 ";
+
+/// Host id of a motor on a serial line, above its id: above all ids of a robot, and of one byte.
+const SERIAL_REPLY_OFFSET: usize = 0x40;
 
 const FOUR_LEGS: [(&str, &str); 4] =
     [("fl", "front-left"), ("fr", "front-right"), ("rl", "rear-left"), ("rr", "rear-right")];
@@ -71,8 +75,11 @@ impl Draft {
         for bus in &buses {
             text += &bus.text(every);
         }
+        // Without an id that is on two buses, motors that are on the wrong one do not answer.
+        let is_unique = self.legs * self.joints.len() <= usize::from(profile.ids.largest);
         for leg in 0..self.legs {
-            let (bus, first) = self.bus_of(leg, buses.len());
+            let (bus, before) = self.bus_of(leg, buses.len());
+            let first = if is_unique { leg * self.joints.len() } else { before };
             for (place, joint) in self.joints.iter().enumerate() {
                 let motor = Motor { name: self.joint(leg, joint), bus: &buses[bus], id: first + place + 1 };
                 text += &motor.text(self.protocol, profile, model);
@@ -197,8 +204,9 @@ impl Motor<'_> {
         let Self { name, bus, id } = self;
         let mut text =
             format!("\n[[motor]]\nname = {}\nbus = {}\nid = {id}\n", quoted(name), quoted(&bus.name));
-        if profile.name == "steadywin" && !bus.is_serial() {
-            let _infallible = writeln!(text, "host-id = {:#x}", 0x100 + id);
+        if profile.name == "steadywin" {
+            let offset = if bus.is_serial() { SERIAL_REPLY_OFFSET } else { profile.ids.reply_offset.into() };
+            let _infallible = writeln!(text, "host-id = {:#x}", offset + id);
         }
         // Half of the rated torque, rounded down to 0.1 N·m, and 0.1 N·m at least.
         let torque = (model.rated_torque * 5.0).floor().max(1.0) / 10.0;
