@@ -108,7 +108,7 @@ impl Robot {
         let [interface, motor_side] = ["host", "motors"].map(|end| format!("{end}{number}").parse().unwrap());
         plug_in(interface, motor_side);
         let settings = configured(interface.as_str());
-        let bus = buses::open_one(&settings, 0).unwrap().0;
+        let bus = buses::open_one(&settings, 0).unwrap().bus;
         let (cycle, ends) = assemble(&settings, vec![bus], Monotonic, 7);
         Self {
             interface,
@@ -413,7 +413,7 @@ fn unplugged_interface_stops_group_and_returns_stopped() {
     assert_eq!((cause, robot.condition()), (Cause::BusGone, BusCondition::Gone));
     robot.steps(100);
     plug_in(robot.interface, robot.motor_side);
-    let opened = buses::open_one(&robot.settings, 0).unwrap().0;
+    let opened = buses::open_one(&robot.settings, 0).unwrap().bus;
     robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
     assert!(robot.client.supply().hand_over(0, opened));

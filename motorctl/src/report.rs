@@ -201,7 +201,11 @@ impl RobotReport {
             writeln!(out, "{}", palette.paint(&Cell::new(advice, Colour::Red)))?;
         }
         writeln!(out)?;
-        bus_table(&self.buses).write(out, palette)
+        bus_table(&self.buses).write(out, palette)?;
+        for advice in self.buses.iter().filter_map(BusReport::advice) {
+            writeln!(out, "{}", palette.paint(&Cell::new(advice, Colour::Red)))?;
+        }
+        Ok(())
     }
 }
 
@@ -291,6 +295,18 @@ impl StopReport {
     /// Describes the stop of the group `name`.
     fn describe(&self, name: &str) -> String {
         format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin())
+    }
+}
+
+impl BusReport {
+    /// Returns the advice for a bus whose adapter is another one.
+    fn advice(&self) -> Option<String> {
+        (self.condition == BusCondition::Exchanged.name()).then(|| {
+            format!(
+                "Another adapter has the name of bus {}, and is not used: `motorctl explain exchanged`.",
+                self.name
+            )
+        })
     }
 }
 

@@ -474,6 +474,7 @@ codes! {
         Off = 3 "off" "The controller left the bus.",
         Down = 4 "down" "The interface is down.",
         Gone = 5 "gone" "The interface does not exist.",
+        Exchanged = 6 "exchanged" "Another adapter has the name of the interface, and is not used.",
     }
 }
 

@@ -27,7 +27,7 @@ impl BusHealth {
     pub(super) fn cause(&self) -> Option<Cause> {
         match self.condition {
             BusCondition::Off => Some(Cause::BusOff),
-            BusCondition::Down | BusCondition::Gone => Some(Cause::BusGone),
+            BusCondition::Down | BusCondition::Gone | BusCondition::Exchanged => Some(Cause::BusGone),
             _ if self.stalled >= STALL_CYCLES => Some(Cause::TransmitStall),
             _ => None,
         }

@@ -256,8 +256,8 @@ impl RealTimeEnd {
         self.replacements.take()
     }
 
-    pub(super) fn retire_bus(&mut self, index: usize, bus: Box<dyn Bus>) {
-        self.replacements.retire(index, bus);
+    pub(super) fn retire_bus(&mut self, bus: Box<dyn Bus>) {
+        self.replacements.retire(bus);
     }
 
     pub(super) fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {

@@ -239,9 +239,9 @@ impl Cycle {
     /// Takes at most one reopened bus. Its motors stay offline until they answer. Does not block:
     /// another thread closes the old bus.
     fn replace_buses(&mut self) {
-        if let Some((index, bus)) = self.link.next_bus() {
-            let old = self.channels[index].wire_mut().replace(bus);
-            self.link.retire_bus(index, old);
+        if let Some((index, bus, condition)) = self.link.next_bus() {
+            let old = self.channels[index].wire_mut().replace(bus, condition);
+            self.link.retire_bus(old);
         }
     }
 

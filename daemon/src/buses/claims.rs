@@ -1,41 +1,91 @@
 //! The right of this daemon to its buses, which it keeps while an adapter is unplugged.
 
 use super::opening::{BusError, interface_name, open_one};
-use motord_bus::{Bus, BusLock};
+use motord_bus::socketcan::LinkNote;
+use motord_bus::{Adapter, Bus, BusLock, Identity};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// The locks of all buses, shared by the cycle, which holds them until the motors are stopped, and the reconnector.
 pub type SharedClaims = Arc<Mutex<Claims>>;
 
-/// The lock of each bus, by index; `None` for a simulated one.
+/// The claim of each bus, by index; `None` for a simulated one.
 #[derive(Debug, Default)]
-pub struct Claims(Vec<Option<BusLock>>);
+pub struct Claims(Vec<Option<Claim>>);
+
+/// The lock of a bus, and its adapter.
+#[derive(Debug)]
+struct Claim {
+    lock: BusLock,
+    /// The adapter that was opened first: no other one is opened later.
+    adapter: Option<Adapter>,
+    /// The notes on its interface that were logged at the last opening.
+    notes: Vec<LinkNote>,
+}
+
+impl Claim {
+    /// Logs the notes, a lasting one once.
+    fn log(&mut self, bus: &BusSettings, notes: &[LinkNote]) {
+        for note in notes.iter().filter(|note| !note.is_lasting() || !self.notes.contains(note)) {
+            tracing::warn!(bus = bus.name, see = "adapter", "{note}");
+        }
+        self.notes = notes.to_vec();
+    }
+
+    /// Returns the interface or device that has the name of the bus now, with its adapter; `None` without one.
+    ///
+    /// # Errors
+    ///
+    /// It is another adapter than the one that was opened first.
+    fn expected(&self, bus: &BusSettings) -> Result<Option<(Identity, Adapter)>, BusError> {
+        let Some(identity) = self.lock.current() else { return Ok(None) };
+        let adapter = Adapter::of(identity);
+        match self.adapter.as_ref().and_then(|expected| expected.difference(&adapter)) {
+            Some(difference) => {
+                let (bus, place) = (bus.name.clone(), place(bus).to_owned());
+                Err(BusError::OtherAdapter { bus, place, difference })
+            }
+            None => Ok(Some((identity, adapter))),
+        }
+    }
+}
 
 impl Claims {
     /// Locks the next bus and opens it.
     pub(super) fn open(&mut self, settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusError> {
-        self.0.push(lock(&settings.buses[index])?);
+        self.0.push(lock(&settings.buses[index])?.map(|lock| Claim {
+            lock,
+            adapter: None,
+            notes: Vec::new(),
+        }));
         self.reopen(settings, index)
     }
 
-    /// Opens a bus whose adapter may be another one than before, after locking what has its name now.
+    /// Opens a bus, after locking what has its name now. The adapter must be the one that was opened first: the kernel may
+    /// give its name to another when several return.
     ///
     /// # Errors
     ///
     /// Why it cannot be opened. What was locked before stays locked.
     fn reopen(&mut self, settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusError> {
-        let Some(lock) = self.0.get_mut(index).and_then(Option::as_mut) else {
-            return open_one(settings, index).map(|(bus, _)| bus);
+        let Some(claim) = self.0.get_mut(index).and_then(Option::as_mut) else {
+            return open_one(settings, index).map(|opened| opened.bus);
         };
-        let refused = |source| BusError::Lock { bus: settings.buses[index].name.clone(), source };
-        lock.follow().map_err(refused)?;
-        let (bus, interface) = open_one(settings, index)?;
-        match interface {
-            Some(opened) if !lock.is_of_interface(opened) => {
-                Err(BusError::Exchanged { bus: settings.buses[index].name.clone() })
+        let bus = &settings.buses[index];
+        // Before it is locked: another bus may hold the lock of an interface that was exchanged.
+        let expected = claim.expected(bus)?;
+        let refused = |source| BusError::Lock { bus: bus.name.clone(), source };
+        claim.lock.follow().map_err(refused)?;
+        let opened = open_one(settings, index)?;
+        claim.log(bus, &opened.notes);
+        let held = claim.lock.held();
+        let is_held = opened.interface.is_none_or(|interface| held == Some(Identity::Interface(interface)));
+        match expected {
+            Some((identity, adapter)) if is_held && held == Some(identity) => {
+                claim.adapter.get_or_insert(adapter);
+                Ok(opened.bus)
             }
-            _ => Ok(bus),
+            _ => Err(BusError::Exchanged { bus: bus.name.clone() }),
         }
     }
 
@@ -47,7 +97,7 @@ impl Claims {
     ) -> Result<Box<dyn Bus>, BusError> {
         match claims.upgrade() {
             Some(claims) => claims.lock().unwrap_or_else(PoisonError::into_inner).reopen(settings, index),
-            None => open_one(settings, index).map(|(bus, _)| bus),
+            None => open_one(settings, index).map(|opened| opened.bus),
         }
     }
 }
@@ -59,4 +109,13 @@ fn lock(bus: &BusSettings) -> Result<Option<BusLock>, BusError> {
         BusKind::Simulated { .. } => return Ok(None),
     };
     lock.map(Some).map_err(|source| BusError::Lock { bus: bus.name.clone(), source })
+}
+
+/// The interface or device, as the configuration names it.
+fn place(bus: &BusSettings) -> &str {
+    match &bus.kind {
+        BusKind::SocketCan { interface, .. } => interface,
+        BusKind::Serial { device, .. } => device,
+        BusKind::Simulated { .. } => "",
+    }
 }

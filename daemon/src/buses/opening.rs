@@ -2,8 +2,8 @@
 
 use super::physics::simulate;
 use motord_bus::serial::{self, SerialBus};
-use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
-use motord_bus::{Bus, Duration, LockError};
+use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
+use motord_bus::{Bus, Difference, Duration, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
@@ -41,6 +41,19 @@ pub enum BusError {
         /// The bus.
         bus: String,
     },
+    /// Another adapter than the one that was opened first has the name.
+    #[error(
+        "bus {bus}: {place} is another adapter than before: {difference}; it is not opened. Give each adapter a fixed name and plug \
+         it in again, as `motorctl explain exchanged` describes"
+    )]
+    OtherAdapter {
+        /// The bus.
+        bus: String,
+        /// The interface or the device.
+        place: String,
+        /// The properties that differ.
+        difference: Difference,
+    },
     /// The text is no name of an interface.
     #[error("bus {bus}: `{interface}` is no interface name: use one that `ip link` lists")]
     Name {
@@ -65,8 +78,22 @@ impl BusError {
     }
 }
 
-/// A bus, and the index of its CAN interface.
-pub(super) type Opened = (Box<dyn Bus>, Option<u32>);
+/// An open bus.
+pub struct Opened {
+    /// The bus.
+    pub bus: Box<dyn Bus>,
+    /// The index of its CAN interface.
+    pub interface: Option<u32>,
+    /// Remarks on the interface, for the log.
+    pub notes: Vec<LinkNote>,
+}
+
+impl Opened {
+    /// A bus without an interface.
+    fn plain(bus: impl Bus + 'static) -> Self {
+        Self { bus: Box::new(bus), interface: None, notes: Vec::new() }
+    }
+}
 
 /// Opens one bus, for the first time or again. A serial port must be closed before it is opened again.
 ///
@@ -76,14 +103,14 @@ pub(super) type Opened = (Box<dyn Bus>, Option<u32>);
 pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
     let bus = &settings.buses[index];
     match &bus.kind {
-        BusKind::Simulated { seed, .. } => Ok((Box::new(simulate(settings, index, *seed)), None)),
+        BusKind::Simulated { seed, .. } => Ok(Opened::plain(simulate(settings, index, *seed))),
         BusKind::SocketCan { interface, bitrate } => {
             let interface = interface_name(bus, interface)?;
             let failed = |source| BusError::Open { bus: bus.name.clone(), source };
             open_can(settings, index, interface, *bitrate).map_err(failed)
         }
         BusKind::Serial { .. } => match SerialBus::open(&line(settings, index)) {
-            Ok(bus) => Ok((Box::new(bus), None)),
+            Ok(bus) => Ok(Opened::plain(bus)),
             Err(source) => Err(BusError::Port { bus: bus.name.clone(), source }),
         },
     }
@@ -101,11 +128,8 @@ fn open_can(
     let received: Vec<_> = host_ids.iter().copied().chain(motors().map(MotorSettings::command_id)).collect();
     let mut bus = SocketCanBus::open(&socketcan::Settings { interface, bitrate, host_ids })?;
     bus.listen(&received)?;
-    for note in bus.link().notes(bitrate) {
-        tracing::warn!(bus = settings.buses[index].name, see = "adapter", "{note}");
-    }
-    let interface = bus.link().index;
-    Ok((Box::new(bus), Some(interface)))
+    let (interface, notes) = (Some(bus.link().index), bus.notes(bitrate).collect());
+    Ok(Opened { bus: Box::new(bus), interface, notes })
 }
 
 /// The serial line with this index. A request is given up a while before the plan has the next one sent.

@@ -9,15 +9,18 @@
 //! A bus that is back has stopped motors: opening it enables nothing.
 //!
 //! A serial port is closed before it is opened again: it is locked, and while it is open, the kernel gives another name to the
-//! adapter that is plugged in again. The cycle gets an `Unplugged` bus for it meanwhile.
+//! adapter that is plugged in again. The cycle gets an `Unplugged` bus for it meanwhile. It also gets one while another adapter
+//! has the name of the bus.
 //!
 //! A simulated bus is never opened again: it comes back by itself when its fault ends, with the same motors.
 
 use crate::buses::claims::Claims;
+use crate::buses::opening::BusError;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
 use motord_core::settings::{BusKind, Settings};
-use std::collections::BTreeMap;
+use motord_shared::BusCondition;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Mutex, Weak};
 
@@ -41,14 +44,13 @@ impl BackOff {
     }
 }
 
-/// A bus whose adapter is not there: it takes nothing.
+/// A bus whose adapter is not there, or is another one: it takes nothing.
 struct Unplugged;
 
 impl Bus for Unplugged {
     /// No system call.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
-        // Not `Gone`: that would be reported as another loss.
-        Sent { accepted: 0, refusal: (!frames.is_empty()).then_some(Refusal::Down) }
+        Sent { accepted: 0, refusal: (!frames.is_empty()).then_some(Refusal::Gone) }
     }
 
     /// Nothing ever comes.
@@ -69,13 +71,15 @@ pub struct Reconnector {
     claims: Weak<Mutex<Claims>>,
     /// The last failure of each bus, by index: it is logged once.
     failures: BTreeMap<usize, String>,
+    /// The buses whose substitute the cycle has since another adapter had their name.
+    exchanged: BTreeSet<usize>,
 }
 
 impl Reconnector {
     /// A reconnector that hands opened buses to `supply`, and locks each in `claims` before it is opened.
     #[must_use]
     pub const fn new(supply: Supply, claims: Weak<Mutex<Claims>>) -> Self {
-        Self { supply, claims, failures: BTreeMap::new() }
+        Self { supply, claims, failures: BTreeMap::new(), exchanged: BTreeSet::new() }
     }
 
     /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that cannot be opened is tried
@@ -103,7 +107,7 @@ impl Reconnector {
     /// Closes the port of a serial bus that is gone.
     fn close(&mut self, settings: &Settings, index: usize) {
         if let BusKind::Serial { .. } = settings.buses[index].kind
-            && self.supply.hand_over(index, Box::new(Unplugged))
+            && self.supply.set_aside(index, Box::new(Unplugged), BusCondition::Gone)
         {
             std::thread::sleep(HAND_OVER);
         }
@@ -116,19 +120,34 @@ impl Reconnector {
                 tracing::warn!(
                     bus = name,
                     see = "gone",
-                    "opened again; its motors are stopped until they are enabled"
+                    "opened again; motors that were stopped stay stopped until they are enabled"
                 );
                 self.failures.remove(&index);
+                self.exchanged.remove(&index);
                 self.supply.hand_over(index, bus)
             }
             Err(error) => {
-                let failure = error.to_string();
-                if self.failures.get(&index) != Some(&failure) {
-                    tracing::warn!(see = "gone", "{failure}; trying again");
-                    self.failures.insert(index, failure);
-                }
+                self.fail(index, &error);
                 false
             }
+        }
+    }
+
+    /// Logs a failure that is another one than before. The state shows whether the adapter is missing or exchanged.
+    fn fail(&mut self, index: usize, error: &BusError) {
+        let failure = error.to_string();
+        if self.failures.get(&index) == Some(&failure) {
+            return;
+        }
+        let (condition, see) = match error {
+            BusError::OtherAdapter { .. } => (BusCondition::Exchanged, "exchanged"),
+            _ => (BusCondition::Gone, "gone"),
+        };
+        tracing::warn!(see, "{failure}; trying again");
+        self.failures.insert(index, failure);
+        if condition == BusCondition::Exchanged || self.exchanged.contains(&index) {
+            self.exchanged.insert(index);
+            self.supply.set_aside(index, Box::new(Unplugged), condition);
         }
     }
 }

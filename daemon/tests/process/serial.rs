@@ -135,7 +135,7 @@ impl Running {
     fn new(settings: &Settings, broken: Sender<usize>) -> (Self, Reconnector) {
         let bus = |index: usize| -> Box<dyn Bus> {
             match settings.buses[index].kind {
-                BusKind::Serial { .. } => buses::open_one(settings, index).unwrap().0,
+                BusKind::Serial { .. } => buses::open_one(settings, index).unwrap().bus,
                 _ => Box::new(buses::simulate(settings, index, index as u64)),
             }
         };

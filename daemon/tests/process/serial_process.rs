@@ -13,7 +13,7 @@ use motord_simulator::Mode;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread::{sleep, spawn};
@@ -212,4 +212,40 @@ fn daemon_waits_for_adapter_that_comes_later() {
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(is_ready, "the daemon did not start");
+}
+
+/// A port that returned once is opened once: the substitute that the cycle has meanwhile is no further loss.
+/// Method: the motors are another process, since a child of this one would keep its terminal open.
+#[test]
+fn returned_port_is_opened_once() {
+    let place = TempDir::new().unwrap();
+    let file = place.path().join("one.toml");
+    fs::write(&file, config("one", place.path().join("ttyUSB0").to_str().unwrap())).unwrap();
+    let mut simulator = Command::new(env!("CARGO_BIN_EXE_motord-sim"));
+    simulator.arg("--config").arg(&file).arg("--link").arg(place.path());
+    let mut simulator = simulator.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut verbs = simulator.stdin.take().unwrap();
+    assert!(BufReader::new(simulator.stdout.take().unwrap()).lines().any(|line| line.unwrap() == "ready"));
+    let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"));
+    daemon.args(["run", "--config"]).arg(&file).env("MOTORD_RUNTIME_DIR", place.path());
+    let mut daemon = daemon.stderr(Stdio::piped()).spawn().unwrap();
+    let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let (lines, logged) = channel();
+    spawn(move || log.for_each(|line| drop(lines.send(line))));
+    let await_line = |text: &str| {
+        let end = Instant::now() + PATIENCE;
+        while !logged.recv_timeout(end - Instant::now()).expect(text).contains(text) {}
+    };
+    await_line(" ready ");
+    writeln!(verbs, "arm gone").unwrap();
+    await_line("trying again");
+    writeln!(verbs, "arm ok").unwrap();
+    await_line("opened again");
+    sleep(Duration::from_secs(3));
+    for child in [&mut daemon, &mut simulator] {
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    let again: Vec<_> = logged.try_iter().filter(|line| line.contains("opened again")).collect();
+    assert_eq!(again, [""; 0]);
 }

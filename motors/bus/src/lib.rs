@@ -15,6 +15,8 @@
 //! - `socketcan`: the CAN interfaces of Linux. `serial::SerialBus`: its serial ports.
 //! - `wait` and `clock`: sleeping until something arrives, and the time.
 
+#[cfg(feature = "linux")]
+mod adapter;
 pub mod arithmetic;
 pub mod candump;
 #[cfg(feature = "linux")]
@@ -39,6 +41,8 @@ mod virtual_clock;
 #[cfg(feature = "linux")]
 mod wait;
 
+#[cfg(feature = "linux")]
+pub use adapter::{Adapter, Difference};
 pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
 #[cfg(feature = "linux")]
 pub use identity::Identity;

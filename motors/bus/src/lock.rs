@@ -36,6 +36,8 @@ pub struct BusLock {
 #[derive(Debug, Clone)]
 enum Named {
     Interface(InterfaceName),
+    /// The motors' side of an interface.
+    Simulation(InterfaceName),
     Device(String),
 }
 
@@ -85,6 +87,16 @@ impl BusLock {
         Self::acquire(Named::Interface(interface))
     }
 
+    /// Locks the motors' side of `interface`, for a program that simulates motors there. Their
+    /// driver may hold [`interface`](Self::interface).
+    ///
+    /// # Errors
+    ///
+    /// As [`interface`](Self::interface).
+    pub fn simulation(interface: InterfaceName) -> Result<Self, LockError> {
+        Self::acquire(Named::Simulation(interface))
+    }
+
     /// Locks the serial port `device` under all its names.
     ///
     /// # Errors
@@ -119,16 +131,22 @@ impl BusLock {
     pub fn follow(&mut self) -> Result<(), LockError> {
         let Some(current) = self.bus.identity() else { return Ok(()) };
         if self.identity.as_ref().is_none_or(|(held, _)| *held != current) {
-            let socket = self.bus.lock(&name_of(current))?;
+            let socket = self.bus.lock(&self.bus.name_of(current))?;
             self.identity = Some((current, socket));
         }
         Ok(())
     }
 
-    /// Returns whether this lock is of the interface with `index`.
+    /// Returns the interface or device that has the name now; `None` without one.
     #[must_use]
-    pub fn is_of_interface(&self, index: u32) -> bool {
-        self.identity.as_ref().is_some_and(|(held, _)| *held == Identity::Interface(index))
+    pub fn current(&self) -> Option<Identity> {
+        self.bus.identity()
+    }
+
+    /// Returns the interface or device that is locked.
+    #[must_use]
+    pub fn held(&self) -> Option<Identity> {
+        self.identity.as_ref().map(|(held, _)| *held)
     }
 
     fn acquire(bus: Named) -> Result<Self, LockError> {
@@ -141,14 +159,16 @@ impl BusLock {
 impl Named {
     fn identity(&self) -> Option<Identity> {
         match self {
-            Self::Interface(interface) => Identity::of_interface(interface.as_str()),
+            Self::Interface(interface) | Self::Simulation(interface) => {
+                Identity::of_interface(interface.as_str())
+            }
             Self::Device(device) => Identity::of_device(device),
         }
     }
 
     fn text(&self) -> &str {
         match self {
-            Self::Interface(interface) => interface.as_str(),
+            Self::Interface(interface) | Self::Simulation(interface) => interface.as_str(),
             Self::Device(device) => device,
         }
     }
@@ -156,13 +176,27 @@ impl Named {
     fn name_of_path(&self) -> Vec<u8> {
         match self {
             Self::Interface(interface) => [b"motord/can/", interface.as_str().as_bytes()].concat(),
+            Self::Simulation(interface) => [b"motord-sim/can/", interface.as_str().as_bytes()].concat(),
             Self::Device(device) => name_of_device(device),
         }
     }
 
+    fn name_of(&self, identity: Identity) -> Vec<u8> {
+        let owner = if matches!(self, Self::Simulation(_)) { "motord-sim" } else { "motord" };
+        match identity {
+            Identity::Interface(index) => format!("{owner}/can-index/{index}"),
+            Identity::Device { number, terminals: None } => format!("{owner}/serial-number/{number:x}"),
+            Identity::Device { number, terminals: Some(place) } => {
+                format!("{owner}/serial-number/{number:x}/{place:x}")
+            }
+        }
+        .into_bytes()
+    }
+
     /// The process that drives the interface or device, else the one that waits for its name.
     fn holder(&self) -> Option<Holder> {
-        let names = self.identity().map(name_of).into_iter().chain([self.name_of_path()]);
+        let names =
+            self.identity().map(|identity| self.name_of(identity)).into_iter().chain([self.name_of_path()]);
         names.filter_map(|name| holder(&UnixAddr::new_abstract(&name).ok()?)).next()
     }
 
@@ -183,17 +217,6 @@ impl Named {
         listen(&socket, Backlog::MAXCONN).map_err(failed)?;
         Ok(socket)
     }
-}
-
-fn name_of(identity: Identity) -> Vec<u8> {
-    match identity {
-        Identity::Interface(index) => format!("motord/can-index/{index}"),
-        Identity::Device { number, terminals: None } => format!("motord/serial-number/{number:x}"),
-        Identity::Device { number, terminals: Some(place) } => {
-            format!("motord/serial-number/{number:x}/{place:x}")
-        }
-    }
-    .into_bytes()
 }
 
 fn name_of_device(device: &str) -> Vec<u8> {
@@ -285,6 +308,17 @@ mod tests {
         drop(other);
         lock.follow().unwrap();
         assert!(matches!(BusLock::device(second), Err(LockError::Held { .. })));
+    }
+
+    #[test]
+    fn motors_are_simulated_once_beside_their_driver() {
+        let name = interface(4);
+        let _driver = BusLock::interface(name).unwrap();
+        let _motors = BusLock::simulation(name).unwrap();
+        assert!(matches!(BusLock::simulation(name), Err(LockError::Held { .. })));
+        // An interface that every machine has.
+        let _loopback = BusLock::simulation("lo".parse().unwrap()).unwrap();
+        BusLock::interface("lo".parse().unwrap()).unwrap();
     }
 
     #[test]

@@ -56,9 +56,10 @@ impl Wire {
         }
     }
 
-    /// Replaces a bus that disconnected by one that was opened again. Returns the old one: closing it may block.
-    pub(crate) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
-        self.condition = BusCondition::Active;
+    /// Replaces a bus that disconnected by one that was opened again, or by a substitute in another condition. Returns the old
+    /// one: closing it may block.
+    pub(crate) fn replace(&mut self, bus: Box<dyn Bus>, condition: BusCondition) -> Box<dyn Bus> {
+        self.condition = condition;
         std::mem::replace(&mut self.bus, bus)
     }
 
@@ -86,7 +87,7 @@ impl Wire {
         }
     }
 
-    /// Sends the queued frames; nothing to a bus that is off or gone. Frames that the bus does not accept are dropped and
+    /// Sends the queued frames; nothing to a bus that is off, gone or exchanged. Frames that the bus does not accept are dropped and
     /// counted, and `unsent` is called with their motors. At most one system call.
     #[inline]
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
@@ -95,7 +96,9 @@ impl Wire {
             return Accepted { frames: 0, took_all: true };
         }
         let sent = match self.condition {
-            BusCondition::Off | BusCondition::Gone => Sent { accepted: 0, refusal: None },
+            BusCondition::Off | BusCondition::Gone | BusCondition::Exchanged => {
+                Sent { accepted: 0, refusal: None }
+            }
             _ => self.bus.send(now, &self.frames[..self.senders.len()]),
         };
         match sent.refusal {

@@ -38,6 +38,8 @@ fn remedy(bus: &BusReport) -> Option<&'static str> {
         Some(Cause::BusOff.advice())
     } else if is(BusCondition::Down) || is(BusCondition::Gone) {
         Some(Cause::BusGone.advice())
+    } else if is(BusCondition::Exchanged) {
+        Some("Give each adapter a fixed name and plug it in again: `motorctl explain exchanged`")
     } else {
         None
     }

@@ -7,7 +7,7 @@
 //!
 //! Only the bit rate is required. Adapters whose drivers do not support a restart after a bus-off
 //! (`gs_usb`, `slcan`), or do not know their own bit rate (`slcan`), are used with a [`LinkNote`].
-//! An interface that was up is up again after a failure.
+//! After a failure the interface is as it was.
 
 use core::fmt;
 
@@ -60,7 +60,7 @@ pub struct Link {
     pub loopback: bool,
 }
 
-/// A limitation of an interface that can be used.
+/// A remark on an interface that can be used, for the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum LinkNote {
     /// The interface is up, and its driver does not know the bit rate.
@@ -73,12 +73,36 @@ pub enum LinkNote {
         /// The configured rate, bit/s.
         expected: u32,
     },
+    /// The interface ran at another bit rate, and was set to the configured one.
+    #[error("{interface} was up at {received} bit/s: motord took it down and set it to {expected}")]
+    BitrateSet {
+        /// The interface.
+        interface: InterfaceName,
+        /// The configured rate, bit/s.
+        expected: u32,
+        /// The rate before, bit/s.
+        received: u32,
+    },
+    /// The interface was in listen-only or loopback mode, which was ended.
+    #[error(
+        "{0} was in listen-only or loopback mode, in which no motor receives a frame: motord ended it. If it was set on purpose, end \
+         motord and set it again"
+    )]
+    ModeEnded(InterfaceName),
     /// The controller does not return to the bus by itself.
     #[error(
         "{0} does not return by itself after a bus-off (restart-ms is 0; some drivers support no other value): motord takes it down \
          and up where it has the permission; otherwise, as root: ip link set {0} down; ip link set {0} up"
     )]
     NoRestart(InterfaceName),
+}
+
+impl LinkNote {
+    /// Returns whether this is a property of the interface, and not something that was done to it.
+    #[must_use]
+    pub const fn is_lasting(self) -> bool {
+        matches!(self, Self::UnknownBitrate { .. } | Self::NoRestart(_))
+    }
 }
 
 /// Reason for which an interface cannot be used.
@@ -200,6 +224,11 @@ impl Link {
     ///
     /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`].
     pub fn read(interface: InterfaceName) -> Result<Self, OpenError> {
+        Self::read_all(interface).map(|(link, _)| link)
+    }
+
+    /// Reads the settings, also the bit timing.
+    fn read_all(interface: InterfaceName) -> Result<(Self, Option<CanBitTiming>), OpenError> {
         let index = if_nametoindex(interface.as_str()).map_err(|_| OpenError::Missing(interface))?;
         // Binding is the kernel's own test for a CAN interface.
         open_socket(interface, index, |_| Ok(()))?;
@@ -208,7 +237,7 @@ impl Link {
             step: Step::Read,
             errno: netlink_errno(&error),
         })?;
-        Ok(Self::from_details(interface, index, &details))
+        Ok((Self::from_details(interface, index, &details), details.can.bit_timing))
     }
 
     fn from_details(interface: InterfaceName, index: u32, details: &InterfaceDetails) -> Self {
@@ -228,27 +257,42 @@ impl Link {
     }
 
     /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames.
-    /// Not for the real-time thread: takes milliseconds, and allocates.
+    /// Returns its settings, and those before if they were changed. Not for the real-time thread:
+    /// takes milliseconds, and allocates.
     ///
     /// # Errors
     ///
     /// The first error of the interface that may not or cannot be corrected.
-    pub fn prepare(interface: InterfaceName, bitrate: u32, queue_length: u32) -> Result<Self, OpenError> {
-        let link = Self::read(interface)?;
+    pub fn prepare(
+        interface: InterfaceName,
+        bitrate: u32,
+        queue_length: u32,
+    ) -> Result<(Self, Option<Self>), OpenError> {
+        let (link, timing) = Self::read_all(interface)?;
         // A process that may set the queue length may set the rest. Otherwise the send buffer still
         // bounds the queue.
         let allowed = set_queue_length(link.index, queue_length);
-        let Err(fault) = link.check(bitrate, queue_length) else { return Ok(link) };
+        let Err(fault) = link.check(bitrate, queue_length) else { return Ok((link, None)) };
         if !allowed {
             return Err(fault);
         }
         let remedy = link.remedy(bitrate, queue_length);
         link.set_up(bitrate).map_err(|_| {
-            link.restore();
+            link.restore(timing);
             OpenError::Refused { remedy }
         })?;
-        let link = Self::read(interface)?;
-        link.check(bitrate, queue_length).map(|()| link)
+        let changed = Self::read(interface)?;
+        changed.check(bitrate, queue_length).map(|()| (changed, Some(link)))
+    }
+
+    /// Returns what is ended by [`prepare`](Self::prepare), for motors at `bitrate` (bit/s), in an interface that is up with these
+    /// settings.
+    pub(super) fn ended(&self, bitrate: u32) -> impl Iterator<Item = LinkNote> {
+        let interface = self.interface;
+        let received = self.bitrate.filter(|received| self.up && !is_near(*received, bitrate));
+        let set = received.map(|received| LinkNote::BitrateSet { interface, expected: bitrate, received });
+        let ended = (self.up && self.is_deaf()).then_some(LinkNote::ModeEnded(interface));
+        set.into_iter().chain(ended)
     }
 
     /// Returns the limitations of the interface, for motors at `bitrate` (bit/s). Empty for a virtual interface.
@@ -268,7 +312,7 @@ impl Link {
     pub fn check(&self, bitrate: u32, queue_length: u32) -> Result<(), OpenError> {
         let remedy = self.remedy(bitrate, queue_length);
         if let Some(received) = self.bitrate
-            && received.abs_diff(bitrate) > bitrate / BITRATE_TOLERANCE
+            && !is_near(received, bitrate)
         {
             return Err(OpenError::Bitrate { expected: bitrate, received, remedy });
         }
@@ -317,13 +361,25 @@ impl Link {
         interface.bring_up()
     }
 
-    /// Brings an interface up again that was up, with the bit rate that it had.
-    fn restore(&self) {
+    /// Restores the settings of an interface that was set up in vain, with the `timing` that it had.
+    fn restore(&self, timing: Option<CanBitTiming>) {
         let interface = CanInterface::open_iface(self.index);
-        if let (true, Some(bitrate)) = (self.up, self.bitrate) {
-            let bit_timing = Some(CanBitTiming { bitrate, ..CanBitTiming::default() });
-            let _refused =
-                interface.set_can_params(&InterfaceCanParams { bit_timing, ..InterfaceCanParams::default() });
+        // The kernel computes the rest of the timing from these two.
+        let bit_timing = timing.map(|CanBitTiming { bitrate, sample_point, .. }| CanBitTiming {
+            bitrate,
+            sample_point,
+            ..CanBitTiming::default()
+        });
+        let ctrl_mode = self.is_deaf().then(|| modes(self.listen_only, self.loopback));
+        let restart_ms = self.restart_ms;
+        // A request that a driver refuses must not keep the others from being granted.
+        let none = InterfaceCanParams::default;
+        for before in [
+            InterfaceCanParams { bit_timing, ..none() },
+            InterfaceCanParams { ctrl_mode, ..none() },
+            InterfaceCanParams { restart_ms, ..none() },
+        ] {
+            let _refused = interface.set_can_params(&before);
         }
         if self.up {
             let _refused = interface.bring_up();
@@ -333,18 +389,24 @@ impl Link {
     fn required(&self, bitrate: u32) -> InterfaceCanParams {
         // Set only when needed: a driver with a fixed mode refuses settings that leave that mode
         // out.
-        let hearing = self.is_deaf().then(|| {
-            let mut modes = CanCtrlModes::default();
-            modes.add(CanCtrlMode::ListenOnly, false);
-            modes.add(CanCtrlMode::Loopback, false);
-            modes
-        });
+        let hearing = self.is_deaf().then(|| modes(false, false));
         InterfaceCanParams {
             bit_timing: Some(CanBitTiming { bitrate, ..CanBitTiming::default() }),
             ctrl_mode: hearing,
             ..InterfaceCanParams::default()
         }
     }
+}
+
+fn is_near(received: u32, bitrate: u32) -> bool {
+    received.abs_diff(bitrate) <= bitrate / BITRATE_TOLERANCE
+}
+
+fn modes(listen_only: bool, loopback: bool) -> CanCtrlModes {
+    let mut modes = CanCtrlModes::default();
+    modes.add(CanCtrlMode::ListenOnly, listen_only);
+    modes.add(CanCtrlMode::Loopback, loopback);
+    modes
 }
 
 fn controller_state(state: CanState) -> Option<ControllerState> {

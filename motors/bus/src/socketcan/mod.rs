@@ -18,6 +18,7 @@
 //! - *Loopback* stays on, so that `candump` shows the frames of motord. The bus does not receive
 //!   its own frames.
 
+mod announcements;
 mod coalescing;
 mod link;
 mod name;
@@ -38,6 +39,7 @@ use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES, errno};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
+pub use announcements::{Announcement, Announcements};
 pub use coalescing::Coalescing;
 pub use link::{Link, LinkNote, OpenError, RESTART_MS, Remedy, Step};
 pub use name::{InterfaceName, InvalidName};
@@ -67,6 +69,8 @@ impl Settings {
 pub struct SocketCanBus {
     socket: CanSocket,
     link: Link,
+    /// The settings of the interface before it was set up.
+    before: Option<Link>,
     outgoing: Batch,
     incoming: Batch,
     realtime: RealtimeOffset,
@@ -102,11 +106,11 @@ impl SocketCanBus {
     /// The error of the interface, with the commands that correct it.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         let interface = settings.interface;
-        let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
+        let (link, before) = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
         let filters = exact(&settings.host_ids);
         let configure = |socket: &CanSocket| configure(socket, &filters, settings.queue_length());
         let socket = open_socket(interface, link.index, configure)?;
-        Ok(Self::new(socket, link))
+        Ok(Self { before, ..Self::new(socket, link) })
     }
 
     /// Opens an interface without changing its settings, and receives every data frame: for tools
@@ -130,6 +134,7 @@ impl SocketCanBus {
         Self {
             socket,
             link,
+            before: None,
             outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES),
             incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
             realtime: RealtimeOffset::measure(),
@@ -142,6 +147,13 @@ impl SocketCanBus {
     #[must_use]
     pub fn link(&self) -> &Link {
         &self.link
+    }
+
+    /// Returns remarks on the interface, for motors at `bitrate` (bit/s): the settings that
+    /// [`open`](Self::open) changed, and the limitations.
+    pub fn notes(&self, bitrate: u32) -> impl Iterator<Item = LinkNote> {
+        let ended = self.before.iter().flat_map(move |before| before.ended(bitrate));
+        ended.chain(self.link.notes(bitrate))
     }
 
     /// Replaces the received ids. Not for the real-time thread: it allocates.

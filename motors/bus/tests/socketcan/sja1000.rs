@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use motord_bus::conformance::{Condition, Fixture, Stimulus};
-use motord_bus::socketcan::{InterfaceName, Link, OpenError, RESTART_MS, Settings, SocketCanBus};
+use motord_bus::socketcan::{InterfaceName, Link, LinkNote, OpenError, RESTART_MS, Settings, SocketCanBus};
 use motord_bus::{Bus, Duration, Frame, Instant, clock};
 use nix::unistd::{Uid, seteuid};
 use socketcan::CanInterface;
@@ -185,6 +185,7 @@ fn wrong_bit_rate_is_mended_or_explained() {
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
     drop(nobody);
     assert_eq!(bus.link().bitrate, Some(BITRATE));
+    assert_eq!(bus.notes(BITRATE).count(), 0);
 
     assert!(run("ip link set can0 down") && run("ip link set can0 type can bitrate 500000"));
     assert_eq!(SocketCanBus::open(&settings("can0")).unwrap().link().bitrate, Some(BITRATE));
@@ -201,6 +202,20 @@ fn listen_only_controller_is_mended_or_refused() {
     assert!(matches!(refused, Some(OpenError::Deaf { .. })), "{refused:?}");
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
     assert!(!bus.link().listen_only);
+    let notes: Vec<LinkNote> = bus.notes(BITRATE).collect();
+    assert_eq!(notes, [LinkNote::ModeEnded(name("can0"))], "a person may have set it");
+}
+
+#[test]
+#[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
+fn refused_controller_keeps_its_settings() {
+    let _pair = take_pair();
+    assert!(run("ip link set can0 type can bitrate 500000 sample-point 0.8 listen-only on restart-ms 70"));
+    assert!(run("ip link set can0 up"));
+    let before = Link::read(name("can0")).unwrap();
+    let refused = SocketCanBus::open(&Settings { bitrate: 1, ..settings("can0") }).err();
+    assert!(matches!(refused, Some(OpenError::Refused { .. })), "{refused:?}");
+    assert_eq!(Link::read(name("can0")), Ok(before));
 }
 
 #[test]

@@ -76,7 +76,7 @@ fn adapter_without_restart_is_set_up() {
     let adapter = Adapter::new();
     let bus = adapter.open().expect("only the restart is not supported");
     assert_eq!((bus.link().up, bus.link().bitrate, bus.link().restart_ms), (true, Some(BITRATE), Some(0)));
-    let notes: Vec<LinkNote> = bus.link().notes(BITRATE).collect();
+    let notes: Vec<LinkNote> = bus.notes(BITRATE).collect();
     assert_eq!(notes, [LinkNote::NoRestart(adapter.interface)]);
     adapter.must_be_written("S8\rO\r");
 }
@@ -91,7 +91,7 @@ fn interface_of_unknown_bit_rate_is_used() {
     assert_eq!((before.up, before.bitrate, before.is_virtual), (true, None, false));
     let bus = adapter.open().expect("an unknown rate may be right");
     assert_eq!((bus.link().up, bus.link().bitrate), (true, None));
-    let notes: Vec<LinkNote> = bus.link().notes(BITRATE).collect();
+    let notes: Vec<LinkNote> = bus.notes(BITRATE).collect();
     let unknown = LinkNote::UnknownBitrate { interface: adapter.interface, expected: BITRATE };
     assert_eq!(notes, [unknown, LinkNote::NoRestart(adapter.interface)]);
     drop(bus);

@@ -210,7 +210,9 @@ fn group_state(group: &GroupState) -> state::Group {
 
 fn bus(bus: &BusState) -> Bus {
     let BusState { sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost, .. } = *bus;
-    let lost_conditions = [BusCondition::Off, BusCondition::Down, BusCondition::Gone].map(BusCondition::code);
+    let lost_conditions =
+        [BusCondition::Off, BusCondition::Down, BusCondition::Gone, BusCondition::Exchanged]
+            .map(BusCondition::code);
     Bus {
         given_up: lost_conditions.contains(&bus.condition),
         sent,
