@@ -166,7 +166,7 @@ impl Daemon {
         let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(&counters));
         let lost = directory.lost();
         let config = ConfigWatch::new(config, Arc::clone(&counters));
-        let housekeeping = Housekeeping { directory, config, buses: BusWatch::new(broken) };
+        let housekeeping = Housekeeping { directory, config, buses: BusWatch::new(&settings, broken) };
         let answers = (answers, ipc.thread().clone());
         let recorder = Recorder::new(&settings, telemetry_end, answers, housekeeping, outputs);
         let telemetry = start_telemetry(lock, &orders, recorder)?;

@@ -140,6 +140,7 @@ impl Recorder {
             self.measurements.record(event);
             self.log.log(cycle, event, &self.answers.askers);
         }
+        self.housekeeping.buses.turn();
         self.log_requests(u64::MAX);
         self.unexpected_ids.store(&self.counters);
     }
