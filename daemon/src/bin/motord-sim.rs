@@ -4,7 +4,7 @@ use clap::{CommandFactory, Parser};
 use motord::buses::fault_line::FaultLineError;
 use motord::buses::{self, fault_line};
 use motord_bus::socketcan::{InvalidName, OpenError};
-use motord_bus::{Duration, Instant, Readiness, clock, wait};
+use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{
@@ -84,7 +84,7 @@ Lines for a serial bus:
   gripper ok
 ";
 
-const EXIT_STATUSES: &str = "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
+const EXIT_STATUSES: &str = "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 75 another motord-sim serves an interface, 78 the configuration is refused.";
 
 /// The examples, and every fault that there is.
 fn after_help() -> String {
@@ -103,6 +103,8 @@ enum Failure {
     #[error(transparent)]
     Name(#[from] InvalidName),
     #[error(transparent)]
+    Lock(#[from] LockError),
+    #[error(transparent)]
     Open(#[from] OpenError),
     #[error("no pseudo terminal for {bus}: {error}")]
     Terminal { bus: String, error: std::io::Error },
@@ -117,6 +119,7 @@ impl Failure {
         match self {
             Self::Config(_) | Self::NoBus | Self::Name(_) => exit_status::CONFIG,
             Self::Pages(_) => exit_status::IO,
+            Self::Lock(_) => exit_status::BUSY,
             Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => exit_status::UNAVAILABLE,
         }
     }
@@ -144,6 +147,7 @@ fn main() -> ExitCode {
 fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
     let settings = config::load(config)?.settings;
+    let _locks = lock(&settings)?;
     let mut lines = open(&settings, arguments)?;
     let mut store = restore(arguments.store.as_deref(), &mut lines).map_err(Failure::Store)?;
     let mut commands = Commands::new();
@@ -167,6 +171,15 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
             }
         }
     }
+}
+
+/// Locks the interfaces: two programs would simulate the same motors, and each command would have two replies.
+fn lock(settings: &Settings) -> Result<Vec<BusLock>, Failure> {
+    let interfaces = settings.buses.iter().filter_map(|bus| match &bus.kind {
+        BusKind::SocketCan { interface, .. } => Some(interface),
+        BusKind::Serial { .. } | BusKind::Simulated { .. } => None,
+    });
+    interfaces.map(|interface| Ok(BusLock::simulation(interface.parse()?)?)).collect()
 }
 
 /// Gives the motors the memories that were kept of them.

@@ -8,6 +8,7 @@ use motord_commissioning::{Family, Found, Link, Mit, Native, Wire, answers, iden
 use motord_configuration as config;
 use motord_protocol::{MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Bit/s of a serial line (GIM document, Table 1).
@@ -119,7 +120,14 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     })?;
     let lock = BusLock::interface(interface)?;
     let bus = SocketCanBus::open_as_is(interface)?;
-    let bitrate = bus.link().bitrate;
+    let (bitrate, is_virtual) = (bus.link().bitrate, bus.link().is_virtual);
+    if bitrate.is_none() && !is_virtual {
+        let _unread = writeln!(
+            std::io::stderr(),
+            "motorctl: the bit rate of {name} is unknown, because another program set it in the adapter: make sure that it is that of \
+             the motors, 1000000 bit/s by default"
+        );
+    }
     Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, Monotonic), bitrate, _lock: lock })
 }
 
