@@ -216,6 +216,7 @@ fn refused_controller_keeps_its_settings() {
     let refused = SocketCanBus::open(&Settings { bitrate: 1, ..settings("can0") }).err();
     assert!(matches!(refused, Some(OpenError::Refused { .. })), "{refused:?}");
     assert_eq!(Link::read(name("can0")), Ok(before));
+    assert!(run("ip link set can0 down") && run("ip link set can0 type can listen-only off restart-ms 0"));
 }
 
 #[test]
