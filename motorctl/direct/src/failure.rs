@@ -46,6 +46,14 @@ pub enum DirectFailure {
         /// The bus.
         bus: String,
     },
+    /// No motor answers in a supported format, but frames in another one arrive.
+    #[error("{source}; {formats}")]
+    OtherFormat {
+        /// The error without these frames.
+        source: Box<DirectFailure>,
+        /// The formats, and the next step.
+        formats: String,
+    },
     /// The motor does not understand this command, or would misunderstand it.
     #[error("motor {id}: {reason}")]
     Unfit {
@@ -102,6 +110,7 @@ impl DirectFailure {
             | Self::Motor(Error::Silent { .. } | Error::Unconfirmed { .. } | Error::Bus(_)) => {
                 exit_status::UNAVAILABLE
             }
+            Self::OtherFormat { source, .. } => source.status(),
             Self::Serial(source) => match source {
                 serial::OpenError::Permission { .. } => exit_status::PERMISSION,
                 serial::OpenError::Held { .. } => exit_status::BUSY,

@@ -169,6 +169,13 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
             "{bus}: several motors answer as id {id}: connect them one at a time, and give each its own id"
         ));
     }
+    for advice in report.unasked_formats.advice() {
+        notes.push(format!("{bus}: frames arrive without a request, {advice}"));
+    }
+    for (id, formats) in &report.formats {
+        notes
+            .extend(formats.advice().map(|advice| format!("{bus}: id {id} is answered by frames, {advice}")));
+    }
     for driver in &report.unprompted {
         notes.push(match driver {
             Unprompted::CanSimple { node } => format!(
@@ -198,7 +205,8 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
     let protocol = match session.protocol {
         target::Protocol::Mit => session.mit().stop().map(|_| "mit"),
         target::Protocol::Gim => session.gim().version().map(|_| "gim"),
-    }?;
+    }
+    .map_err(|error| session.explain(error))?;
     let elapsed = session.line.link.now().since(begun);
     let host_id = session.host_id.map(FrameId::raw);
     let answer_us = u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX);

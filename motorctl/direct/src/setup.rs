@@ -51,7 +51,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
             }
             progress(&motor.name);
             let bus = &settings.buses[index].name;
+            let before = line.link.formats();
             let answer = ask(&settings, motor, bus, &mut line)?;
+            for advice in line.link.formats().since(before).advice() {
+                eprintln!("{}: frames arrive while it is asked, {advice}", motor.name);
+            }
             asked.push(if arguments.write {
                 write(&settings, answer, bus, &mut line, arguments.confirm)?
             } else {

@@ -21,7 +21,7 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailur
         version: u32,
     }
     let mut session = target.open_gim()?;
-    let version = session.gim().version()?;
+    let version = session.gim().version().map_err(|error| session.explain(error))?;
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
     }

@@ -4,7 +4,7 @@ use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
-use motord_commissioning::{Family, Found, Link, Mit, Native, Wire, answers, identify};
+use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, identify};
 use motord_configuration as config;
 use motord_protocol::{MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
@@ -288,9 +288,27 @@ impl Session {
         DirectFailure::Unfit { id: self.id, reason: reason.to_owned() }
     }
 
+    /// Returns the error of a transaction. For a silent motor it names other formats in which frames arrived.
+    pub fn explain(&self, error: Error) -> DirectFailure {
+        match error {
+            Error::Silent { .. } => self.with_formats(error.into()),
+            error => error.into(),
+        }
+    }
+
+    fn with_formats(&self, source: DirectFailure) -> DirectFailure {
+        let formats: Vec<_> = self.line.link.formats().advice().collect();
+        if formats.is_empty() {
+            return source;
+        }
+        let formats = format!("but frames arrive, {}", formats.join("; "));
+        DirectFailure::OtherFormat { source: Box::new(source), formats }
+    }
+
     fn identify(&mut self) -> Result<(), DirectFailure> {
-        let Found { host_id, family, .. } = identify(&mut self.line.link, self.id)?
-            .ok_or_else(|| DirectFailure::NoMotor { id: self.id, bus: self.line.name.clone() })?;
+        let Found { host_id, family, .. } = identify(&mut self.line.link, self.id)?.ok_or_else(|| {
+            self.with_formats(DirectFailure::NoMotor { id: self.id, bus: self.line.name.clone() })
+        })?;
         self.protocol = match family {
             Family::Native => Protocol::Gim,
             Family::Mit => Protocol::Mit,

@@ -35,6 +35,7 @@
 
 mod apply;
 mod error;
+mod format;
 mod link;
 mod mit;
 mod native;
@@ -45,6 +46,7 @@ mod unprompted;
 
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use error::Error;
+pub use format::Formats;
 pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
 pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};

@@ -1,6 +1,7 @@
 //! A bus with one open request.
 
 use crate::error::Error;
+use crate::format::Formats;
 use crate::unprompted::Unprompted;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
@@ -34,6 +35,7 @@ pub struct Link {
     inbox: Inbox,
     unprompted: Vec<Unprompted>,
     has_doubted: bool,
+    formats: Formats,
 }
 
 /// Time limit on CAN: a CAN adapter on USB takes a few milliseconds.
@@ -77,6 +79,7 @@ impl Link {
             inbox: Inbox::new(),
             unprompted: Vec::new(),
             has_doubted: false,
+            formats: Formats::default(),
         }
     }
 
@@ -108,6 +111,12 @@ impl Link {
     #[must_use]
     pub fn unprompted(&self) -> &[Unprompted] {
         &self.unprompted
+    }
+
+    /// Returns the number of frames in formats that motord does not use, since the link was opened.
+    #[must_use]
+    pub const fn formats(&self) -> Formats {
+        self.formats
     }
 
     /// Returns whether a frame that was taken for an answer may be the report of a driver of another family.
@@ -193,6 +202,7 @@ impl Link {
             self.clock.wait(&[self.bus.readiness()], deadline);
             self.inbox.clear();
             self.bus.receive(self.clock.now(), &mut self.inbox);
+            self.inbox.arrivals().iter().for_each(|arrival| self.formats.note(&arrival.content));
             let found = self
                 .inbox
                 .arrivals()

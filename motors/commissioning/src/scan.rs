@@ -13,6 +13,7 @@
 //! - frames to the ids 0 and 255, which are broadcasts there.
 
 use crate::error::Error;
+use crate::format::Formats;
 use crate::link::{Heard, Link, Wire};
 use crate::native::Native;
 use crate::unprompted::Unprompted;
@@ -115,6 +116,10 @@ pub struct Report {
     pub unprompted: Vec<Unprompted>,
     /// Ids whose answers destroyed each other: several motors with one id and one host id.
     pub collisions: Vec<u8>,
+    /// Frames in formats that motord does not use, and that arrived without a request.
+    pub unasked_formats: Formats,
+    /// Ids whose requests were followed by such frames, where none arrived without a request.
+    pub formats: Vec<(u8, Formats)>,
     /// Ids that were skipped, because a detected driver would read the requests as commands.
     pub skipped: Vec<u8>,
 }
@@ -132,13 +137,18 @@ pub fn scan(
     progress: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Report, Error> {
     link.listen(scan.listen)?;
-    let mut report = Report { unprompted: link.unprompted().to_vec(), ..Report::default() };
+    let unasked_formats = link.formats();
+    let unprompted = link.unprompted().to_vec();
+    let mut report = Report { unprompted, unasked_formats, ..Report::default() };
     for id in scan.ids.clone().filter(|id| (1..=0xFE).contains(id)) {
         if report.unprompted.iter().any(|driver| driver.owns(id)) {
             report.skipped.push(id);
             continue;
         }
+        let before = link.formats();
         let (found, collided) = ask(link, id, scan)?;
+        let formats = link.formats().since(before);
+        report.formats.extend((formats.is_any() && !unasked_formats.is_any()).then_some((id, formats)));
         report.found.extend(found);
         report.collisions.extend(collided.then_some(id));
         if !progress(Progress { id, found: report.found.len() }) {

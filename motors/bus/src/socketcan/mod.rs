@@ -113,8 +113,8 @@ impl SocketCanBus {
         Ok(Self { before, ..Self::new(socket, link) })
     }
 
-    /// Opens an interface without changing its settings, and receives every data frame: for tools
-    /// that search for motors.
+    /// Opens an interface without changing its settings, and receives every frame of any format:
+    /// for tools that search for motors.
     ///
     /// # Errors
     ///
@@ -125,8 +125,10 @@ impl SocketCanBus {
         const DEFAULT_BITRATE: u32 = 1_000_000;
         let link = Link::read(interface)?;
         link.check(link.bitrate.unwrap_or(DEFAULT_BITRATE), QUEUE)?;
-        let any = [(0, libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)];
-        let socket = open_socket(interface, link.index, |socket| configure(socket, &any, QUEUE))?;
+        let socket = open_socket(interface, link.index, |socket| {
+            socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
+            configure(socket, &[(0, 0)], QUEUE)
+        })?;
         Ok(Self::new(socket, link))
     }
 

@@ -1,10 +1,12 @@
 //! Finding motors.
 
 use crate::{START, bus, inject, link, motor};
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, VirtualClock};
+use motord_bus::{
+    Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, Unsupported, VirtualClock,
+};
 use motord_checker::codec::{Meaning, Ranges};
 use motord_commissioning::{
-    Error, Family, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
+    Error, Family, Formats, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
 };
 use motord_simulator::{Behaviour, BusKind, Dialect, Direction, InFault, MotorSettings, SharedBus};
 
@@ -207,4 +209,62 @@ fn ids_that_command_other_drivers_are_not_asked() {
     let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
     assert_eq!(report.skipped, (1..32).collect::<Vec<u8>>());
     assert_eq!(report.found.len(), 1);
+}
+
+/// A bus on which id 50 is answered in CAN FD format, and id 51 with a 29-bit id. If it `reports`, a frame with a 29-bit id arrives
+/// before each read.
+struct OtherFormats {
+    bus: SharedBus,
+    reports: bool,
+}
+
+impl Bus for OtherFormats {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        for frame in frames {
+            let answer = match frame.id().raw() {
+                50 => Unsupported::Fd,
+                51 => Unsupported::Extended,
+                _ => continue,
+            };
+            self.bus.lock().deliver(now + Duration::from_micros(300), Content::Unsupported(answer));
+        }
+        self.bus.send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        if self.reports {
+            self.bus.lock().deliver(now, Content::Unsupported(Unsupported::Extended));
+        }
+        self.bus.receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
+    }
+}
+
+/// Goal: an answer in a format that motord does not use is named, and is no silence.
+#[test]
+fn answers_in_other_formats_are_named() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit)]);
+    let mut link = Link::can(OtherFormats { bus, reports: false }, VirtualClock::new(START));
+    let report = scan(&mut link, &Scan { ids: 38..=60, ..Scan::default() }, &mut |_| true).unwrap();
+    assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<_>>(), [40]);
+    // Each silent id is asked twice.
+    let expected = [(50, Formats { fd: 2, extended: 0 }), (51, Formats { fd: 0, extended: 2 })];
+    assert_eq!((report.formats, report.unasked_formats), (expected.to_vec(), Formats::default()));
+    assert!(expected[0].1.advice().any(|advice| advice.contains("CAN FD")));
+    assert!(expected[1].1.advice().any(|advice| advice.contains("29-bit")));
+    assert_eq!(identify(&mut link, 50), Ok(None));
+    assert!(link.formats().fd > 2);
+}
+
+/// Goal: a motor that reports unasked with 29-bit ids is no answer of every id.
+#[test]
+fn unasked_frames_of_other_formats_name_no_id() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit)]);
+    let mut link = Link::can(OtherFormats { bus, reports: true }, VirtualClock::new(START));
+    let report = scan(&mut link, &Scan { ids: 38..=60, ..Scan::default() }, &mut |_| true).unwrap();
+    assert_eq!(report.found.len(), 1);
+    assert!(report.unasked_formats.extended > 0 && report.formats.is_empty(), "{report:?}");
 }

@@ -1,0 +1,53 @@
+//! Frames in formats that motord does not use.
+
+use motord_bus::{Content, Unsupported};
+
+/// The number of received frames in formats that motord does not use: neither a request nor a supported answer has them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Formats {
+    /// Frames in CAN FD format.
+    pub fd: u64,
+    /// Frames with 29-bit ids.
+    pub extended: u64,
+}
+
+impl Formats {
+    /// Counts an arrival, if it has such a format.
+    pub(crate) const fn note(&mut self, content: &Content) {
+        match content {
+            Content::Unsupported(Unsupported::Fd) => self.fd += 1,
+            Content::Unsupported(Unsupported::Extended) => self.extended += 1,
+            _ => {}
+        }
+    }
+
+    /// Returns the frames that arrived after `earlier` was read.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Self {
+        Self { fd: self.fd - earlier.fd, extended: self.extended - earlier.extended }
+    }
+
+    /// Returns whether any such frame arrived.
+    #[must_use]
+    pub const fn is_any(self) -> bool {
+        self.fd > 0 || self.extended > 0
+    }
+
+    /// Returns a sentence on each format, with the next step.
+    pub fn advice(self) -> impl Iterator<Item = String> {
+        let Self { fd, extended } = self;
+        let in_fd = (fd > 0).then(|| {
+            format!(
+                "{fd} in CAN FD format: motord speaks classic CAN; set the motor to a classic bit rate with its vendor's tool \
+                 (Damiao: register 35, can_br, to 4 for 1 Mbit/s)"
+            )
+        });
+        let with_long_ids = (extended > 0).then(|| {
+            format!(
+                "{extended} with 29-bit ids: motord speaks MIT with 11-bit ids; set the motor to MIT with its vendor's tool, and \
+                 power it off and on (RobStride: protocol 2), or end its unasked reports"
+            )
+        });
+        [in_fd, with_long_ids].into_iter().flatten()
+    }
+}
