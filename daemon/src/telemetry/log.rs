@@ -13,6 +13,7 @@
 
 use super::asked::Asked;
 use super::askers::Askers;
+use super::unexpected::OtherFormats;
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
 use motord_core::settings::Settings;
@@ -215,6 +216,19 @@ impl Log {
             "each of its answers is {:.1} ms late and belongs to an earlier command, and its state is as old: check the adapter \
              and its driver, and what else uses the bus",
             time.as_secs_f64() * 1e3
+        );
+    }
+
+    /// Answers in other formats on a bus with a silent motor.
+    pub(super) fn log_other_formats(&self, found: OtherFormats) {
+        let OtherFormats { bus, fd, extended } = found;
+        tracing::error!(
+            bus = self.buses[bus].name,
+            fd,
+            extended,
+            see = "other-format",
+            "a motor is silent, and frames arrive in CAN FD format (fd) or with 29-bit ids (extended): it may answer in a format \
+             that motord does not speak; set it to classic CAN and MIT with its vendor's tool"
         );
     }
 

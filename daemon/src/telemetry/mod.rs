@@ -30,7 +30,7 @@ use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;
 use motord_metrics::Outputs;
-use motord_shared::{AdminReply, AdminRequest, BusCondition, Operation};
+use motord_shared::{AdminReply, AdminRequest, BusCondition, MotorMode, Operation};
 pub use questions::{Answers, Questions, questions};
 use rtrb::Consumer;
 use std::sync::Arc;
@@ -75,6 +75,8 @@ pub struct Recorder {
     groups: Groups,
     log: Log,
     unexpected_ids: UnexpectedCounts,
+    /// The bus of each motor.
+    motor_buses: Vec<usize>,
     housekeeping: Housekeeping,
 }
 
@@ -98,6 +100,7 @@ impl Recorder {
             groups: Groups::new(settings.groups.len()),
             log: Log::new(settings),
             unexpected_ids: UnexpectedCounts::new(settings),
+            motor_buses: settings.motors.iter().map(|motor| motor.bus).collect(),
             housekeeping,
         }
     }
@@ -136,6 +139,9 @@ impl Recorder {
                 }
                 self.housekeeping.buses.record(bus, condition);
             }
+            if let Event::Silent { motor } | Event::Motor { motor, mode: MotorMode::Offline } = event {
+                self.unexpected_ids.search(self.motor_buses[motor]);
+            }
             self.groups.record(cycle, event, &self.answers.askers);
             self.measurements.record(event);
             self.log.log(cycle, event, &self.answers.askers);
@@ -149,6 +155,8 @@ impl Recorder {
         self.log.log_counts(&self.counters);
         self.housekeeping.buses.report_off();
         self.unexpected_ids.open();
+        let Self { unexpected_ids, log, .. } = self;
+        unexpected_ids.step_searches(|found| log.log_other_formats(found));
         self.housekeeping.config.check();
         self.measurements.expose(self.answers.states.read());
     }

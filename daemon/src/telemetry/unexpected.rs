@@ -1,7 +1,8 @@
-//! Counts the frames that the kernel keeps from the cycle because no motor of the bus has their id.
+//! Counts the frames that the kernel keeps from the cycle because no motor of the bus has their id,
+//! or because of their format.
 
 use motord_bus::FrameId;
-use motord_bus::socketcan::{InterfaceName, Link, UnexpectedIds};
+use motord_bus::socketcan::{FdReplies, InterfaceName, Link, UnexpectedIds};
 use motord_core::cycle::Counters;
 use motord_core::settings::{BusKind, MotorSettings, Settings};
 use std::sync::atomic::Ordering;
@@ -18,6 +19,31 @@ struct Interface {
     unexpected_ids: Option<UnexpectedIds>,
     /// The count until the interface went away.
     before: u64,
+    /// The ids that motors of this bus answer with.
+    replies: Vec<FrameId>,
+    watch: Watch,
+}
+
+/// The search for answers in other formats on a bus with a silent motor.
+#[derive(Default)]
+enum Watch {
+    /// No motor became silent since the last search.
+    #[default]
+    Idle,
+    /// A motor became silent.
+    Wanted,
+    /// Open until the next step; with the number of frames with 29-bit ids before.
+    Open(FdReplies, u64),
+}
+
+/// Frames in formats that motord does not use, on a bus with a silent motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct OtherFormats {
+    pub(super) bus: usize,
+    /// In CAN FD format, with the id of a motor's reply.
+    pub(super) fd: u64,
+    /// With 29-bit ids.
+    pub(super) extended: u64,
 }
 
 impl UnexpectedCounts {
@@ -26,8 +52,11 @@ impl UnexpectedCounts {
         let interfaces = settings.buses.iter().enumerate().filter_map(|(bus, described)| {
             let BusKind::SocketCan { interface, .. } = &described.kind else { return None };
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
+            let replies = motors.clone().map(|motor| motor.host_id).collect();
             let expected = motors.flat_map(ids).collect();
-            Some(Interface { bus, name: interface.parse().ok()?, expected, unexpected_ids: None, before: 0 })
+            let name = interface.parse().ok()?;
+            let watch = Watch::Idle;
+            Some(Interface { bus, name, expected, unexpected_ids: None, before: 0, replies, watch })
         });
         Self(interfaces.collect())
     }
@@ -47,6 +76,40 @@ impl UnexpectedCounts {
         for interface in self.0.iter_mut().filter(|interface| interface.bus == bus) {
             interface.before +=
                 interface.unexpected_ids.take().map_or(0, |mut unexpected_ids| unexpected_ids.count());
+        }
+    }
+
+    /// Requests a search for answers in other formats on `bus`, of which a motor is silent.
+    pub(super) fn search(&mut self, bus: usize) {
+        for interface in self.0.iter_mut().filter(|interface| interface.bus == bus) {
+            if matches!(interface.watch, Watch::Idle) {
+                interface.watch = Watch::Wanted;
+            }
+        }
+    }
+
+    /// Begins the requested searches, ends those that the last call began, and passes what they found to `found`. A silent
+    /// motor is asked ten times a second.
+    pub(super) fn step_searches(&mut self, mut found: impl FnMut(OtherFormats)) {
+        for interface in &mut self.0 {
+            let extended = interface.unexpected_ids.as_ref().map_or(0, UnexpectedIds::extended);
+            interface.watch = match std::mem::take(&mut interface.watch) {
+                Watch::Idle => Watch::Idle,
+                Watch::Wanted => {
+                    let link = Link::read(interface.name);
+                    let opened = link.and_then(|link| FdReplies::open(&link, &interface.replies));
+                    opened.map_or(Watch::Idle, |replies| Watch::Open(replies, extended))
+                }
+                Watch::Open(mut replies, before) => {
+                    let (fd, extended) = (replies.count(), extended.saturating_sub(before));
+                    // They were counted nowhere.
+                    interface.before += fd;
+                    if fd > 0 || extended > 0 {
+                        found(OtherFormats { bus: interface.bus, fd, extended });
+                    }
+                    Watch::Idle
+                }
+            };
         }
     }
 

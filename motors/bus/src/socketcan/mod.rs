@@ -44,7 +44,7 @@ pub use coalescing::Coalescing;
 pub use link::{Link, LinkNote, OpenError, RESTART_MS, Remedy, Step};
 pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
-pub use unexpected::UnexpectedIds;
+pub use unexpected::{FdReplies, UnexpectedIds};
 
 /// The interface to open, and its frames.
 #[derive(Debug, Clone, PartialEq, Eq)]

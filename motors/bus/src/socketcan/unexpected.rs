@@ -4,7 +4,7 @@ use std::os::fd::AsFd;
 
 use socketcan::{CanSocket, SocketOptions};
 
-use super::{EXACT, Link, OpenError, open_socket, wire};
+use super::{EXACT, Link, OpenError, exact, open_socket, wire};
 use crate::frame::{FrameId, Inbox};
 use crate::kernel::{Batch, FRAME_BYTES};
 
@@ -17,6 +17,8 @@ pub struct UnexpectedIds {
     read: u64,
     /// `SO_RXQ_OVFL`, unwrapped.
     dropped: u64,
+    /// Of those that were read.
+    extended: u64,
 }
 
 impl UnexpectedIds {
@@ -36,7 +38,7 @@ impl UnexpectedIds {
             socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
             socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)
         })?;
-        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), read: 0, dropped: 0 })
+        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), read: 0, dropped: 0, extended: 0 })
     }
 
     /// Returns the number of such frames since opening. Does not block or allocate; at most eight
@@ -46,6 +48,7 @@ impl UnexpectedIds {
             let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
             self.read += count as u64;
             for message in self.batch.messages(count) {
+                self.extended += u64::from(wire::is_extended(&message.classic()));
                 if let Some(dropped) = wire::ancillary(message.control()).dropped {
                     self.dropped += u64::from(dropped.wrapping_sub(self.dropped as u32));
                 }
@@ -55,6 +58,54 @@ impl UnexpectedIds {
             }
         }
         self.read + self.dropped
+    }
+}
+
+impl UnexpectedIds {
+    /// Returns the number of frames with 29-bit ids among those that [`count`](Self::count) has read.
+    #[must_use]
+    pub const fn extended(&self) -> u64 {
+        self.extended
+    }
+}
+
+/// Counts frames in CAN FD format with the ids of motors' replies. The bus does not receive them: its socket is a classic one. For a
+/// housekeeping thread, while a motor is silent: the kernel copies every reply of the bus to this socket.
+pub struct FdReplies {
+    socket: CanSocket,
+    batch: Batch,
+    count: u64,
+}
+
+impl FdReplies {
+    /// Most batches that one [`count`](Self::count) reads.
+    const BATCHES: usize = 8;
+
+    /// Opens the socket on the interface of `link`.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::NotCan`] when the interface is unplugged, or [`OpenError::System`].
+    pub fn open(link: &Link, host_ids: &[FrameId]) -> Result<Self, OpenError> {
+        let socket = open_socket(link.interface, link.index, |socket| {
+            socket.set_filters(&exact(host_ids))?;
+            socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)
+        })?;
+        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), count: 0 })
+    }
+
+    /// Returns the number of such frames since opening. Does not block or allocate; at most eight system calls.
+    pub fn count(&mut self) -> u64 {
+        for _ in 0..Self::BATCHES {
+            let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
+            let is_fd = |bytes: usize| bytes == FRAME_BYTES;
+            self.count +=
+                self.batch.messages(count).filter(|message| is_fd(message.frame_bytes())).count() as u64;
+            if count < self.batch.capacity() {
+                break;
+            }
+        }
+        self.count
     }
 }
 

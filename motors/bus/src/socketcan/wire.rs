@@ -51,6 +51,11 @@ pub(super) fn deliver(at: Instant, len: usize, bytes: [u8; CLASSIC_BYTES], inbox
     is_frame || inbox.push(Arrival { at, content: other_content(len, &bytes) }).is_ok()
 }
 
+/// Returns whether the frame is a data frame or a remote frame with an id of 29 bits.
+pub(super) fn is_extended(bytes: &[u8; CLASSIC_BYTES]) -> bool {
+    word(bytes).is_some_and(|word| word & (libc::CAN_EFF_FLAG | libc::CAN_ERR_FLAG) == libc::CAN_EFF_FLAG)
+}
+
 /// Writes a data frame with an id of 11 bits: no flag is set.
 #[inline]
 fn data_frame(len: usize, bytes: &[u8; CLASSIC_BYTES], frame: &mut Frame) -> Option<()> {

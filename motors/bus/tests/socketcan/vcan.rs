@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use motord_bus::conformance::{Condition, Fixture, HOST_IDS, Stimulus};
-use motord_bus::socketcan::{Link, OpenError, Sender, SocketCanBus, UnexpectedIds};
-use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, clock};
+use motord_bus::socketcan::{FdReplies, Link, OpenError, Sender, SocketCanBus, UnexpectedIds};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, Unsupported, clock};
 use socketcan::CanInterface;
 
 use crate::counting::allocations;
@@ -163,6 +163,31 @@ fn unexpected_ids_are_counted_outside_realtime_path() {
     assert!(vcan.inject(Stimulus::Fd(HOST_IDS[0])) && vcan.inject(Stimulus::Frame(frame(0x200))));
     assert!(unexpected.count() >= FLOOD + 3, "{}", unexpected.count());
     assert_eq!(vcan.receive_all(), (1, 0), "only the motor's answer was received, and nothing was lost");
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
+fn fd_replies_are_counted_beside_the_bus() {
+    let mut vcan = Vcan::new();
+    let mut replies = FdReplies::open(vcan.bus.link(), &HOST_IDS).unwrap();
+    let mut unexpected = UnexpectedIds::open(vcan.bus.link(), &HOST_IDS).unwrap();
+    assert!(vcan.inject(Stimulus::Frame(frame(0x101))) && vcan.inject(Stimulus::Fd(HOST_IDS[0])));
+    assert!(vcan.inject(Stimulus::Extended(HOST_IDS[0])));
+    assert_eq!((replies.count(), unexpected.count(), unexpected.extended()), (1, 1, 1));
+    assert_eq!(vcan.receive_all(), (1, 0), "the bus receives the classic reply only");
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
+fn search_socket_receives_every_format() {
+    let mut vcan = Vcan::new();
+    let mut search = SocketCanBus::open_as_is(settings(&vcan.name).interface).unwrap();
+    assert!(vcan.inject(Stimulus::Fd(HOST_IDS[0])) && vcan.inject(Stimulus::Extended(HOST_IDS[0])));
+    let mut inbox = Inbox::new();
+    search.receive(motord_bus::clock::monotonic(), &mut inbox);
+    let contents: Vec<_> = inbox.arrivals().iter().map(|arrival| arrival.content).collect();
+    let expected = [Unsupported::Fd, Unsupported::Extended].map(Content::Unsupported);
+    assert_eq!(contents, expected);
 }
 
 #[test]
