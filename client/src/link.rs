@@ -13,7 +13,7 @@
 
 use crate::error::{Error, Stop};
 use crate::state::{Group, Places, State};
-use motord_ports::instance::{Attachment, pid_namespace, process_exists};
+use motord_ports::instance::{Attachment, pid_namespace};
 use motord_ports::service::{Obstacle, ServiceError};
 use motord_ports::{ClientPorts, Instance, RecordPort, SetpointPort, clock, liveness};
 use motord_shared::description::RobotDescription;
@@ -58,8 +58,7 @@ impl Subject {
             group: index(self.group),
             joint: index(self.joint),
             pid: std::process::id(),
-            // The daemon watches only the process of an owner.
-            pid_namespace: if operation == Operation::Claim { pid_namespace() } else { 0 },
+            pid_namespace: pid_namespace(),
             argument: self.argument,
         }
     }
@@ -264,7 +263,7 @@ impl Connection {
     pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
         self.ports.sleep(seen, at_most).map_err(|error| match error.obstacle {
             // The file was removed with its daemon.
-            Obstacle::Version if !process_exists(self.robot().pid) => self.gone(),
+            Obstacle::Version if self.is_dead() => self.gone(),
             _ => Error::of_service(error, &self.instance),
         })
     }
@@ -413,16 +412,16 @@ impl Connection {
         self.gone_for(self.quiet())
     }
 
-    /// Returns the error for states that stopped `silent_for` ago: [`Error::Silent`] if the
-    /// daemon's process exists.
+    /// Returns the error for states that stopped `silent_for` ago: [`Error::Silent`] unless the
+    /// daemon is dead.
     pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
         if self.is_dead() { Error::not_running(&self.instance) } else { Error::Silent { silent_for } }
     }
 
-    /// Returns `true` if the daemon is known to be dead. A new client does not know its process yet.
+    /// Returns `true` if the daemon is known to be dead. Its process id proves nothing: daemon or client
+    /// may be in a container.
     fn is_dead(&self) -> bool {
-        let pid = self.robot().pid;
-        (pid != 0 && !process_exists(pid)) || liveness::is_dead(&self.instance)
+        liveness::is_dead(&self.instance)
     }
 
     /// Sends a request, and waits at most `timeout` for the answer.
@@ -512,9 +511,7 @@ impl Connection {
     pub(crate) fn record_port(&self) -> Result<RecordPort, Error> {
         self.ports.record_port().map_err(|error| match error.obstacle {
             // The daemon's version lacks this service.
-            Obstacle::Missing if process_exists(self.robot().pid) => {
-                Error::version(error.part, &self.instance)
-            }
+            Obstacle::Missing if !self.is_dead() => Error::version(error.part, &self.instance),
             _ => Error::of_service(error, &self.instance),
         })
     }

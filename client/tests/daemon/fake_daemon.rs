@@ -13,6 +13,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+/// More than the kernel gives to a process: the daemon may be in a container, where its id means another process or none.
+const NO_PROCESS: u32 = 1 << 22 | 1;
+
 /// The daemon of a test: it serves the client, and records the received setpoints.
 pub(crate) struct FakeDaemon {
     ports: DaemonPorts,
@@ -139,7 +142,7 @@ impl FakeDaemon {
     fn description(&self) -> RobotDescription {
         let joint = |name: &str| JointDescription { name: name.into(), ..JointDescription::default() };
         RobotDescription {
-            pid: std::process::id(),
+            pid: NO_PROCESS,
             boot_id: self.boot_id,
             rate_hz: self.rate_hz,
             joints: vec![joint("hip"), joint("knee")],

@@ -42,6 +42,18 @@ fn spinning_controller_notices_restart_and_silence() {
     hears_of_a_restart_and_of_silence(|client| client.spin(PATIENCE));
 }
 
+/// Goal: a client never concludes from the id of a process in another namespace that no motord runs.
+#[test]
+fn silent_daemon_in_container_is_not_dead() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.wait(PATIENCE).unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    let error = until("silence", || client.wait(PATIENCE).err());
+    assert!(matches!(error, Error::Silent { .. }), "{error}");
+}
+
 fn hears_of_a_restart_and_of_silence(take: fn(&Client) -> Result<State, Error>) {
     let place = place();
     let daemon = Running::start(place.path(), 1);

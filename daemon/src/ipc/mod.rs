@@ -245,7 +245,7 @@ impl IpcThread {
                 }
             }
             operation => {
-                self.questions.askers.note(payload.pid);
+                self.questions.askers.note_request(&payload);
                 let spare = if operation == Ok(Operation::EmergencyStop) { 0 } else { STOPS };
                 match self.requested.keep(request, spare) {
                     Ok(ticket) => {

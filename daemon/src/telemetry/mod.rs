@@ -187,7 +187,7 @@ impl Recorder {
     fn reset(&mut self, request: &AdminRequest) {
         self.measurements.reset();
         // The requester waits for its answer, so its program can still be read.
-        self.answers.askers.note(request.pid);
+        self.answers.askers.note_request(request);
         let cycle = self.counters.cycle.load(Ordering::Relaxed);
         let asked = Asked { cycle, request: *request, reply: AdminReply::default() };
         self.log.log_request(&asked, &self.answers.askers);

@@ -21,8 +21,7 @@ use crate::lock_file::{Locks, exclusive, hold, read_number};
 use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
-use nix::sys::signal::kill;
-use nix::unistd::{AccessFlags, Pid, Uid, access};
+use nix::unistd::{AccessFlags, Uid, access};
 use std::fs::{DirBuilder, File};
 use std::io::{self, Write};
 use std::os::unix::ffi::OsStrExt;
@@ -342,13 +341,6 @@ impl Attachment {
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
-}
-
-/// Returns `true` if a process with this id exists. A reused id, or another namespace, makes the
-/// result wrong.
-#[must_use]
-pub fn process_exists(pid: u32) -> bool {
-    i32::try_from(pid).is_ok_and(|pid| pid > 0 && kill(Pid::from_raw(pid), None) != Err(Errno::ESRCH))
 }
 
 /// Returns the namespace of this process's id, for `AdminRequest::pid_namespace`; 0 when unknown.
