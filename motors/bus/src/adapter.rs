@@ -1,4 +1,4 @@
-//! What distinguishes one adapter from another, as sysfs shows it.
+//! The properties that distinguish one adapter from another, as sysfs shows them.
 //!
 //! The kernel gives names such as `can0` and `ttyUSB0` in the order of connection. After two
 //! adapters were unplugged, each may return under the name of the other.
