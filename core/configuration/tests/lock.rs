@@ -2,7 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol, Verdict, findings, mismatches};
+use motord_configuration::lock::{
+    Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, findings, mismatches,
+};
 use motord_configuration::{Machine, parse};
 use motord_settings::settings::Settings;
 use std::fs;
@@ -170,4 +172,24 @@ fn link_without_target_is_no_missing_lock() {
     Lock::new(vec![elbow()]).save(&config).unwrap();
     assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
     assert!(fs::symlink_metadata(&file).unwrap().is_file());
+}
+
+#[test]
+fn motor_with_other_ends_is_named() {
+    let settings = settings();
+    let foot = settings.motors.iter().find(|motor| motor.name == "foot").unwrap();
+    let differing = |ends| {
+        let differs =
+            end_findings(foot, ends).into_iter().filter(|finding| finding.verdict == Verdict::Differs);
+        differs.map(|finding| finding.to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!(differing([12.5, 30.0, 10.0]), [""; 0]);
+    let other = differing([12.5, 24.0, 10.0]);
+    assert_eq!(other.len(), 1);
+    assert!(
+        other[0].contains("VMAX is 24 in the motor, 30 in the configuration")
+            && other[0].contains("register 22"),
+        "{other:?}"
+    );
+    assert_eq!(differing([f32::NAN, f32::INFINITY, -10.0]).len(), 3);
 }

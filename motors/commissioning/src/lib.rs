@@ -34,6 +34,7 @@
 #![forbid(unsafe_code)]
 
 mod apply;
+mod ends;
 mod error;
 mod format;
 mod link;
@@ -45,6 +46,7 @@ mod survey;
 mod unprompted;
 
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
+pub use ends::ends;
 pub use error::Error;
 pub use format::Formats;
 pub use link::{Heard, Link, Wire};

@@ -167,11 +167,21 @@ impl Link {
         id: u8,
         payload: [u8; 8],
         patience: Duration,
+        read: impl FnMut(Heard) -> Option<T>,
+    ) -> Result<Option<T>, Error> {
+        self.ask_frame(&Frame::classic(id_of(id), payload), patience, read)
+    }
+
+    /// As [`ask`](Self::ask), for a request with any id.
+    pub(crate) fn ask_frame<T>(
+        &mut self,
+        request: &Frame,
+        patience: Duration,
         mut read: impl FnMut(Heard) -> Option<T>,
     ) -> Result<Option<T>, Error> {
         self.drain();
-        let request = Frame::classic(id_of(id), payload);
-        self.send(&request, patience)?;
+        self.send(request, patience)?;
+        let payload = request.payload();
         let (unprompted, mut doubts) = (self.unprompted.clone(), false);
         let answer = self.hear(patience, |heard| match heard {
             Heard::Frame(frame) if frame.payload() == payload => None,

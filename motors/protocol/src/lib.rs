@@ -16,6 +16,7 @@
 //! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
 //! - [`fault`]: faults in terms that all vendors share.
+//! - [`register`]: the registers of Damiao motors.
 //! - [`model`]: the vendors' data of each motor.
 //!
 //! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad. Other units are named where they occur. All
@@ -33,6 +34,7 @@ pub mod gim;
 pub mod mit;
 pub mod model;
 pub mod profile;
+pub mod register;
 pub mod scale;
 pub mod state;
 

@@ -4,6 +4,7 @@ mod configuration;
 mod gim;
 mod indicator;
 mod mit;
+mod registers;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
@@ -331,13 +332,20 @@ impl Motor {
     /// Receives `frame` from the wire at `at`, and returns the answer, if there is one.
     pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
         let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
-        if !is_command || !self.is_addressed(at, frame.id()) {
+        let asks_register = is_command && self.is_register_request(frame);
+        let id = if asks_register { self.address() } else { frame.id() };
+        if !is_command || !self.is_addressed(at, id) {
             return None;
         }
         self.advance(at);
         self.reach(at.as_nanos());
-        let (frame, after) =
-            if self.is_native() { self.gim(at, frame)? } else { (self.mit(at, frame)?, Duration::ZERO) };
+        let (frame, after) = if asks_register {
+            (self.register(at, frame)?, Duration::ZERO)
+        } else if self.is_native() {
+            self.gim(at, frame)?
+        } else {
+            (self.mit(at, frame)?, Duration::ZERO)
+        };
         self.last_answer = frame;
         Some(Reply { frame, after })
     }

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Bench, CLEAR_FAULT, GET_FAULT, NEUTRAL, PUSH, SET_ZERO, START, STOP, position};
-use motord_bus::Duration;
+use motord_bus::{Bus, Content, Duration, Frame, FrameId};
 use motord_simulator::{Behaviour, BeyondRange, HostLoss, InFault, Mode, MotorSettings, ReplyTiming};
 
 fn with(behaviour: Behaviour) -> Bench {
@@ -220,4 +220,40 @@ fn an_undamped_spring_swings_as_its_closed_form() {
         worst = worst.max((bench.motor().position() - closed).abs());
     }
     assert!(worst < 0.002, "{worst} rad");
+}
+
+/// The bytes of DM_CAN.py (`read_motor_param`, `write_motor_param`, `save_motor_param`, `refresh_motor_status`), and IEEE 754: 12.5 is
+/// 0x41480000, 8 is 0x41000000, 10 is 0x41200000, 28 is 0x41E00000.
+#[test]
+fn damiao_registers_answer_with_vendor_bytes() {
+    let ends = Some([12.5, 8.0, 28.0]);
+    let mut bench = Bench::new(MotorSettings {
+        vendor: "damiao",
+        ends,
+        id: 1,
+        host_id: 0x11,
+        ..MotorSettings::default()
+    });
+    let mut ask = |payload: [u8; 8]| {
+        let request = Frame::classic(FrameId::new(0x7FF).unwrap(), payload);
+        assert_eq!(bench.bus.send(bench.now, &[request]).accepted, 1);
+        let arrivals = bench.pass(Duration::from_millis(1));
+        arrivals.iter().find_map(|arrival| match arrival.content {
+            Content::Frame(frame) => Some((frame.id().raw(), frame.payload().to_vec())),
+            _ => None,
+        })
+    };
+    let is = |bytes: [u8; 8]| Some((0x11, bytes.to_vec()));
+    assert_eq!(ask([1, 0, 0x33, 21, 0, 0, 0, 0]), is([1, 0, 0x33, 21, 0, 0, 0x48, 0x41]));
+    assert_eq!(ask([1, 0, 0x33, 22, 0, 0, 0, 0]), is([1, 0, 0x33, 22, 0, 0, 0x00, 0x41]));
+    assert_eq!(ask([1, 0, 0x33, 23, 0, 0, 0, 0]), is([1, 0, 0x33, 23, 0, 0, 0xE0, 0x41]));
+    assert_eq!(ask([1, 0, 0x33, 7, 0, 0, 0, 0]), is([1, 0, 0x33, 7, 0x11, 0, 0, 0]));
+    assert_eq!(ask([1, 0, 0x55, 22, 0, 0, 0x20, 0x41]), is([1, 0, 0x55, 22, 0, 0, 0x20, 0x41]));
+    assert_eq!(ask([1, 0, 0x33, 22, 0, 0, 0, 0]), is([1, 0, 0x33, 22, 0, 0, 0x20, 0x41]));
+    assert_eq!(ask([1, 0, 0x55, 22, 0, 0, 0xC0, 0x7F]), is([1, 0, 0x55, 22, 0, 0, 0x20, 0x41]), "no number");
+    assert_eq!(ask([1, 0, 0xAA, 0, 0, 0, 0, 0]).unwrap().1[..3], [1, 0, 0xAA]);
+    let (id, state) = ask([1, 0, 0xCC, 0, 0, 0, 0, 0]).unwrap();
+    assert_eq!((id, state.len(), state[0]), (0x11, 8, 0x01), "a state: disabled, id 1");
+    assert_eq!(ask([2, 0, 0x33, 21, 0, 0, 0, 0]), None, "another motor");
+    assert_eq!(ask([1, 0, 0x33, 99, 0, 0, 0, 0]), None, "a register that it lacks");
 }

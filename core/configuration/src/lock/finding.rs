@@ -86,6 +86,32 @@ pub fn findings(
     findings
 }
 
+/// Compares the ends of a motor's codes, rad, rad/s and N·m, with those that it reports. A motor with other ends moves with another
+/// velocity or torque than it is sent, and nothing on the wire shows that.
+#[must_use]
+pub fn end_findings(motor: &MotorSettings, reported: [f32; 3]) -> Vec<Finding> {
+    /// Single precision, and ends written with few digits, such as 12.566 for 12.57.
+    const TOLERANCE: f64 = 1e-3;
+    let scales = &motor.scales;
+    let ends = [scales.position.max(), scales.velocity.max(), scales.torque.max()];
+    let rows = [("PMAX", 21), ("VMAX", 22), ("TMAX", 23)].into_iter().zip(ends).zip(reported);
+    let finding = |(((value, register), configured), reported): (((&'static str, u8), f64), f32)| {
+        let reported = f64::from(reported);
+        let agrees = (reported / configured - 1.0).abs() <= TOLERANCE;
+        Finding {
+            motor: motor.name.clone(),
+            value,
+            configured: format!("{configured}"),
+            reported: Some(format!("{reported}")),
+            verdict: if agrees { Verdict::Agrees } else { Verdict::Differs },
+            cure: format!(
+                "write {configured} to register {register} ({value}) with the vendor's tool, or configure the model that it is"
+            ),
+        }
+    };
+    rows.map(finding).collect()
+}
+
 /// Returns every difference between motors and configuration. Motors without an entry in the lock
 /// are no mismatch.
 #[must_use]

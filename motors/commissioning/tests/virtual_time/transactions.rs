@@ -1,8 +1,10 @@
 //! Single transactions, native and MIT.
 
 use crate::{SECOND, bus, inject, link, mode, motor, on_both_wires};
-use motord_bus::Duration;
-use motord_commissioning::{CALIBRATION_MAX, Confirmation, Error, Family, Mit, Native, identify, is_taken};
+use motord_bus::{Duration, FrameId};
+use motord_commissioning::{
+    CALIBRATION_MAX, Confirmation, Error, Family, Mit, Native, ends, identify, is_taken,
+};
 use motord_protocol::gim::{
     Access, CONFIGURATION, Calibration, ConfigurationItem, Finite, INDICATORS, PARAMETERS, Refusal, Value,
 };
@@ -264,4 +266,16 @@ fn mit_motor_stops_starts_zeroes_and_reports_fault() {
     assert_eq!(hip.fault(), Ok(Faults::OVER_TEMPERATURE));
     hip.clear_fault().unwrap();
     assert!(hip.fault().unwrap().is_none());
+}
+
+#[test]
+fn damiao_motor_reports_ends_of_its_codes() {
+    let damiao =
+        MotorSettings { vendor: "damiao", ends: Some([12.5, 10.0, 28.0]), ..motor("knee", 3, Dialect::Mit) };
+    let bus = bus(BusKind::Can, vec![damiao, motor("hip", 4, Dialect::Mit)]);
+    let mut link = link(&bus, BusKind::Can);
+    let host_id = |id| FrameId::new(id).unwrap();
+    assert_eq!(ends(&mut link, 3, host_id(0x103)), Ok(Some([12.5, 10.0, 28.0])));
+    assert_eq!(ends(&mut link, 4, host_id(0x104)), Ok(None), "a motor without registers");
+    assert_eq!(bus.lock().motors()[0].mode(), Mode::Stopped);
 }

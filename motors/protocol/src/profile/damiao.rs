@@ -9,8 +9,8 @@
 //!   on each motor.
 //! - The motors have no request for faults. They read SteadyWin's (six bytes 0xFF, 0x00, 0xFB) as a
 //!   control frame.
-//! - PMAX, VMAX and TMAX are registers (21 to 23). If you changed them, configure the same values
-//!   in motord.
+//! - PMAX, VMAX and TMAX are registers (21 to 23). The sources disagree on VMAX of the DM-J4340: 8 in
+//!   two, 10 in three. The daemon reads them from a motor that answers, and refuses one that differs.
 
 use super::{FaultReport, Ids, Profile, ReplyLayout, Status, Temperature};
 use crate::fault::Faults;
@@ -44,6 +44,7 @@ pub const DAMIAO: Profile = Profile {
             (0xE, Faults::OVERLOAD),
         ],
     }),
+    has_registers: true,
     models: &MODELS,
 };
 

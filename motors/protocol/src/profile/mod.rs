@@ -40,6 +40,8 @@ pub struct Profile {
     pub reply: ReplyLayout,
     /// The way in which a motor reports its faults.
     pub faults: FaultReport,
+    /// The motors report the ends of their codes in registers ([`register`](crate::register)).
+    pub has_registers: bool,
     /// The models of this vendor.
     pub models: &'static [Model],
 }

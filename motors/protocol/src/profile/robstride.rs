@@ -55,6 +55,7 @@ pub const ROBSTRIDE: Profile = Profile {
             (1 << 16, Faults::OVER_CURRENT),
         ],
     }),
+    has_registers: false,
     models: &MODELS,
 };
 

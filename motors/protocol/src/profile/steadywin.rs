@@ -34,5 +34,6 @@ pub const STEADYWIN: Profile = Profile {
             (0x80, Faults::SOFTWARE),
         ],
     }),
+    has_registers: false,
     models: &MODELS,
 };

@@ -38,7 +38,7 @@ impl Motor {
         Some(self.answer(Asked::State, host_id, state))
     }
 
-    fn answer(&self, asked: Asked, host_id: FrameId, state: State) -> Frame {
+    pub(super) fn answer(&self, asked: Asked, host_id: FrameId, state: State) -> Frame {
         let temperatures = [self.body.winding, self.board_temperature()];
         let status = match self.mode {
             Mode::Fault => Status::Fault,

@@ -1,0 +1,44 @@
+//! Access to the registers of Damiao motors: one request id for all motors of a bus, and an answer with the motor's reply id that
+//! repeats the first four bytes. Sources: DM_CAN.py, motorbridge, openarm_can, LeRobot; not confirmed on hardware.
+
+/// Id of every request.
+pub const REQUEST_ID: u16 = 0x7FF;
+/// Largest position that a code can have, rad.
+pub const PMAX: u8 = 21;
+/// Largest velocity that a code can have, rad/s.
+pub const VMAX: u8 = 22;
+/// Largest torque that a code can have, N·m.
+pub const TMAX: u8 = 23;
+
+/// Returns the request for the value of `register` of the motor `id`.
+#[must_use]
+pub const fn read(id: u8, register: u8) -> [u8; 8] {
+    [id, 0, 0x33, register, 0, 0, 0, 0]
+}
+
+/// Returns the value in the answer to [`read`]; `None` for any other payload. The number may be anything.
+#[must_use]
+pub fn value(id: u8, register: u8, payload: &[u8]) -> Option<f32> {
+    let [first, rest] = [payload.first_chunk::<4>()?, payload.get(4..)?.first_chunk::<4>()?];
+    let is_whole = payload.len() == 8 && *first == [id, 0, 0x33, register];
+    is_whole.then(|| f32::from_le_bytes(*rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bytes from DM_CAN.py `__send_data` with 0x33 (read_motor_param), and IEEE 754: 12.5 is 0x41480000, 8 is 0x41000000.
+    #[test]
+    fn request_and_answer_are_the_vendors_bytes() {
+        assert_eq!(read(1, 21), [0x01, 0x00, 0x33, 0x15, 0, 0, 0, 0]);
+        let answer = [0x01, 0x00, 0x33, 0x15, 0x00, 0x00, 0x48, 0x41];
+        assert_eq!(value(1, PMAX, &answer), Some(12.5));
+        assert_eq!(value(2, VMAX, &[0x02, 0x00, 0x33, 0x16, 0x00, 0x00, 0x00, 0x41]), Some(8.0));
+        assert_eq!(value(2, PMAX, &answer), None, "another motor");
+        assert_eq!(value(1, VMAX, &answer), None, "another register");
+        for len in 0..8 {
+            assert_eq!(value(1, PMAX, &answer[..len]), None);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! The registers of a Damiao drive, from DM_CAN.py, LeRobot and openarm_can: a request to 0x7FF has the motor's id in two bytes, the
+//! kind, and the register; the answer repeats these four bytes.
+//!
+//! Of the drive's registers it has 7, 8 and 10 (master id, id, mode), 21 to 23 (ends of the codes) and 35 (bit rate). Only the ends can
+//! be written, and a written one is kept as if it were stored.
+
+use super::Motor;
+use super::configuration::int;
+use crate::twin::Asked;
+use motord_bus::{Frame, FrameId, Instant};
+
+/// Id of every request.
+const REQUEST_ID: u16 = 0x7FF;
+
+impl Motor {
+    /// Returns whether `frame` is a request to the registers of this drive.
+    pub(super) fn is_register_request(&self, frame: &Frame) -> bool {
+        let [low, high, ..] = self.address().raw().to_le_bytes();
+        self.settings.vendor == "damiao"
+            && FrameId::new(REQUEST_ID) == Some(frame.id())
+            && frame.payload().starts_with(&[low, high])
+    }
+
+    /// Answers a request to a register.
+    pub(super) fn register(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
+        let host_id = self.host_address();
+        let &[low, high, kind, register, ref value @ ..] = frame.payload() else { return None };
+        match kind {
+            0x33 => {}
+            0x55 => self.write_end(register, f32::from_le_bytes(*value.first_chunk()?)),
+            0xAA => return Some(Frame::classic(host_id, [low, high, kind, 1, 0, 0, 0, 0])),
+            0xCC => {
+                let state = self.state(at);
+                return Some(self.answer(Asked::State, host_id, state));
+            }
+            _ => return None,
+        }
+        let [a, b, c, d] = self.register_bytes(register)?;
+        Some(Frame::classic(host_id, [low, high, kind, register, a, b, c, d]))
+    }
+
+    /// Returns the value of a register, as the answer carries it.
+    fn register_bytes(&self, register: u8) -> Option<[u8; 4]> {
+        let [position, velocity, torque] = self.settings.ends?;
+        Some(match register {
+            7 => self.configuration.int(int::HOST_ID).to_le_bytes(),
+            8 => self.configuration.int(int::CAN_ID).to_le_bytes(),
+            // MIT.
+            10 => 1_u32.to_le_bytes(),
+            21 => (position as f32).to_le_bytes(),
+            22 => (velocity as f32).to_le_bytes(),
+            23 => (torque as f32).to_le_bytes(),
+            // 1 Mbit/s.
+            35 => 4_u32.to_le_bytes(),
+            _ => return None,
+        })
+    }
+
+    /// Changes the end of a code, if the register has one and the value is possible.
+    fn write_end(&mut self, register: u8, value: f32) {
+        let Some(ends) = &mut self.settings.ends else { return };
+        if let Some(end) = register.checked_sub(21).and_then(|index| ends.get_mut(usize::from(index)))
+            && value.is_finite()
+            && value > 0.0
+        {
+            *end = f64::from(value);
+        }
+    }
+}
