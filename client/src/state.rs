@@ -190,6 +190,8 @@ impl State {
             cause_pid: (group.cause_pid != 0 && group.cause != 0).then_some(group.cause_pid),
             sequence: group.sequence,
             setpoint_age: (group.sequence != 0).then(|| Duration::from_nanos(group.setpoint_age_ns)),
+            setpoint_period: (group.setpoint_period_ns != 0)
+                .then(|| Duration::from_nanos(group.setpoint_period_ns)),
             control_cycles: group
                 .used_cycle
                 .checked_sub(group.answered_cycle)
@@ -243,6 +245,9 @@ pub struct Group {
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began.
     pub setpoint_age: Option<Duration>,
+    /// Mean time between two setpoint messages of the owner. While `setpoint-timeout` is latched, that
+    /// of the owner that was stopped. `None` when unknown.
+    pub setpoint_period: Option<Duration>,
     /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1
     /// for a timely setpoint. `None` when unknown.
     pub control_cycles: Option<u64>,

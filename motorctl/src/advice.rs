@@ -1,13 +1,14 @@
 //! Instructions for the operator of a stopped group.
 
 use motord_client::{Cause, DEFAULT_INSTANCE};
+use std::borrow::Cow;
 use std::fmt;
 
 /// The next steps of the operator after a stop.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Advice {
     /// The remedy, a sentence without its full stop.
-    pub(crate) remedy: &'static str,
+    pub(crate) remedy: Cow<'static, str>,
     /// Lines to paste into a shell, in order. They end with the reset and move no motor.
     pub(crate) commands: Vec<String>,
     /// The line that starts the group again.
@@ -26,7 +27,7 @@ impl Advice {
             Some(cause) => cause.advice(),
         };
         Self {
-            remedy,
+            remedy: remedy.into(),
             commands: clear.into_iter().chain([format!("{motorctl} reset {group}")]).collect(),
             enable: format!("{motorctl} enable {group}"),
         }

@@ -19,6 +19,8 @@ pub(crate) struct RobotReport {
     pub(crate) version: String,
     pub(crate) pid: u32,
     pub(crate) rate_hz: f64,
+    /// Longest time without a setpoint of an owner.
+    pub(crate) setpoint_timeout_ms: f64,
     pub(crate) cycle: u64,
     /// True if the cycle has real-time scheduling and locked memory.
     pub(crate) realtime: bool,
@@ -44,6 +46,12 @@ pub(crate) struct GroupReport {
     pub(crate) owner: Option<ProcessReport>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
     pub(crate) setpoint_age_us: Option<f64>,
+    /// Mean time between two setpoint messages of the owner, or of the one that was stopped for `setpoint-timeout`; `null`
+    /// when not known.
+    pub(crate) setpoint_period_us: Option<f64>,
+    /// The period is more than half the timeout: the remedy.
+    #[serde(skip)]
+    pub(crate) slow_owner: Option<String>,
     /// Cycles from the states that the setpoint in use answers to the cycle that first used it; `null` when not known.
     pub(crate) control_cycles: Option<u64>,
     pub(crate) accepted: u32,
@@ -128,6 +136,7 @@ impl RobotReport {
             version: robot.version.clone(),
             pid: robot.pid,
             rate_hz: robot.rate_hz,
+            setpoint_timeout_ms: robot.setpoint_timeout.as_secs_f64() * 1e3,
             cycle: state.cycle(),
             realtime: state.realtime(),
             emergency_stop: state.emergency_stop(),
@@ -256,6 +265,8 @@ impl GroupReport {
             lease: group.lease.map(Lease::raw),
             owner: None,
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
+            setpoint_period_us: group.setpoint_period.map(|period| period.as_secs_f64() * 1e6),
+            slow_owner: group.setpoint_period.and_then(|period| robot.slow_owner(period)),
             control_cycles: group.control_cycles,
             accepted: group.accepted,
             late: group.late,
@@ -281,7 +292,12 @@ impl GroupReport {
 impl StopReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
         let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint)).map(|joint| &joint.name);
-        let steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
+        let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
+        if group.cause == Some(Cause::SetpointTimeout)
+            && let Some(remedy) = group.setpoint_period.and_then(|period| robot.slow_owner(period))
+        {
+            steps.remedy = remedy.into();
+        }
         Self {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
@@ -331,8 +347,16 @@ impl From<(&String, Bus)> for BusReport {
 }
 
 fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -> io::Result<()> {
-    let mut table =
-        Table::new(&["group", "phase", "owner", "setpoint age µs", "accepted", "late", "rejected"]);
+    let mut table = Table::new(&[
+        "group",
+        "phase",
+        "owner",
+        "setpoint age µs",
+        "period ms",
+        "accepted",
+        "late",
+        "rejected",
+    ]);
     for group in groups {
         let rejected: Vec<String> =
             group.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
@@ -341,12 +365,22 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
             Cell::plain(group.phase),
             Cell::plain(group.owner()),
             Cell::number(group.setpoint_age_us, 0),
+            Cell::number(group.setpoint_period_us.map(|period| period / 1e3), 1),
             Cell::plain(group.accepted),
             Cell::new(group.late, if group.is_often_late() { Colour::Yellow } else { Colour::Plain }),
             Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),
         ]);
     }
     table.write(out, palette)?;
+    for (group, slow) in groups.iter().filter_map(|group| Some((group, group.slow_owner.as_ref()?))) {
+        if group.stop.is_none() {
+            writeln!(
+                out,
+                "{}",
+                palette.paint(&Cell::new(format!("{}: {slow}.", group.name), Colour::Yellow))
+            )?;
+        }
+    }
     for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
         let sentence = palette.paint(&Cell::new(stop.describe(&group.name), Colour::Red));
         writeln!(out, "{sentence}\n  {}", printable(&stop.advice))?;

@@ -36,11 +36,30 @@ pub struct RobotDescription {
 }
 
 impl RobotDescription {
+    /// Returns the next step for an owner whose setpoints come every `period`; see [`slow_owner`].
+    #[must_use]
+    pub fn slow_owner(&self, period: Duration) -> Option<String> {
+        slow_owner(period, self.setpoint_timeout)
+    }
+
     /// Returns the time from tick to tick; zero without a rate.
     #[must_use]
     pub fn period(&self) -> Duration {
         Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or_default()
     }
+}
+
+/// Returns the next step for an owner whose setpoints come so rarely that one that is lost or late
+/// exceeds `timeout`; `None` for a faster one.
+#[must_use]
+pub fn slow_owner(period: Duration, timeout: Duration) -> Option<String> {
+    let [every, limit] = [period, timeout].map(|time| time.as_secs_f64() * 1e3);
+    let enough = (3.0 * every).ceil().min(1000.0);
+    (period > timeout / 2).then(|| {
+        format!(
+            "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, or send more often"
+        )
+    })
 }
 
 /// A joint and its limits, joint side.
@@ -287,6 +306,19 @@ mod tests {
         );
         let back: serde_json::Value = serde_json::to_value(&robot).unwrap();
         assert_eq!((&back["setpoint_timeout"], &back["joints"][0]["kd"]), (&0.02.into(), &5.0.into()));
+    }
+
+    #[test]
+    fn slow_owner_advice_names_period_timeout_and_key() {
+        let ms = Duration::from_millis;
+        let advice = slow_owner(ms(20), ms(20)).unwrap();
+        assert!(
+            advice.starts_with("Setpoints come every 20.0 ms; setpoint-timeout-ms is 20: raise it"),
+            "{advice}"
+        );
+        assert!(advice.contains("to 60,"), "{advice}");
+        assert_eq!(slow_owner(ms(1), ms(20)), None, "a fast owner that stops is not slow");
+        assert_eq!(slow_owner(ms(10), ms(20)), None, "one lost message is no timeout");
     }
 
     #[test]

@@ -39,6 +39,9 @@ plain! {
         pub sequence: u64,
         /// Age of the setpoint in use when the cycle began, ns.
         pub setpoint_age_ns: u64,
+        /// Mean time between two setpoint messages of the owner, ns; 0 before the second. While
+        /// `setpoint-timeout` is latched, that of the owner that was stopped.
+        pub setpoint_period_ns: u64,
         /// Number of the cycle whose states the setpoint in use answers, as its owner reports; 0 without a valid number.
         pub answered_cycle: u64,
         /// Number of the cycle that first used the setpoint in use; 0 for none.
@@ -386,7 +389,7 @@ impl AdminAnswer {
 const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
-    assert!(size_of::<GroupState>() == 64 + 4 * Rejection::COUNT);
+    assert!(size_of::<GroupState>() == 72 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
     assert!(offset_of!(StateMessage, joints) == 72);

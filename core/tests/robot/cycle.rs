@@ -116,6 +116,8 @@ fn setpoint_timeout_reports_period_of_owner() {
             robot.follow(&joints);
             robot.steps(every - 1);
         }
+        let published = robot.group().setpoint_period_ns as f64 / 1e6;
+        assert!((published - every as f64).abs() < 0.1, "{every}: {published}");
         robot.take_events();
         robot.steps(22);
         assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
@@ -125,6 +127,8 @@ fn setpoint_timeout_reports_period_of_owner() {
             _ => None,
         });
         assert!(period.is_some_and(|period| (period - every as f64).abs() < 0.1), "{every}: {period:?}");
+        let published = robot.group().setpoint_period_ns as f64 / 1e6;
+        assert!((published - every as f64).abs() < 0.1, "{every}: {published}, also after the stop");
     }
 }
 

@@ -18,6 +18,7 @@ use motord_core::control::Event;
 use motord_core::cycle::Counters;
 use motord_core::settings::Settings;
 use motord_protocol::Faults;
+use motord_shared::description::slow_owner;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
 use motord_shared::{BusCondition, Cause, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
@@ -95,18 +96,6 @@ impl Subject {
             );
         }
     }
-}
-
-/// Returns the next step for an owner whose setpoints come so rarely that one that is lost or late
-/// exceeds `timeout`; `None` for a faster one.
-fn slow_owner(period: Duration, timeout: Duration) -> Option<String> {
-    let [every, limit] = [period, timeout].map(|time| time.as_secs_f64() * 1e3);
-    let enough = (3.0 * every).ceil().min(1000.0);
-    (2 * period > timeout).then(|| {
-        format!(
-            "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, or send more often"
-        )
-    })
 }
 
 impl Log {
@@ -461,23 +450,5 @@ const fn done(operation: Operation) -> Option<&'static str> {
         | Operation::Describe
         | Operation::Telemetry
         | Operation::Histograms => None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slow_owner_advice_names_period_timeout_and_key() {
-        let ms = Duration::from_millis;
-        let advice = slow_owner(ms(20), ms(20)).unwrap();
-        assert!(
-            advice.starts_with("Setpoints come every 20.0 ms; setpoint-timeout-ms is 20: raise it"),
-            "{advice}"
-        );
-        assert!(advice.contains("to 60,"), "{advice}");
-        assert_eq!(slow_owner(ms(1), ms(20)), None, "a fast owner that stops is not slow");
-        assert_eq!(slow_owner(ms(10), ms(20)), None, "one lost message is no timeout");
     }
 }

@@ -143,6 +143,28 @@ fn active_group_counts_as_enabled_and_reset_waits() {
     });
 }
 
+#[test]
+fn status_states_period_of_slow_owner() {
+    let daemon = Daemon::start(&BENCH.replace("setpoint-timeout-ms = 1000.0", "setpoint-timeout-ms = 100.0"));
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    let before = daemon.status();
+    assert_eq!(before["groups"][0]["setpoint_period_us"], Value::Null);
+    let timeout = Duration::from_secs_f64(before["setpoint_timeout_ms"].as_f64().unwrap() / 1e3);
+    let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
+    let mut claim = client.claim("all").unwrap();
+    for _ in 0..5 {
+        let state = client.wait(Duration::from_secs(20)).unwrap();
+        claim.hold(&state, 5.0, 0.5).unwrap();
+        claim.commit().unwrap();
+        std::thread::sleep(timeout.mul_f64(0.6));
+    }
+    let status = daemon.motorctl(&["status"]);
+    let report = daemon.status();
+    let period = report["groups"][0]["setpoint_period_us"].as_f64().unwrap();
+    assert!(period >= timeout.as_secs_f64() * 0.6e6, "{report}");
+    assert!(text(&status.stdout).contains("all: Setpoints come every "), "{}", text(&status.stdout));
+}
+
 /// An operator needs the process that moves the robot: a lease does not identify it.
 #[test]
 fn status_names_the_process_that_owns_a_group() {

@@ -198,6 +198,15 @@ impl Group {
         self.setpoints.age(now)
     }
 
+    /// Returns the mean time between two messages of the owner; after `setpoint-timeout`, of the one
+    /// that was stopped.
+    fn setpoint_period(&self) -> Option<Duration> {
+        match self.cause() {
+            Some(Cause::SetpointTimeout) => self.setpoints.period_at_stop,
+            _ => self.setpoints.period(),
+        }
+    }
+
     /// Returns whether the setpoints in use are not older than the limit.
     pub(super) fn has_fresh_setpoints(&self, cx: &Context) -> bool {
         self.setpoint_age(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
@@ -221,6 +230,7 @@ impl Group {
             lease: self.owner.map_or(0, |owner| owner.lease.raw()),
             sequence: self.owner.map_or(0, |owner| owner.sequence),
             setpoint_age_ns: self.setpoint_age(now).map_or(0, motord_bus::time::nanos),
+            setpoint_period_ns: self.setpoint_period().map_or(0, motord_bus::time::nanos),
             phase: self.phase.code(),
             cause: self.cause().map_or(0, Cause::code),
             cause_joint: self.cause.and_then(|latched| latched.joint).map_or(u32::MAX, |joint| joint as u32),

@@ -20,12 +20,15 @@ pub(super) struct Setpoints {
     /// Mean time between two messages of this owner, ns; 0 before the second. The newest distance
     /// weighs 1/8.
     period: u64,
+    /// The mean time when their owner was stopped last for sending none.
+    pub(super) period_at_stop: Option<Duration>,
 }
 
 impl Setpoints {
     /// Creates an empty buffer for a group of `joints` joints. Allocates; nothing after it does.
     pub(super) fn new(joints: usize) -> Self {
-        Self { at: None, answered: 0, used: 0, joints: vec![Setpoint::NEUTRAL; joints], period: 0 }
+        let joints = vec![Setpoint::NEUTRAL; joints];
+        Self { at: None, answered: 0, used: 0, joints, period: 0, period_at_stop: None }
     }
 
     pub(super) fn get(&self, place: usize) -> Option<Setpoint> {

@@ -61,6 +61,7 @@ impl Group {
         match self.phase {
             Phase::Starting | Phase::Active => {
                 if !self.has_fresh_setpoints(cx) {
+                    self.setpoints.period_at_stop = self.setpoints.period();
                     if let Some(period) = self.setpoints.period() {
                         cx.push(Event::SetpointPeriod { group: self.index, period });
                     }
