@@ -401,6 +401,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
         "missed",
         "late",
         "implausible",
+        "foreign",
         "faults",
         "limits",
     ]);
@@ -417,6 +418,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
             Cell::counter(joint.missed),
             Cell::counter(joint.late),
             Cell::counter(joint.implausible),
+            Cell::counter(joint.foreign_commands),
             Cell::new(joint.faults.join(","), Colour::Red),
             Cell::new(joint.limits.join(","), Colour::Yellow),
         ]);

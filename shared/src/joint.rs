@@ -76,6 +76,10 @@ macro_rules! joint_state {
                 late: u32, [Count], view late, json late, proto late = 14;
                 /// Physically impossible states; none of them was used.
                 implausible: u32, [Count], view implausible, json implausible, proto implausible = 15;
+                /// Frames with a command to the motor that motord did not send, of another master.
+                foreign_commands: u32, [Count], view foreign_commands, json foreign_commands, proto foreign_commands = 18;
+                /// Keeps the layout free of implicit padding.
+                reserved: u32, [Reserved];
                 /// Time of the last reply, on `CLOCK_MONOTONIC`, less the lateness of a motor whose answers are constantly late; 0 before the first.
                 receive_ns: u64, [Time], unit "ns", view receive_ns, proto receive_ns = 17;
             }
@@ -187,13 +191,15 @@ mod tests {
             ("reply_latency_ns", 60, "u32"),
             ("late", 64, "u32"),
             ("implausible", 68, "u32"),
-            ("receive_ns", 72, "u64"),
+            ("foreign_commands", 72, "u32"),
+            ("reserved", 76, "u32"),
+            ("receive_ns", 80, "u64"),
             ("fresh", 48, "u32"),
             ("valid", 48, "u32"),
         ];
         let fields = JointState::FIELDS.iter();
         let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();
-        assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 80));
+        assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 88));
         assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v6", "motord.CycleRecord.v2"));
     }
 

@@ -22,6 +22,8 @@ fn foreign_commands_are_reported_with_their_id() {
     robot.take_events();
     foreign_seconds(&mut robot, 2, HEARTBEAT);
     assert_eq!(robot.take_events(), [Event::Foreign { motor: 0, id: 1, frames: 5 }]);
+    let counts = [0, 1, 2].map(|joint| robot.joint(joint).foreign_commands);
+    assert_eq!(counts, [20, 0, 0], "by motor");
 }
 
 #[test]

@@ -159,7 +159,9 @@ impl Metrics {
     fn counters(&self, state: &StateMessage) -> Vec<MetricFamily> {
         let Names { joints, groups, buses } = &self.names;
         let motors = joints.iter().zip(state.joints());
-        let missed = motors.map(|(name, joint)| (labels([("motor", name)]), u64::from(joint.missed)));
+        let missed = motors.clone().map(|(name, joint)| (labels([("motor", name)]), u64::from(joint.missed)));
+        let foreign =
+            motors.map(|(name, joint)| (labels([("motor", name)]), u64::from(joint.foreign_commands)));
         let buses = buses.iter().zip(state.buses());
         let dropped = buses
             .map(|(name, bus)| (labels([("bus", name), ("reason", "not-accepted")]), u64::from(bus.dropped)));
@@ -172,6 +174,11 @@ impl Metrics {
         let stops = self.stops.iter().map(|(cause, count)| (labels([("cause", cause.name())]), *count));
         vec![
             counter("motord_motor_missed_replies_total", "Turns of a motor without a reply.", missed),
+            counter(
+                "motord_motor_foreign_commands_total",
+                "Frames with a command to a motor that motord did not send.",
+                foreign,
+            ),
             counter("motord_bus_tx_dropped_total", "Frames that a bus did not accept.", dropped),
             counter(
                 "motord_setpoint_rejected_total",
@@ -316,6 +323,7 @@ mod tests {
         let mut state = StateMessage { joint_count: 2, group_count: 1, bus_count: 1, ..Default::default() };
         state.overruns = 12;
         state.joints[1].missed = 4;
+        state.joints[0].foreign_commands = 3;
         state.buses[0].dropped = 5;
         state.groups[0].phase = Phase::Active.code();
         state.groups[0].rejected[Rejection::Stale.code() as usize] = 6;
@@ -333,6 +341,8 @@ mod tests {
                 "motord_motor_missed_replies_total{motor=\"knee\"} 4"
             ]
         );
+        assert!(text.contains("motord_motor_foreign_commands_total{motor=\"hip\"} 3\n"));
+        assert!(text.contains("motord_motor_foreign_commands_total{motor=\"knee\"} 0\n"));
         assert!(text.contains("motord_bus_tx_dropped_total{bus=\"front\",reason=\"not-accepted\"} 5\n"));
         assert!(text.contains("motord_setpoint_rejected_total{group=\"leg\",reason=\"stale\"} 6\n"));
         assert!(text.contains("motord_safe_stop_total{cause=\"overspeed\"} 1\n"));

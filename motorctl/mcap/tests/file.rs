@@ -39,7 +39,7 @@ fn record(cycle: u64) -> CycleRecord {
         (joint.applied.position, joint.applied.kp, joint.applied.kd) = (0.25, 40.0, 1.0);
         (joint.limits, joint.mode, joint.fault, joint.flags) = (5, MotorMode::Active.code(), 2, 3);
         (joint.age_cycles, joint.missed, joint.reply_latency_ns, joint.late) = (1, 2, 150_000, 4);
-        (joint.implausible, joint.receive_ns) = (6, 123_456);
+        (joint.implausible, joint.foreign_commands, joint.receive_ns) = (6, 7, 123_456);
     }
     let group = &mut state.groups[0];
     (group.lease, group.sequence, group.setpoint_age_ns) = (1 << 32 | 1, cycle, 800_000);

@@ -76,6 +76,7 @@ fn fields_of_a_recorded_joint_keep_their_numbers() {
         ("implausible", "uint32", 15),
         ("reply_latency_ns", "uint32", 16),
         ("receive_ns", "uint64", 17),
+        ("foreign_commands", "uint32", 18),
     ];
     for (name, kind, number) in numbers {
         assert!(committed().contains(&format!("  {kind} {name} = {number};\n")), "{name}");

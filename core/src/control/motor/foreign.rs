@@ -50,6 +50,11 @@ impl Foreign {
         Judged { is_master, report }
     }
 
+    /// Returns the number of frames since the start, wrapping.
+    pub(super) const fn total(&self) -> u32 {
+        self.total
+    }
+
     /// Returns whether at least two frames arrived in the last second before `now`.
     pub(super) fn is_heard(&self, now: Instant) -> bool {
         self.before_last.is_some_and(|arrival| now.since(arrival) < WINDOW)

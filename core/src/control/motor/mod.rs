@@ -589,6 +589,8 @@ impl Motor {
             reply_latency_ns: self.replies.latency_ns,
             late: self.replies.late,
             implausible: self.replies.implausible,
+            foreign_commands: self.foreign.total(),
+            reserved: 0,
             receive_ns: self.measured_at.as_nanos(),
         }
     }

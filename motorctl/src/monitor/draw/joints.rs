@@ -181,7 +181,12 @@ fn notes(joint: &JointReport, is_wide: bool) -> Vec<Span<'static>> {
         notes.push((format!("age {}", age(joint)), yellow));
     }
     notes.extend(joint.limits.iter().map(|limit| ((*limit).to_owned(), yellow)));
-    let counters = [("missed", joint.missed), ("late", joint.late), ("implausible", joint.implausible)];
+    let counters = [
+        ("missed", joint.missed),
+        ("late", joint.late),
+        ("implausible", joint.implausible),
+        ("foreign", joint.foreign_commands),
+    ];
     let counted = counters.into_iter().filter(|(_, count)| *count > 0);
     notes.extend(counted.map(|(name, count)| (format!("{count} {name}"), Style::new().dim())));
     notes.into_iter().map(|(text, style)| Span::styled(text + " ", style)).collect()
