@@ -23,7 +23,7 @@ pub(super) enum Frames {
     /// Frames of the motors of a configuration.
     OfRobot(LoggedRobot),
     /// Frames of one protocol and direction.
-    Alike(Codec),
+    Alike(Box<Codec>),
 }
 
 /// Decodes inputs, and prints the objects.

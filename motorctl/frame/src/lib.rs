@@ -154,7 +154,7 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
         (Some(path), protocol, _) => Frames::OfRobot(LoggedRobot::read(path, protocol)?),
         (None, Some(protocol), Some(direction)) => {
             let (profile, scale) = (constants.profile.profile, constants.scale()?);
-            Frames::Alike(Codec { protocol, direction, asked: *asked, profile, scale })
+            Frames::Alike(Box::new(Codec { protocol, direction, asked: *asked, profile, scale }))
         }
         // The command line requires both.
         (None, ..) => return Ok(()),
