@@ -174,6 +174,12 @@ impl Default for MotorSettings {
 }
 
 impl MotorSettings {
+    /// Returns the amplitude of the back EMF of a phase, V per rad/s of the rotor. The power balance of amplitude-invariant axes,
+    /// 3/2 · vq · iq = torque · velocity, gives it from the torque constant.
+    pub(crate) const fn back_emf(&self) -> f64 {
+        self.torque_constant / 1.5
+    }
+
     /// Checks the settings.
     ///
     /// # Panics

@@ -320,6 +320,35 @@ fn indicators_are_numbers_that_agree() {
     assert_eq!(bench.ask([0xB4, 0x16, 0, 0, 0, 0, 0, 0])[2], UNKNOWN_REGISTER);
 }
 
+/// Goal: the items of the configuration and the indicators describe one motor. Method: at a constant speed the voltage of the q axis
+/// is the drop at half the line-to-line resistance (item 0x00), and the back EMF; item 0x02 is its effective line-to-line value in
+/// V at 1000 rpm of the rotor. The torque is that of item 0x03.
+#[test]
+fn items_and_indicators_describe_one_motor() {
+    let mut bench = bench();
+    bench.ask(bare(0x91));
+    for _ in 0..3 {
+        bench.ask(control(0x94, 60.0, 0));
+        bench.pass(Duration::from_millis(500));
+    }
+    let item = |bench: &mut Bench, id: u8| {
+        let answer = bench.ask([0x84, 0x01, id, 0, 0, 0, 0, 0]);
+        f64::from(f32::from_le_bytes(answer[4..8].try_into().unwrap()))
+    };
+    let [resistance, back_emf, constant] = [0x00, 0x02, 0x03].map(|id| item(&mut bench, id));
+    let ratio = f64::from(bench.ask([0x84, 0x00, 0x11, 0, 0, 0, 0, 0])[4]);
+    let [iq, vq, speed] = [0x09, 0x0D, 0x14].map(|id| indicator(&mut bench, id));
+    let effective = (vq - resistance / 2.0 * iq) * 1.5_f64.sqrt();
+    let per_thousand = effective / (speed * ratio / 1000.0);
+    assert!(speed > 50.0, "{speed}");
+    assert!(
+        (per_thousand / back_emf - 1.0).abs() < 1e-3,
+        "{per_thousand} V by the indicators, {back_emf} V by the item"
+    );
+    let torque = bench.motor().torque();
+    assert!((iq * constant * ratio - torque).abs() < 1e-3 * torque.abs().max(1.0), "{iq} A, {torque} N·m");
+}
+
 #[test]
 fn calibration_turns_shaft_and_answers_at_end() {
     let mut bench = bench();

@@ -26,6 +26,10 @@ const FLOATS: usize = 6;
 const INT: u8 = 0x00;
 const FLOAT: u8 = 0x01;
 const TORQUE_CONSTANT: usize = 0x03;
+/// 1000 rpm, rad/s.
+const KRPM: f64 = 1000.0 * core::f64::consts::PI / 30.0;
+/// Effective line-to-line voltage of a phase amplitude of 1 V: the square root of 3/2. Resistance and inductance are line to line, too.
+const EFFECTIVE_LINE_TO_LINE: f64 = 1.224_744_871_391_589;
 /// ConfIDs of type 0x00 that table 7 leaves out.
 const UNASSIGNED: [u8; 9] = [0x03, 0x04, 0x05, 0x0A, 0x0B, 0x1B, 0x1D, 0x1E, 0x1F];
 /// Motor Wizard shows the baud rate in units of 100 kbit/s. The document gives no unit.
@@ -233,7 +237,8 @@ impl Items {
         let constant = settings.torque_constant as f32;
         let (resistance, inductance) =
             (settings.winding_resistance as f32, settings.winding_inductance as f32);
-        Self { ints, floats: [resistance, inductance, constant * 74.0, constant, 0.001, 20.0] }
+        let back_emf = (settings.back_emf() * KRPM * EFFECTIVE_LINE_TO_LINE) as f32;
+        Self { ints, floats: [resistance, inductance, back_emf, constant, 0.001, 20.0] }
     }
 
     fn int(&mut self, id: u8) -> &mut i32 {

@@ -65,8 +65,7 @@ impl Motor {
         let electrical = rotor_velocity * f64::from(self.settings.pole_pairs);
         let (resistance, inductance) =
             (self.settings.winding_resistance / 2.0, self.settings.winding_inductance / 2.0);
-        // Power balance with amplitude-invariant axes: 3/2 · vq · iq = torque · velocity.
-        let back_emf = self.settings.torque_constant * rotor_velocity / 1.5;
+        let back_emf = self.settings.back_emf() * rotor_velocity;
         (-electrical * inductance * iq, resistance * iq + back_emf)
     }
 }
