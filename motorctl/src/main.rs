@@ -178,7 +178,7 @@ enum Command {
     /// `setpoint` is the owner's request, `applied` the command after all limits, `reported` the
     /// motor's answer.
     #[command(
-        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg"
+        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap --with run.mcap fl-knee >both.svg"
     )]
     Plot(recorder::PlotArguments),
     #[command(flatten)]

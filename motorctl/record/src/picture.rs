@@ -1,11 +1,13 @@
-//! Curves over time as an SVG: a row for each joint, a panel for each quantity.
+//! Curves over time as an SVG: a row for each joint, a panel for each quantity, and a line for each stop and fault.
 
 use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::{
-    BLACK, ChartBuilder, DrawingArea, IntoDrawingArea, LineSeries, PathElement, RGBColor, SVGBackend,
-    SeriesLabelPosition, WHITE,
+    BLACK, ChartBuilder, ChartContext, Circle, DrawingArea, EmptyElement, IntoDrawingArea, LineSeries,
+    PathElement, RGBColor, SVGBackend, SeriesLabelPosition, Text, WHITE,
 };
-use plotters::style::Color;
+use plotters::style::{Color, FontTransform, IntoFont};
 use std::error::Error;
 use std::ops::Range;
 
@@ -13,8 +15,11 @@ use std::ops::Range;
 const PANEL: (u32, u32) = (480, 260);
 /// Limit on the steps of a curve: more than a panel has pixels.
 const STEPS_MAX: usize = 1024;
-/// From the palette of Okabe and Ito, for people with a colour vision deficiency.
-const COLOURS: [RGBColor; 3] = [RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(0, 114, 178)];
+/// From the palette of Okabe and Ito, for people with a colour vision deficiency, with the dashes that distinguish them in black and
+/// white.
+const STYLES: [(RGBColor, &str); 3] =
+    [(RGBColor(230, 159, 0), "2 2"), (RGBColor(0, 158, 115), "7 3"), (RGBColor(0, 114, 178), "")];
+const MARK: (RGBColor, &str) = (RGBColor(204, 0, 0), "1 3");
 
 /// The lowest and the highest value of some cycles, at the time of the first of them.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +27,8 @@ struct Step {
     time: f64,
     low: f32,
     high: f32,
+    /// No line leads to this step from the one before.
+    follows_gap: bool,
 }
 
 /// A curve. Each step keeps the lowest and the highest value, so no peak is lost. When the limit is
@@ -34,18 +41,24 @@ pub(crate) struct Curve {
     length: u32,
     /// Values in the last step.
     filled: u32,
+    /// The last value was missing.
+    is_gap: bool,
 }
 
 impl Curve {
     pub(crate) fn new(name: &'static str) -> Self {
-        Self { name, steps: Vec::with_capacity(STEPS_MAX), length: 1, filled: 1 }
+        Self { name, steps: Vec::with_capacity(STEPS_MAX), length: 1, filled: 1, is_gap: true }
     }
 
-    /// Adds the value at a time, s. A missing value leaves no gap.
+    /// Adds the value at a time, s. A missing value leaves a gap.
     pub(crate) fn take(&mut self, time: f64, value: Option<f32>) {
-        let Some(value) = value.filter(|value| value.is_finite()) else { return };
+        let Some(value) = value.filter(|value| value.is_finite()) else {
+            self.is_gap = true;
+            return;
+        };
+        let follows_gap = std::mem::take(&mut self.is_gap);
         match self.steps.last_mut() {
-            Some(last) if self.filled < self.length => {
+            Some(last) if self.filled < self.length && !follows_gap => {
                 (last.low, last.high) = (last.low.min(value), last.high.max(value));
                 self.filled += 1;
             }
@@ -53,7 +66,7 @@ impl Curve {
                 if self.steps.len() == STEPS_MAX {
                     self.halve();
                 }
-                self.steps.push(Step { time, low: value, high: value });
+                self.steps.push(Step { time, low: value, high: value, follows_gap });
                 self.filled = 1;
             }
         }
@@ -66,19 +79,44 @@ impl Curve {
                 .iter()
                 .flat_map(extremes)
                 .fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(value), high.max(value)));
-            Step { time: pair[0].time, low, high }
+            Step { time: pair[0].time, low, high, follows_gap: pair.iter().any(|step| step.follows_gap) }
         });
         self.steps = pairs.collect();
         self.length = self.length.saturating_mul(2);
     }
 
     fn points(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        self.steps.iter().flat_map(|step| {
-            let low = (step.time, f64::from(step.low));
-            let high = (step.time, f64::from(step.high));
-            [Some(low), Some(high).filter(|_| step.low < step.high)].into_iter().flatten()
-        })
+        self.steps.iter().flat_map(Step::points)
     }
+
+    /// Returns the parts between gaps.
+    fn parts(&self) -> impl Iterator<Item = Vec<(f64, f64)>> + '_ {
+        let parts = self.steps.chunk_by(|_, next| !next.follows_gap);
+        parts.map(|part| part.iter().flat_map(Step::points).collect())
+    }
+}
+
+impl Step {
+    fn points(&self) -> impl Iterator<Item = (f64, f64)> + use<> {
+        let (low, high) = ((self.time, f64::from(self.low)), (self.time, f64::from(self.high)));
+        [Some(low), Some(high).filter(|_| self.low < self.high)].into_iter().flatten()
+    }
+}
+
+/// A stop or a fault.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Mark {
+    /// Its time, s.
+    pub(crate) time: f64,
+    /// Its name.
+    pub(crate) name: String,
+}
+
+/// The panels of a joint in one recording.
+#[derive(Debug)]
+pub(crate) struct Row {
+    pub(crate) panels: Vec<Panel>,
+    pub(crate) marks: Vec<Mark>,
 }
 
 /// A quantity of a joint.
@@ -112,35 +150,51 @@ fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// Draws the panels as an SVG.
+/// Draws the rows as an SVG.
 ///
 /// # Errors
 ///
 /// The error of the drawing library.
-pub(crate) fn draw(rows: &[Vec<Panel>]) -> Result<String, String> {
-    let times = rows.iter().flatten().flat_map(Panel::points).map(|(time, _)| time);
+pub(crate) fn draw(rows: &[Row]) -> Result<String, String> {
+    let panels = rows.iter().flat_map(|row| &row.panels);
+    let times = panels.flat_map(Panel::points).map(|(time, _)| time);
     let (begin, end) = extremes(times).unwrap_or((0.0, 1.0));
     let times = begin..end.max(begin + 1e-3);
     let mut svg = String::new();
     draw_rows(&mut svg, rows, &times).map_err(|error| error.to_string())?;
-    Ok(svg)
+    Ok(dashed(svg))
 }
 
-fn draw_rows(svg: &mut String, rows: &[Vec<Panel>], times: &Range<f64>) -> Result<(), Box<dyn Error>> {
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+/// Adds the dashes of each colour: the drawing library knows none.
+fn dashed(svg: String) -> String {
+    STYLES.iter().chain([&MARK]).filter(|(_, dashes)| !dashes.is_empty()).fold(
+        svg,
+        |svg, (colour, dashes)| {
+            let stroke = format!("stroke=\"#{:02X}{:02X}{:02X}\"", colour.0, colour.1, colour.2);
+            svg.replace(&stroke, &format!("{stroke} stroke-dasharray=\"{dashes}\""))
+        },
+    )
+}
+
+fn draw_rows(svg: &mut String, rows: &[Row], times: &Range<f64>) -> Result<(), Box<dyn Error>> {
+    let columns = rows.iter().map(|row| row.panels.len()).max().unwrap_or(0);
     let size = (PANEL.0 * u32::try_from(columns)?, PANEL.1 * u32::try_from(rows.len())?);
     let area = SVGBackend::with_string(svg, size).into_drawing_area();
     area.fill(&WHITE)?;
-    let panels = rows.iter().flatten();
-    for (index, (panel, area)) in panels.zip(area.split_evenly((rows.len(), columns))).enumerate() {
-        draw_panel(&area, panel, times.clone(), index == 0)?;
+    let panels = rows.iter().flat_map(|row| row.panels.iter().map(|panel| (panel, &row.marks[..])));
+    for (index, ((panel, marks), area)) in panels.zip(area.split_evenly((rows.len(), columns))).enumerate() {
+        draw_panel(&area, panel, marks, times.clone(), index == 0)?;
     }
     Ok(area.present()?)
 }
 
+type Area<'a, 'b> = DrawingArea<SVGBackend<'a>, Shift>;
+type Chart<'a, 'b> = ChartContext<'b, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
 fn draw_panel(
-    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    area: &Area<'_, '_>,
     panel: &Panel,
+    marks: &[Mark],
     times: Range<f64>,
     has_legend: bool,
 ) -> Result<(), Box<dyn Error>> {
@@ -149,22 +203,47 @@ fn draw_panel(
         .x_label_area_size(28)
         .y_label_area_size(52)
         .caption(&panel.title, ("sans-serif", 15))
-        .build_cartesian_2d(times, panel.values())
+        .build_cartesian_2d(times.clone(), panel.values())
         .map_err(|error| error.to_string())?;
     let mesh = chart.configure_mesh().x_labels(6).y_labels(6).x_desc("s").draw();
     mesh.map_err(|error| error.to_string())?;
-    for (curve, colour) in panel.curves.iter().zip(COLOURS) {
-        let line = LineSeries::new(curve.points(), colour.stroke_width(1));
-        let series = chart.draw_series(line).map_err(|error| error.to_string())?;
-        series
-            .label(curve.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
+    for mark in marks.iter().filter(|mark| times.contains(&mark.time)) {
+        draw_mark(&mut chart, mark, panel.values())?;
+    }
+    for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
+        draw_curve(&mut chart, curve, colour)?;
     }
     if has_legend {
         let mut labels = chart.configure_series_labels();
         let labels = labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE);
-        labels.border_style(BLACK).draw().map_err(|error| error.to_string())?;
+        labels.border_style(BLACK).legend_area_size(34).draw().map_err(|error| error.to_string())?;
     }
+    Ok(())
+}
+
+/// Draws the parts of a curve; a part of one value is a point.
+fn draw_curve(chart: &mut Chart<'_, '_>, curve: &Curve, colour: RGBColor) -> Result<(), String> {
+    for part in curve.parts() {
+        match part[..] {
+            [point] => chart.draw_series([Circle::new(point, 1, colour.filled())]),
+            _ => chart.draw_series(LineSeries::new(part, colour.stroke_width(1))),
+        }
+        .map_err(|error| error.to_string())?;
+    }
+    let named = chart.draw_series(LineSeries::new([], colour)).map_err(|error| error.to_string())?;
+    named
+        .label(curve.name)
+        .legend(move |(x, y)| PathElement::new([(x, y), (x + 28, y)], colour.stroke_width(2)));
+    Ok(())
+}
+
+/// Draws a line over the whole height, and its name along it.
+fn draw_mark(chart: &mut Chart<'_, '_>, mark: &Mark, values: Range<f64>) -> Result<(), String> {
+    let line = PathElement::new([(mark.time, values.start), (mark.time, values.end)], MARK.0.stroke_width(1));
+    chart.draw_series([line]).map_err(|error| error.to_string())?;
+    let style = ("sans-serif", 10).into_font().transform(FontTransform::Rotate90).color(&MARK.0);
+    let name = EmptyElement::at((mark.time, values.end)) + Text::new(mark.name.clone(), (-4, 2), style);
+    chart.draw_series([name]).map_err(|error| error.to_string())?;
     Ok(())
 }
 
@@ -186,17 +265,53 @@ mod tests {
     }
 
     #[test]
+    fn missing_value_leaves_a_gap() {
+        let mut curve = Curve::new("setpoint");
+        for index in 0..3000_u32 {
+            let is_missing = (1000..2000).contains(&index);
+            curve.take(f64::from(index), Some(1.0).filter(|_| !is_missing));
+        }
+        let parts: Vec<_> = curve.parts().collect();
+        let [(before, _), (after, _)] = [parts[0].last().unwrap(), &parts[1][0]];
+        assert_eq!(parts.len(), 2);
+        assert!(*before < 1000.0 && *after > 1996.0, "{before} {after}");
+    }
+
+    #[test]
+    fn curves_and_marks_differ_in_black_and_white() {
+        let mut panel =
+            Panel { title: String::new(), curves: ["setpoint", "applied", "reported"].map(Curve::new) };
+        for curve in &mut panel.curves {
+            curve.take(0.0, Some(0.0));
+            curve.take(1.0, Some(1.0));
+        }
+        let marks = vec![Mark { time: 0.5, name: "stop".to_owned() }];
+        let svg = draw(&[Row { panels: vec![panel], marks }]).unwrap();
+        for dashes in ["2 2", "7 3", "1 3"] {
+            assert!(svg.contains(&format!("stroke-dasharray=\"{dashes}\"")), "{dashes}");
+        }
+    }
+
+    #[test]
     fn picture_has_panel_per_quantity_and_curve_names() {
         let mut panel = ["position, rad", "velocity, rad/s", "torque, N·m"].map(|quantity| Panel {
             title: format!("knee <b>: {quantity}"),
             curves: ["setpoint", "applied", "reported"].map(Curve::new),
         });
-        panel[0].curves[2].take(0.5, Some(1.0));
-        panel[0].curves[2].take(0.6, Some(f32::NAN));
-        let svg = draw(&[panel.into()]).unwrap();
-        for text in
-            ["<svg", "knee &lt;b&gt;: velocity, rad/s", "torque, N·m", "setpoint", "applied", "reported"]
-        {
+        for time in [0.5, 0.6, 0.7] {
+            panel[0].curves[2].take(time, Some(1.0));
+        }
+        let marks = vec![Mark { time: 0.6, name: "legs is stopped: motor-lost (knee)".to_owned() }];
+        let svg = draw(&[Row { panels: panel.into(), marks }]).unwrap();
+        for text in [
+            "<svg",
+            "knee &lt;b&gt;: velocity, rad/s",
+            "torque, N·m",
+            "setpoint",
+            "applied",
+            "reported",
+            "motor-lost (knee)",
+        ] {
             assert!(svg.contains(text), "{text}");
         }
     }

@@ -1,12 +1,18 @@
 //! `motorctl plot`: draws joints of a recording.
 
 use crate::failure::RecorderFailure;
-use crate::picture::{self, Curve, Panel};
+use crate::picture::{self, Curve, Mark, Panel, Row};
 use crate::recording::Recording;
-use motord_client::{CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, State};
+use motord_client::{
+    CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
+};
+use motord_mcap::{Event, Events, Level};
 use motord_terminal::{printable, within};
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Largest number of stops and faults that are drawn.
+const MARKS_MAX: usize = 24;
 
 /// The arguments of the command.
 #[derive(Debug, Clone, clap::Args)]
@@ -16,6 +22,9 @@ pub struct PlotArguments {
     /// Names of joints; each is a row of the picture.
     #[arg(value_name = "JOINT", required = true, num_args = 1..=16)]
     joints: Vec<String>,
+    /// Another recording, whose joints are drawn below those of the first; can be given several times.
+    #[arg(long, value_name = "FILE")]
+    with: Vec<PathBuf>,
     /// The picture; `-` is the standard output.
     #[arg(long, value_name = "FILE", default_value = "-")]
     svg: PathBuf,
@@ -37,28 +46,11 @@ fn parse_time(text: &str) -> Result<f64, String> {
 ///
 /// The recording cannot be read or lacks a joint, or the picture cannot be written.
 pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
-    let mut recording = Recording::open(&arguments.file)?;
-    let joints = indices(recording.robot(), &arguments.joints)?;
-    let mut rows: Vec<Vec<Panel>> = arguments.joints.iter().map(|name| panels(name)).collect();
-    let to = arguments.to.unwrap_or(f64::INFINITY);
-    let mut first = None;
-    while let Some(record) = recording.next_cycle() {
-        let first = *first.get_or_insert(record.state.tick_ns);
-        let time = record.state.tick_ns.saturating_sub(first) as f64 / 1e9;
-        if time > to {
-            break;
-        }
-        if time >= arguments.from {
-            for (joint, row) in joints.iter().zip(&mut rows) {
-                take(row, time, record, *joint);
-            }
-        }
-    }
-    if let Some(damage) = recording.damage() {
-        let text = format!("{} is cut off or damaged, and was read up to there: {damage}", recording.name());
-        eprintln!("motorctl: {}", printable(&text));
-    }
-    if rows.iter().flatten().all(Panel::is_empty) {
+    let files: Vec<&Path> =
+        [&arguments.file].into_iter().chain(&arguments.with).map(PathBuf::as_path).collect();
+    let recordings = files.iter().map(|file| read(file, arguments)).collect::<Result<Vec<_>, _>>()?;
+    let rows = beside(recordings);
+    if rows.iter().flat_map(|row| &row.panels).all(Panel::is_empty) {
         return Err(RecorderFailure::Empty);
     }
     let svg = picture::draw(&rows).map_err(RecorderFailure::Picture)?;
@@ -67,6 +59,74 @@ pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
         false => std::fs::write(&arguments.svg, svg)
             .map_err(|error| RecorderFailure::unwritable(&arguments.svg, error)),
     }
+}
+
+/// Returns the rows of all recordings, those of the same joint one below the other.
+fn beside(recordings: Vec<Vec<Row>>) -> Vec<Row> {
+    let mut recordings: Vec<_> = recordings.into_iter().map(Vec::into_iter).collect();
+    let mut rows = Vec::new();
+    loop {
+        let next: Vec<Row> = recordings.iter_mut().filter_map(Iterator::next).collect();
+        if next.is_empty() {
+            return rows;
+        }
+        rows.extend(next);
+    }
+}
+
+/// Returns a row for each joint.
+fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFailure> {
+    let mut recording = Recording::open(file)?;
+    let robot = recording.robot().clone();
+    let joints = indices(&robot, &arguments.joints)?;
+    let place = if arguments.with.is_empty() { String::new() } else { format!(" ({})", file.display()) };
+    let titles = arguments.joints.iter().map(|name| format!("{name}{place}"));
+    let mut rows: Vec<Vec<Panel>> = titles.map(|title| panels(&title)).collect();
+    let to = arguments.to.unwrap_or(f64::INFINITY);
+    let (mut first, mut events, mut marks) = (None, Events::default(), Vec::new());
+    while let Some(record) = recording.next_cycle() {
+        let first = *first.get_or_insert(record.state.tick_ns);
+        let time = record.state.tick_ns.saturating_sub(first) as f64 / 1e9;
+        if time > to {
+            break;
+        }
+        let changes = events.of(&record.state, &robot);
+        if time >= arguments.from {
+            for (joint, row) in joints.iter().zip(&mut rows) {
+                take(row, time, record, *joint);
+            }
+            let concern = changes.iter().filter(|event| concerns(event, &robot, &joints));
+            marks.extend(concern.map(|event| Mark { time, name: named(event) }));
+        }
+    }
+    if let Some(damage) = recording.damage() {
+        warn(&format!("{} is cut off or damaged, and was read up to there: {damage}", recording.name()));
+    }
+    if marks.len() > MARKS_MAX {
+        warn(&format!(
+            "{}: the first {MARKS_MAX} of {} stops and faults are drawn",
+            recording.name(),
+            marks.len()
+        ));
+        marks.truncate(MARKS_MAX);
+    }
+    Ok(rows.into_iter().map(|panels| Row { panels, marks: marks.clone() }).collect())
+}
+
+fn warn(text: &str) {
+    eprintln!("motorctl: {}", printable(text));
+}
+
+/// Returns whether an event is a stop or a fault of one of the joints or of its group.
+fn concerns(event: &Event, robot: &RobotDescription, joints: &[usize]) -> bool {
+    let is_joint = || joints.iter().any(|joint| robot.joints[*joint].name == event.subject);
+    let holds = |members: &[usize]| joints.iter().any(|joint| members.contains(joint));
+    let is_group = || robot.groups.iter().any(|group| group.name == event.subject && holds(&group.joints));
+    event.level == Level::Error && (is_joint() || is_group())
+}
+
+fn named(event: &Event) -> String {
+    format!("{} {}", event.subject, event.text).trim().to_owned()
 }
 
 fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, RecorderFailure> {
@@ -94,19 +154,70 @@ fn take(row: &mut [Panel], time: f64, record: &CycleRecord, index: usize) {
     let receives_commands =
         matches!(joint.mode, Some(MotorMode::Starting | MotorMode::Active | MotorMode::Damping));
     let applied = receives_commands.then_some(joint.applied);
-    let setpoint = record.setpoint(index);
+    let setpoint = record.setpoint(index).map(Setpoint::from);
     for (panel, (field, reported)) in row.iter_mut().zip(joint.quantities()) {
-        // Other quantities have no setpoint.
-        let commanded = |position, velocity, torque| match field.name {
-            "position" => Some(position),
-            "velocity" => Some(velocity),
-            "torque" => Some(torque),
-            _ => None,
-        };
-        let asked = setpoint.and_then(|asked| commanded(asked.position, asked.velocity, asked.torque));
-        let sent = applied.and_then(|sent| commanded(sent.position, sent.velocity, sent.torque));
+        let asked = setpoint.as_ref().and_then(|asked| commanded(field, asked));
+        // The applied command has the mode of the setpoint, and impedance without one.
+        let mode = setpoint.map_or(SetpointMode::Impedance, |asked| asked.mode);
+        let sent = applied.and_then(|sent| {
+            let sent = Setpoint::impedance(sent.position, sent.velocity, sent.kp, sent.kd, sent.torque);
+            commanded(field, &Setpoint { mode, ..sent })
+        });
         for (curve, value) in panel.curves.iter_mut().zip([asked, sent, reported]) {
             curve.take(time, value);
         }
+    }
+}
+
+/// Returns what `command` demands of a quantity. A position without stiffness and a velocity without damping demand nothing.
+fn commanded(field: &Field, command: &Setpoint) -> Option<f32> {
+    let mode = command.mode;
+    let is_impedance = mode == SetpointMode::Impedance;
+    let (value, is_demanded) = match field.name {
+        "position" => (command.position, mode == SetpointMode::Position || is_impedance && command.kp > 0.0),
+        "velocity" => (command.velocity, mode == SetpointMode::Speed || is_impedance && command.kd > 0.0),
+        "torque" => (command.torque, mode == SetpointMode::Torque || is_impedance),
+        _ => return None,
+    };
+    is_demanded.then_some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_client::{GroupDescription, JointDescription};
+
+    /// A joint that is only damped has no position to follow: drawn as 0 rad it looked like a jump.
+    #[test]
+    fn position_without_stiffness_is_a_gap() {
+        let command = Setpoint::impedance(1.0, 2.0, 0.0, 0.5, 3.0);
+        let of = |name, command: &Setpoint| {
+            let field = JointState::FIELDS.iter().find(|field| field.name == name).unwrap();
+            commanded(field, command)
+        };
+        let all = |command: &Setpoint| ["position", "velocity", "torque"].map(|name| of(name, command));
+        assert_eq!(all(&command), [None, Some(2.0), Some(3.0)]);
+        let stiff = Setpoint { kp: 5.0, kd: 0.0, ..command };
+        assert_eq!(all(&stiff), [Some(1.0), None, Some(3.0)]);
+        let speed = Setpoint { mode: SetpointMode::Speed, ..stiff };
+        assert_eq!(all(&speed), [None, Some(2.0), None]);
+    }
+
+    #[test]
+    fn stops_and_faults_of_drawn_joints_are_marked() {
+        let joint = |name: &str| JointDescription { name: name.to_owned(), ..JointDescription::default() };
+        let group = |name: &str, joints| GroupDescription { name: name.to_owned(), joints };
+        let robot = RobotDescription {
+            joints: vec![joint("knee"), joint("elbow")],
+            groups: vec![group("legs", vec![0]), group("arm", vec![1])],
+            ..RobotDescription::default()
+        };
+        let event = |level, subject: &str| Event { level, subject: subject.to_owned(), text: String::new() };
+        for (subject, is_drawn) in
+            [("", false), ("knee", true), ("legs", true), ("elbow", false), ("arm", false)]
+        {
+            assert_eq!(concerns(&event(Level::Error, subject), &robot, &[0]), is_drawn, "{subject}");
+        }
+        assert!(!concerns(&event(Level::Info, "knee"), &robot, &[0]));
     }
 }
