@@ -331,6 +331,43 @@ fn old_lease_moves_nothing_after_succession() {
     robot.activate();
 }
 
+/// Goal: a successor that takes over a moving robot as early as it may gives its motors no jolt.
+/// Method: the owner dies while its joints turn. The successor asks for everything in each cycle, and holds the joints where they
+/// are. The joints must rest when they start, and stay slow.
+#[test]
+fn hand_over_in_motion_waits_for_rest() {
+    let (mut robot, joints) = active();
+    for cycle in 0..200_u8 {
+        let turned = |joint: &JointSetpoint| JointSetpoint {
+            position: joint.position + 0.002 * f32::from(cycle),
+            velocity: 2.0,
+            ..*joint
+        };
+        robot.follow(&joints.iter().map(turned).collect::<Vec<_>>());
+    }
+    let speed = |robot: &mut Robot| (0..3).map(|joint| robot.joint(joint).velocity.abs()).fold(0.0, f32::max);
+    assert!(speed(&mut robot) > 1.0, "they turn");
+    let lease = robot.lease();
+    dies(&mut robot, lease);
+    robot.take_sent();
+    robot.claim().unwrap();
+    let tries = |robot: &mut Robot| {
+        let held = robot.hold(40.0, 1.0);
+        robot.follow(&held);
+        let _refused = robot.operate(Operation::Reset);
+        robot.operate(Operation::Enable).is_ok()
+    };
+    let waited = (0..5000).take_while(|_| !tries(&mut robot)).count();
+    assert!((10..5000).contains(&waited), "{waited} cycles");
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "nothing moves before");
+    let held = robot.hold(40.0, 1.0);
+    for _ in 0..500 {
+        robot.follow(&held);
+        assert!(speed(&mut robot) < 0.5, "{:?} {}", robot.phase(), speed(&mut robot));
+    }
+    assert_eq!(robot.phase(), Phase::Active);
+}
+
 #[test]
 fn message_for_wrong_joints_or_mode_is_rejected() {
     let (mut robot, joints) = active();
