@@ -18,7 +18,7 @@ pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
         return stop_all();
     }
     match emergency_stop(instance) {
-        Ok(()) => tell(None, &motorctl(instance), &status::connect(instance)),
+        Ok(()) => tell(None, &motorctl(instance), status::connect(instance)),
         Err(error @ Error::NotRunning { .. }) => {
             elsewhere(instance).map_or(Err(Failure::NotStopped(error)), |only| stop(&only))
         }
@@ -63,12 +63,17 @@ fn stop(running: &RunningInstance) -> Result<(), Failure> {
     let RunningInstance { name, runtime, pid, uid } = running;
     emergency_stop_in(runtime, name).map_err(Failure::NotStopped)?;
     let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
-    tell(Some(&who), &line(running), &Client::connect_in(runtime, name))
+    tell(Some(&who), &line(running), Client::connect_in(runtime, name))
 }
 
 /// Prints the outcome of a confirmed stop; `motorctl` is the command for its daemon. The motors are checked only now: no wait may
 /// delay the stop.
-fn tell(who: Option<&str>, motorctl: &str, client: &Result<Client, Error>) -> Result<(), Failure> {
+fn tell(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Result<(), Failure> {
+    let client = match client {
+        // Any user may take the name of the socket in a directory of their own, and confirm.
+        Err(error @ Error::NotRunning { .. }) if who.is_some() => return Err(Failure::NotStopped(error)),
+        client => client,
+    };
     let of = who.map(|who| format!(" of {who}")).unwrap_or_default();
     let silent = client.as_ref().map_err(Error::to_string);
     let silent =
@@ -82,4 +87,18 @@ fn tell(who: Option<&str>, motorctl: &str, client: &Result<Client, Error>) -> Re
         "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{unchecked}"
     ));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Any user may take the name of a socket for emergency stops in a directory of their own, and confirm.
+    #[test]
+    fn confirmation_of_no_daemon_is_none() {
+        let directory = tempfile::tempdir().unwrap();
+        let client = Client::connect_in(directory.path(), DEFAULT_INSTANCE);
+        let outcome = tell(Some("instance robot"), "motorctl", client);
+        assert!(matches!(outcome, Err(Failure::NotStopped(Error::NotRunning { .. }))), "{outcome:?}");
+    }
 }
