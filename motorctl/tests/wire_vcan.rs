@@ -171,7 +171,7 @@ fn write_over_can_survives_power_loss() {
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn unconfirmed_start_over_can_is_stopped() {
-    line::lose_the_answer_to_a_start(&knee(), "70ms");
+    line::lose_the_answer_to_a_start(&knee(), "130ms");
 }
 
 /// Goal: a motor in MIT mode continues after the kill of motorctl until it is stopped: MIT has no

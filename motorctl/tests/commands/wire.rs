@@ -150,7 +150,7 @@ fn a_write_survives_a_loss_of_power() {
 
 #[test]
 fn a_motor_whose_start_nobody_confirms_is_stopped() {
-    line::lose_the_answer_to_a_start(&Line::knee(), "150ms");
+    line::lose_the_answer_to_a_start(&Line::knee(), "300ms");
 }
 
 /// Goal: after the kill of motorctl during a motion, a motor stops soon if its drive ends a command

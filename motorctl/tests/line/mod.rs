@@ -365,7 +365,7 @@ pub(crate) fn lose_power_after_every_write(line: &Line) {
 }
 
 /// Goal: a motor is stopped if it did not confirm its start.
-/// Method: every answer is late. A read is repeated, a start is not. A motor that is still running
+/// Method: every answer is late, beyond the time limit of one request. A read is repeated, a start is not. A motor that is still running
 /// would refuse the calibration.
 pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
     for start in ["start @", "jog @ --seconds 0.3", "speed 0.3 --seconds 0.3 @"] {
@@ -373,7 +373,7 @@ pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
         let silent = line.bad(&format!("{start} --protocol gim --yes"), 69);
         assert!(silent.contains("does not answer `start motor`"), "{start}: {silent}");
         line.inject("knee ok");
-        std::thread::sleep(Duration::from_millis(300));
+        std::thread::sleep(Duration::from_millis(600));
         if start.starts_with("start") {
             let refused = line.bad("calibrate phase @ --yes", 1);
             assert!(refused.contains("failure (RES 0x01)"), "{refused}");
