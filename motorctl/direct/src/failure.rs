@@ -116,7 +116,9 @@ impl DirectFailure {
                 serial::OpenError::Held { .. } => exit_status::BUSY,
                 _ => exit_status::UNAVAILABLE,
             },
-            Self::Lock(LockError::Held { .. }) | Self::Motor(Error::InUse { .. }) => exit_status::BUSY,
+            Self::Lock(LockError::Held { .. }) | Self::Motor(Error::InUse { .. } | Error::Reports { .. }) => {
+                exit_status::BUSY
+            }
             Self::Lock(LockError::System { .. }) => exit_status::UNAVAILABLE,
             Self::Config(_) => exit_status::CONFIG,
             Self::File { .. } | Self::Output(_) => exit_status::IO,

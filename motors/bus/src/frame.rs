@@ -58,6 +58,7 @@ impl FrameId {
     }
 
     /// Returns the id with the kernel's flag for extended ids.
+    #[cfg(feature = "linux")]
     pub(crate) const fn word(self) -> u32 {
         self.0
     }

@@ -78,6 +78,19 @@ pub enum Error {
         /// Number of such frames.
         count: usize,
     },
+    /// A motor reports without a request, and no other process commands it: RobStride's active report.
+    #[error(
+        "motor {motor} reports without a request: received {count} frames with id {id}, and no command; turn its reports off (RobStride: active report, F9), then try again",
+        id = format_args!("{:#05X}", .id.raw())
+    )]
+    Reports {
+        /// The motor, by the first byte of its frames.
+        motor: u8,
+        /// The id of the frames.
+        id: FrameId,
+        /// Number of such frames.
+        count: usize,
+    },
     /// Another motor already has the new id of this motor.
     #[error("motor {id}: a motor with id {taken} is on this bus already")]
     Taken {

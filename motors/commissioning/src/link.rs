@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::format::Formats;
-use crate::unprompted::Unprompted;
+use crate::unprompted::{Unprompted, reporting_motor};
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
 /// The kind of wire.
@@ -129,7 +129,7 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// [`Error::InUse`] when other frames arrive.
+    /// [`Error::InUse`] when other frames arrive; [`Error::Reports`] when all are reports of one motor.
     pub fn listen(&mut self, time: Duration) -> Result<(), Error> {
         let mut frames = Vec::new();
         let time = if self.wire == Wire::Serial { time.min(SERIAL_LISTEN) } else { time };
@@ -143,11 +143,14 @@ impl Link {
             }
         }
         let is_other = |frame: &&Frame| !self.unprompted.iter().any(|driver| driver.sends(frame.id()));
-        let mut others = frames.iter().filter(is_other);
-        match others.next() {
-            Some(first) => Err(Error::InUse { id: first.id(), count: 1 + others.count() }),
-            None => Ok(()),
-        }
+        let others: Vec<&Frame> = frames.iter().filter(is_other).collect();
+        let Some(id) = others.first().map(|frame| frame.id()) else { return Ok(()) };
+        let count = others.len();
+        Err(reporting_motor(&others).map_or(Error::InUse { id, count }, |motor| Error::Reports {
+            motor,
+            id,
+            count,
+        }))
     }
 
     /// Returns the time of the link's clock.

@@ -63,12 +63,49 @@ impl Unprompted {
     }
 }
 
+/// Fewer frames than this are not judged: they may be the replies to a master whose commands were not received.
+const REPORTS_MIN: usize = 5;
+
+/// Highest temperature in such a report, 0.1 °C.
+const TEMPERATURE_MAX: u16 = 1500;
+
+/// Returns the motor whose reports are all of these frames: replies in MIT mode with eight bytes, which RobStride motors send
+/// without a request when their active report is on (the vendor's command F9). `None` when another frame is among them, such as a
+/// command.
+pub(crate) fn reporting_motor(frames: &[&Frame]) -> Option<u8> {
+    let first = frames.first()?;
+    let [motor @ 1..=0x7F, _, _, _, _, _, _, _] = *first.payload() else { return None };
+    let is_alike = |frame: &&Frame| {
+        frame.id() == first.id() && frame.payload().len() == 8 && frame.payload()[0] == motor
+    };
+    // A command without torque ends with 0x7FF or 0x800 there.
+    let temperature = |frame: &Frame| u16::from_be_bytes([frame.payload()[6], frame.payload()[7]]);
+    let is_reply = |frame: &&Frame| {
+        is_alike(frame) && temperature(frame) <= TEMPERATURE_MAX && frame.id().byte() != Some(motor)
+    };
+    (frames.len() >= REPORTS_MIN && frames.iter().all(is_reply)).then_some(motor)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn heard(id: u16, payload: [u8; 8]) -> Option<Unprompted> {
         Unprompted::of(&Frame::classic(FrameId::new(id).unwrap(), payload))
+    }
+
+    /// Goal: a motor with its active report on is named, not a second program that does not exist.
+    #[test]
+    fn replies_without_commands_are_reports() {
+        let frame = |id, payload| Frame::classic(FrameId::new(id).unwrap(), payload);
+        // RobStride, MIT document, feedback: the motor's id, position, velocity, torque, temperature.
+        let reply = frame(0x0FD, [0x05, 0x7F, 0xFF, 0x80, 0x08, 0x00, 0x01, 0x04]);
+        let command = frame(0x005, [0x7F, 0xFF, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
+        assert_eq!(reporting_motor(&[&reply; 5]), Some(5));
+        assert_eq!(reporting_motor(&[&reply; 4]), None, "too few");
+        assert_eq!(reporting_motor(&[&reply, &reply, &command, &reply, &reply, &command]), None);
+        assert_eq!(reporting_motor(&[&command; 9]), None);
+        assert_eq!(reporting_motor(&[]), None);
     }
 
     #[test]
