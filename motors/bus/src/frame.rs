@@ -58,7 +58,6 @@ impl FrameId {
     }
 
     /// Returns the id with the kernel's flag for extended ids.
-    #[cfg(feature = "linux")]
     pub(crate) const fn word(self) -> u32 {
         self.0
     }
