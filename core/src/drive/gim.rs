@@ -168,7 +168,11 @@ impl Gim {
             Reply::Fault(Ok(fault)) => Reported::Fault(fault.faults()),
             Reply::Done { outcome: Ok(()), .. } => match self.asked {
                 gim::Command::AcknowledgeFault => Reported::Cleared,
-                gim::Command::StopMotor => Reported::Stopped,
+                gim::Command::StopMotor => {
+                    // No later answer of a stopped motor contains its torque.
+                    self.state.torque = 0.0;
+                    Reported::Stopped
+                }
                 _ => {
                     self.started |= self.asked == gim::Command::StartMotor;
                     Reported::Alive

@@ -142,6 +142,20 @@ fn autonomous_drive_is_stopped_before_winding_overheats() {
 
 /// Returns the arm's joints that follow setpoints of one mode, in turns of 10 ms, with this load on
 /// the shafts.
+/// Goal: the torque before a stop heats no model of the winding afterwards, which refused to enable the group. A stopped GIM motor
+/// reports only its angle and speed.
+#[test]
+fn stopped_native_motor_reports_no_torque() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 3.0);
+    activate(&mut robot, &joints);
+    robot.follow(&joints);
+    assert!(robot.joint(0).torque > 1.0, "{}", robot.joint(0).torque);
+    robot.disturb("shoulder power-cycle");
+    robot.steps(2000);
+    assert_eq!((robot.mode(0), robot.joint(0).torque), (MotorMode::Idle, 0.0));
+}
+
 fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoint>) {
     let settings = robot::settings(include_str!("../../../config/arm-native.toml"));
     let mut robot = Robot::built(settings, 1, |_, motors| {
