@@ -188,11 +188,11 @@ fn draw_rows(svg: &mut String, rows: &[Row], times: &Range<f64>) -> Result<(), B
     Ok(area.present()?)
 }
 
-type Area<'a, 'b> = DrawingArea<SVGBackend<'a>, Shift>;
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'b, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 fn draw_panel(
-    area: &Area<'_, '_>,
+    area: &Area<'_>,
     panel: &Panel,
     marks: &[Mark],
     times: Range<f64>,

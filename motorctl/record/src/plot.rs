@@ -126,7 +126,7 @@ fn concerns(event: &Event, robot: &RobotDescription, joints: &[usize]) -> bool {
 }
 
 fn named(event: &Event) -> String {
-    format!("{} {}", event.subject, event.text).trim().to_owned()
+    format!("{} {}", event.subject, event.text)
 }
 
 fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, RecorderFailure> {

@@ -3,9 +3,9 @@
 //! Source: the logs of several tools, among them those in python-can's tests. Lines that are no CAN frame, no error
 //! frame and no status are skipped.
 
-use super::entry::{Entry, PASSIVE, Source, WARNING, frame, number, time};
+use super::entry::{self, BUS_ERROR, Entry, Source, frame, number, time};
 use motord_bus::candump::InvalidLine;
-use motord_bus::{Content, Duration, ErrorFrame, Format, Frame, FrameId, Unsupported};
+use motord_bus::{Content, Duration, Format, Frame, FrameId, Unsupported};
 
 /// Bits of the flags of a frame: CAN FD, and remote.
 const FLAG_FD: u32 = 0x1000;
@@ -73,24 +73,12 @@ pub(super) fn parse<'a>(line: &'a str, header: &mut Header) -> Result<Option<Ent
     Ok(content.map(|content| Entry { at: Some(at), source: Source::Channel(channel), content }))
 }
 
-fn report(class: u32, detail: u8) -> Content {
-    Content::Error(ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] })
-}
-
 /// Reads `CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0`. An active controller is healthy.
 fn status(line: &str) -> Option<Content> {
     let (_, status) = line.split_once("Status:")?;
     let status = status.to_ascii_lowercase();
     let has = |word: &str| status.contains(word);
-    if has("busoff") || has("bus off") {
-        Some(report(ErrorFrame::BUS_OFF, 0))
-    } else if has("passive") {
-        Some(report(ErrorFrame::CONTROLLER, PASSIVE))
-    } else if has("warning") {
-        Some(report(ErrorFrame::CONTROLLER, WARNING))
-    } else {
-        None
-    }
+    entry::status(has("busoff") || has("bus off"), has("passive"), has("warning"))
 }
 
 /// Reads what follows the channel: `6F9 Rx d 3 05 0C 00`. `None` for a line of another kind.
@@ -100,7 +88,7 @@ fn classic<'a>(
 ) -> Result<Option<Content>, InvalidLine> {
     let id = words.next().unwrap_or_default();
     if id == "ErrorFrame" {
-        return Ok(Some(report(ErrorFrame::BUS_ERROR, 0)));
+        return Ok(Some(BUS_ERROR));
     }
     let is_frame = ["Rx", "Tx"].contains(&words.next().unwrap_or_default());
     match words.next() {
@@ -127,7 +115,7 @@ fn fd<'a>(
     let mut word = || words.next().ok_or(InvalidLine::Shape);
     let (direction, id) = (word()?, word()?);
     if direction == "ErrorFrame" || id == "ErrorFrame" {
-        return Ok(Some(report(ErrorFrame::BUS_ERROR, 0)));
+        return Ok(Some(BUS_ERROR));
     }
     let bit = |word: &str| number(word, 2).filter(|_| word.len() == 1).map(|bit| bit == 1);
     let mut brs = word()?;

@@ -1,11 +1,11 @@
 //! A frame or a report of a log, and the parts of a line.
 
 use motord_bus::candump::InvalidLine;
-use motord_bus::{Content, Duration, Format, Frame, FrameId, Unsupported};
+use motord_bus::{Content, Duration, ErrorFrame, Format, Frame, FrameId, Unsupported};
 
 /// The details of `ErrorFrame::CONTROLLER` in byte 1, of either direction: an error counter above 96, and above 127.
-pub(super) const WARNING: u8 = 0x0C;
-pub(super) const PASSIVE: u8 = 0x30;
+const WARNING: u8 = 0x0C;
+const PASSIVE: u8 = 0x30;
 
 /// A frame or a report of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +46,23 @@ pub(super) fn frame<'a>(
     }
     let frame = Frame::with_format(id, format, data);
     Ok(frame.map_or(Content::Unsupported(Unsupported::Length), Content::Frame))
+}
+
+/// The report of an error on the bus.
+pub(super) const BUS_ERROR: Content = report(ErrorFrame::BUS_ERROR, 0);
+
+/// Returns the report of a controller that is off, error passive or at its warning limit; the worst counts. `None` for a healthy one.
+pub(super) const fn status(is_off: bool, is_passive: bool, is_warning: bool) -> Option<Content> {
+    match (is_off, is_passive, is_warning) {
+        (true, ..) => Some(report(ErrorFrame::BUS_OFF, 0)),
+        (_, true, _) => Some(report(ErrorFrame::CONTROLLER, PASSIVE)),
+        (_, _, true) => Some(report(ErrorFrame::CONTROLLER, WARNING)),
+        _ => None,
+    }
+}
+
+const fn report(class: u32, detail: u8) -> Content {
+    Content::Error(ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] })
 }
 
 /// Parses digits without a sign.

@@ -2,9 +2,9 @@
 //!
 //! Source: PEAK CAN TRC File Format, and the logs in python-can's tests.
 
-use super::entry::{Entry, PASSIVE, Source, WARNING, frame, number, time};
+use super::entry::{self, BUS_ERROR, Entry, Source, frame, number, time};
 use motord_bus::candump::InvalidLine;
-use motord_bus::{Content, ErrorFrame, Format, FrameId, Unsupported};
+use motord_bus::{Content, Format, FrameId, Unsupported};
 use std::iter::Peekable;
 
 /// Most columns of version 2.
@@ -67,7 +67,7 @@ fn version1<'a>(
     let channel = bus.unwrap_or(Ok(1))?;
     let content = match kind {
         "Warng" => status(words.take(count)),
-        "Error" => Some(bus_error()),
+        "Error" => Some(BUS_ERROR),
         _ if words.peek() == Some(&"RTR") => {
             frame_id(id)?;
             Some(Content::Unsupported(Unsupported::Remote))
@@ -93,7 +93,7 @@ fn version2<'a>(
         "FE" => Format::Fd { switches_rate: false, error_passive: true },
         "BI" => Format::Fd { switches_rate: true, error_passive: true },
         "ST" => return Ok((channel, status(words.skip_while(|word| *word != "Rx")))),
-        "ER" => return Ok((channel, Some(bus_error()))),
+        "ER" => return Ok((channel, Some(BUS_ERROR))),
         // Counters and events of the user.
         _ => return Ok((channel, None)),
     };
@@ -118,24 +118,12 @@ fn version2<'a>(
     frame(id, format, count, words, 16).map(|content| (channel, Some(content)))
 }
 
-fn bus_error() -> Content {
-    Content::Error(ErrorFrame { class: ErrorFrame::BUS_ERROR, data: [0; 8] })
-}
-
 /// Reads the status in the last four bytes of `words`. `None` for a healthy controller.
 fn status<'a>(words: impl Iterator<Item = &'a str>) -> Option<Content> {
     let bytes = words.filter(|word| word.len() == 2).filter_map(|word| number(word, 16));
     let status = bytes.fold(0, |status: u32, byte| status << 8 | byte);
-    let report = |class, detail| Content::Error(ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] });
-    if status & STATUS_OFF != 0 {
-        Some(report(ErrorFrame::BUS_OFF, 0))
-    } else if status & STATUS_PASSIVE != 0 {
-        Some(report(ErrorFrame::CONTROLLER, PASSIVE))
-    } else if status & STATUS_WARNING != 0 {
-        Some(report(ErrorFrame::CONTROLLER, WARNING))
-    } else {
-        None
-    }
+    let has = |bits: u32| status & bits != 0;
+    entry::status(has(STATUS_OFF), has(STATUS_PASSIVE), has(STATUS_WARNING))
 }
 
 /// Parses an id: 4 digits for 11 bits, 8 for 29.
