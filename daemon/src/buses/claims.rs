@@ -42,7 +42,7 @@ impl Claim {
         let adapter = Adapter::of(identity);
         match self.adapter.as_ref().and_then(|expected| expected.difference(&adapter)) {
             Some(difference) => {
-                let (bus, place) = (bus.name.clone(), place(bus).to_owned());
+                let (bus, place) = (bus.name.clone(), bus.device().to_owned());
                 Err(BusError::OtherAdapter { bus, place, difference })
             }
             None => Ok(Some((identity, adapter))),
@@ -109,13 +109,4 @@ fn lock(bus: &BusSettings) -> Result<Option<BusLock>, BusError> {
         BusKind::Simulated { .. } => return Ok(None),
     };
     lock.map(Some).map_err(|source| BusError::Lock { bus: bus.name.clone(), source })
-}
-
-/// The interface or device, as the configuration names it.
-fn place(bus: &BusSettings) -> &str {
-    match &bus.kind {
-        BusKind::SocketCan { interface, .. } => interface,
-        BusKind::Serial { device, .. } => device,
-        BusKind::Simulated { .. } => "",
-    }
 }
