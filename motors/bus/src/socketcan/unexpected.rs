@@ -6,14 +6,47 @@ use socketcan::{CanSocket, SocketOptions};
 
 use super::{EXACT, Link, OpenError, exact, open_socket, wire};
 use crate::frame::{FrameId, Inbox};
-use crate::kernel::{Batch, FRAME_BYTES};
+use crate::kernel::{Batch, FRAME_BYTES, Message};
+
+/// A socket beside that of the bus, for a housekeeping thread that reads periodically.
+struct Beside {
+    socket: CanSocket,
+    batch: Batch,
+}
+
+impl Beside {
+    /// Most batches that one [`read`](Self::read) reads: more than a receive buffer of the default
+    /// 208 KiB holds.
+    const BATCHES: usize = 8;
+
+    /// Opens the socket on the interface of `link`, with `filters`, for frames of any format.
+    fn open(link: &Link, filters: &[(u32, u32)], options: &[(i32, i32)]) -> Result<Self, OpenError> {
+        let socket = open_socket(link.interface, link.index, |socket| {
+            socket.set_filters(filters)?;
+            socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
+            options.iter().try_for_each(|(level, name)| socket.set_socket_option_int(*level, *name, 1))
+        })?;
+        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES) })
+    }
+
+    /// Passes the frames that have arrived to `each`. Does not block or allocate; at most eight
+    /// system calls.
+    fn read(&mut self, mut each: impl FnMut(Message<'_>)) {
+        for _ in 0..Self::BATCHES {
+            let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
+            self.batch.messages(count).for_each(&mut each);
+            if count < self.batch.capacity() {
+                break;
+            }
+        }
+    }
+}
 
 /// Counts frames with other ids than the expected ones, on a separate socket, so that a flood of
 /// them costs the real-time thread nothing. For a housekeeping thread that reads periodically. The
 /// kernel counts the frames that its buffer cannot hold.
 pub struct UnexpectedIds {
-    socket: CanSocket,
-    batch: Batch,
+    beside: Beside,
     read: u64,
     /// `SO_RXQ_OVFL`, unwrapped.
     dropped: u64,
@@ -22,10 +55,6 @@ pub struct UnexpectedIds {
 }
 
 impl UnexpectedIds {
-    /// Most batches that one [`count`](Self::count) reads: more than a receive buffer of the
-    /// default 208 KiB holds.
-    const BATCHES: usize = 8;
-
     /// Counts every frame on the interface of `link` whose id is not in `expected`, except error
     /// reports. `expected` holds the ids of the motors' replies and of the commands to them.
     ///
@@ -33,35 +62,24 @@ impl UnexpectedIds {
     ///
     /// [`OpenError::NotCan`] when the interface is unplugged, or [`OpenError::System`].
     pub fn open(link: &Link, expected: &[FrameId]) -> Result<Self, OpenError> {
-        let socket = open_socket(link.interface, link.index, |socket| {
-            socket.set_filters(&others(expected))?;
-            socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
-            socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)
-        })?;
-        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), read: 0, dropped: 0, extended: 0 })
+        let beside = Beside::open(link, &others(expected), &[(libc::SOL_SOCKET, libc::SO_RXQ_OVFL)])?;
+        Ok(Self { beside, read: 0, dropped: 0, extended: 0 })
     }
 
     /// Returns the number of such frames since opening. Does not block or allocate; at most eight
     /// system calls. Frames that the kernel dropped are counted with the next frame that arrives.
     pub fn count(&mut self) -> u64 {
-        for _ in 0..Self::BATCHES {
-            let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
-            self.read += count as u64;
-            for message in self.batch.messages(count) {
-                self.extended += u64::from(wire::is_extended(&message.classic()));
-                if let Some(dropped) = wire::ancillary(message.control()).dropped {
-                    self.dropped += u64::from(dropped.wrapping_sub(self.dropped as u32));
-                }
+        let Self { beside, read, dropped, extended } = self;
+        beside.read(|message| {
+            *read += 1;
+            *extended += u64::from(wire::is_extended(&message.classic()));
+            if let Some(now) = wire::ancillary(message.control()).dropped {
+                *dropped += u64::from(now.wrapping_sub(*dropped as u32));
             }
-            if count < self.batch.capacity() {
-                break;
-            }
-        }
-        self.read + self.dropped
+        });
+        *read + *dropped
     }
-}
 
-impl UnexpectedIds {
     /// Returns the number of frames with 29-bit ids among those that [`count`](Self::count) has read.
     #[must_use]
     pub const fn extended(&self) -> u64 {
@@ -72,40 +90,25 @@ impl UnexpectedIds {
 /// Counts frames in CAN FD format with the ids of motors' replies. The bus does not receive them: its socket is a classic one. For a
 /// housekeeping thread, while a motor is silent: the kernel copies every reply of the bus to this socket.
 pub struct FdReplies {
-    socket: CanSocket,
-    batch: Batch,
+    beside: Beside,
     count: u64,
 }
 
 impl FdReplies {
-    /// Most batches that one [`count`](Self::count) reads.
-    const BATCHES: usize = 8;
-
     /// Opens the socket on the interface of `link`.
     ///
     /// # Errors
     ///
     /// [`OpenError::NotCan`] when the interface is unplugged, or [`OpenError::System`].
     pub fn open(link: &Link, host_ids: &[FrameId]) -> Result<Self, OpenError> {
-        let socket = open_socket(link.interface, link.index, |socket| {
-            socket.set_filters(&exact(host_ids))?;
-            socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)
-        })?;
-        Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), count: 0 })
+        Ok(Self { beside: Beside::open(link, &exact(host_ids), &[])?, count: 0 })
     }
 
     /// Returns the number of such frames since opening. Does not block or allocate; at most eight system calls.
     pub fn count(&mut self) -> u64 {
-        for _ in 0..Self::BATCHES {
-            let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
-            let is_fd = |bytes: usize| bytes == FRAME_BYTES;
-            self.count +=
-                self.batch.messages(count).filter(|message| is_fd(message.frame_bytes())).count() as u64;
-            if count < self.batch.capacity() {
-                break;
-            }
-        }
-        self.count
+        let Self { beside, count } = self;
+        beside.read(|message| *count += u64::from(message.frame_bytes() == FRAME_BYTES));
+        *count
     }
 }
 
