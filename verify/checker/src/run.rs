@@ -454,13 +454,16 @@ impl Checker {
             assert!(is_later, "I6: told twice: {now:?}");
             // A reply may arrive after the last read of a cycle.
             let mut replies = self.replies.iter().flatten().filter(|reply| reply.at >= cycle.before.begun);
-            let said = replies.any(|reply| reported::says(reply, settings, before, now, velocities));
+            let said = replies.any(|reply| {
+                reply.at.as_nanos() == now.receive_ns
+                    && reported::says(reply, settings, before, now, velocities)
+            });
             assert!(said, "I6: no reply of {} said {now:?}", settings.name);
         } else if is_late {
             // The reply is on the wire, and at least as much newer than its state.
             let mut replies = self.replies.iter().flatten();
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
-            let said = replies.any(|reply| reported::says_late(reply, settings, before, now, velocities));
+            let said = replies.any(|reply| reported::says(reply, settings, before, now, velocities));
             assert!(said, "I6: no reply of {} said {now:?}", settings.name);
             let old = cycle.begun.as_nanos().saturating_sub(now.receive_ns);
             let least = u64::from(now.age_cycles - 1) * self.robot.period.as_nanos() as u64;

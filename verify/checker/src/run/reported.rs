@@ -58,21 +58,10 @@ pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
     read.map(|[position, velocity]| [motor.direction * position + motor.offset, motor.direction * velocity])
 }
 
-/// Returns `true` when the reply is the motor's, has the arrival time of `joint`, and contains its
-/// position and velocity. The velocity of a native motor may be older: that of the state `before`,
+/// Returns `true` when the reply is the motor's, arrived at the time of `joint` or later, and contains
+/// its position and velocity. The velocity of a native motor may be older: that of the state `before`,
 /// or one of `velocities`.
 pub(super) fn says(
-    reply: &Reply,
-    motor: &Motor,
-    before: &Joint,
-    joint: &Joint,
-    velocities: &Velocities,
-) -> bool {
-    reply.at.as_nanos() == joint.receive_ns && says_late(reply, motor, before, joint, velocities)
-}
-
-/// As [`says`], for a reply that arrived later than the time of `joint`.
-pub(super) fn says_late(
     reply: &Reply,
     motor: &Motor,
     before: &Joint,
