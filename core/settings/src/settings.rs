@@ -175,6 +175,15 @@ impl BusSettings {
         self.every.get() > 1
     }
 
+    /// The CAN interface; `None` for another kind of bus.
+    #[must_use]
+    pub fn interface(&self) -> Option<&str> {
+        match &self.kind {
+            BusKind::SocketCan { interface, .. } => Some(interface),
+            BusKind::Serial { .. } | BusKind::Simulated { .. } => None,
+        }
+    }
+
     /// The interface or device; the name of a simulated bus.
     #[must_use]
     pub fn device(&self) -> &str {

@@ -6,7 +6,7 @@ use motord::buses::{self, fault_line};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
-use motord_core::settings::{BusKind, Settings};
+use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_simulator::{
     Bridge, FaultTarget, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
@@ -175,10 +175,7 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
 
 /// Locks the interfaces: two programs would simulate the same motors, and each command would have two replies.
 fn lock(settings: &Settings) -> Result<Vec<BusLock>, Failure> {
-    let interfaces = settings.buses.iter().filter_map(|bus| match &bus.kind {
-        BusKind::SocketCan { interface, .. } => Some(interface),
-        BusKind::Serial { .. } | BusKind::Simulated { .. } => None,
-    });
+    let interfaces = settings.buses.iter().filter_map(BusSettings::interface);
     interfaces.map(|interface| Ok(BusLock::simulation(interface.parse()?)?)).collect()
 }
 

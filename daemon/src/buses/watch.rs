@@ -2,7 +2,7 @@
 
 use motord_bus::Identity;
 use motord_bus::socketcan::{Announcement, Announcements};
-use motord_core::settings::{BusKind, Settings};
+use motord_core::settings::{BusSettings, Settings};
 use motord_shared::BusCondition;
 use std::collections::BTreeSet;
 use std::sync::mpsc::Sender;
@@ -30,11 +30,8 @@ impl BusWatch {
     /// Reports to `broken`.
     #[must_use]
     pub fn new(settings: &Settings, broken: Sender<usize>) -> Self {
-        let interface = |kind: &BusKind| match kind {
-            BusKind::SocketCan { interface, .. } => Some(interface.clone()),
-            BusKind::Serial { .. } | BusKind::Simulated { .. } => None,
-        };
-        let interfaces: Vec<_> = settings.buses.iter().map(|bus| interface(&bus.kind)).collect();
+        let interface = |bus: &BusSettings| bus.interface().map(str::to_owned);
+        let interfaces: Vec<_> = settings.buses.iter().map(interface).collect();
         let has_interfaces = interfaces.iter().any(Option::is_some);
         Self {
             broken,

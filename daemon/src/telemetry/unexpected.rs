@@ -4,7 +4,7 @@
 use motord_bus::FrameId;
 use motord_bus::socketcan::{FdReplies, InterfaceName, Link, UnexpectedIds};
 use motord_core::cycle::Counters;
-use motord_core::settings::{BusKind, MotorSettings, Settings};
+use motord_core::settings::{MotorSettings, Settings};
 use std::sync::atomic::Ordering;
 
 /// The CAN interfaces of a configuration, with the sockets that count their unexpected ids.
@@ -50,7 +50,7 @@ impl UnexpectedCounts {
     /// Nothing is open yet.
     pub(super) fn new(settings: &Settings) -> Self {
         let interfaces = settings.buses.iter().enumerate().filter_map(|(bus, described)| {
-            let BusKind::SocketCan { interface, .. } = &described.kind else { return None };
+            let interface = described.interface()?;
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
             let replies = motors.clone().map(|motor| motor.host_id).collect();
             let expected = motors.flat_map(ids).collect();
