@@ -98,7 +98,7 @@ fn content(text: &str) -> Result<Content, InvalidLine> {
         return Ok(Content::Unsupported(Unsupported::Length));
     };
     if word & ERROR_FLAG != 0 {
-        return Ok(error(word & CLASS_MASK, payload));
+        return Ok(report(word & CLASS_MASK, payload));
     }
     let Some(id) = id else { return Ok(Content::Unsupported(Unsupported::Extended)) };
     let frame = Frame::with_format(id, format, payload).filter(|_| raw_dlc.is_none());
@@ -115,7 +115,9 @@ fn format(data: &str) -> Result<(Format, &str), InvalidLine> {
     Ok((format, payload))
 }
 
-fn error(class: u32, payload: &[u8]) -> Content {
+/// Returns the error message frame of this class and payload; [`Unsupported::Length`] for a payload of more than eight bytes.
+#[must_use]
+pub fn report(class: u32, payload: &[u8]) -> Content {
     let mut data = [0; 8];
     match data.get_mut(..payload.len()) {
         Some(first) => first.copy_from_slice(payload),

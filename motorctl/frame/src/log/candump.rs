@@ -4,8 +4,8 @@
 //! Source: can-utils, `candump.c` and `lib.c` (`snprintf_long_canframe`).
 
 use super::entry::{self, Entry, Source, frame, number};
-use motord_bus::candump::{InvalidLine, LogLine};
-use motord_bus::{Content, Duration, ErrorFrame, Format, FrameId, Unsupported};
+use motord_bus::candump::{InvalidLine, LogLine, report};
+use motord_bus::{Content, Duration, Format, FrameId, Unsupported};
 use std::str::SplitAsciiWhitespace;
 use time::{Date, Month, Time};
 
@@ -96,13 +96,4 @@ fn content(words: &mut SplitAsciiWhitespace<'_>) -> Result<Content, InvalidLine>
         Content::Frame(frame) if is_report => report(id.raw(), frame.payload()),
         content => content,
     })
-}
-
-fn report(class: u32, payload: &[u8]) -> Content {
-    let mut data = [0; 8];
-    match data.get_mut(..payload.len()) {
-        Some(first) => first.copy_from_slice(payload),
-        None => return Content::Unsupported(Unsupported::Length),
-    }
-    Content::Error(ErrorFrame { class, data })
 }
