@@ -34,7 +34,7 @@ pub enum Event {
         /// The difference at its joint, mrad.
         milliradians: i32,
     },
-    /// All answers of a motor are late, at the usual time after a later request, or not any more.
+    /// All answers of a motor came too late by the same time, or a late motor answers in time again.
     Late {
         /// Its index.
         motor: usize,

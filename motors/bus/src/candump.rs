@@ -21,20 +21,20 @@ pub struct LogLine<'a> {
     pub content: Content,
 }
 
-/// Reason for which a line is not a line of such a log.
+/// Reason for which a line of a CAN log is rejected. The texts hold for every format of logs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum InvalidLine {
     /// Time, interface or frame is missing.
-    #[error("not a line of 'candump -L', which is (time) interface id#data")]
+    #[error("no frame of a CAN log: the time, the interface, the id or a data byte is missing")]
     Shape,
     /// The time is not seconds with up to nine decimals, in parentheses.
-    #[error("the time is not (seconds.fraction)")]
+    #[error("the time of the frame is not a number or date")]
     Time,
     /// The id has neither three hexadecimal digits up to 7FF nor eight.
-    #[error("the id is not three hexadecimal digits up to 7FF, nor eight")]
+    #[error("the id is no CAN id: up to 7FF, or up to 1FFFFFFF for an extended one")]
     Id,
     /// The data are not hexadecimal.
-    #[error("the data are not hexadecimal, two digits a byte")]
+    #[error("a data byte is not a number of one byte")]
     Data,
 }
 

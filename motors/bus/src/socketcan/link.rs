@@ -361,7 +361,7 @@ impl Link {
         interface.bring_up()
     }
 
-    /// Restores the settings of an interface that was set up in vain, with the `timing` that it had.
+    /// Restores the settings of an interface whose set-up failed, with the `timing` that it had.
     fn restore(&self, timing: Option<CanBitTiming>) {
         let interface = CanInterface::open_iface(self.index);
         // The kernel computes the rest of the timing from these two.
