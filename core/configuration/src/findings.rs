@@ -56,7 +56,7 @@ impl<'a> Findings<'a> {
     }
 
     fn place(&self, offset: usize, key: String, wrong: Wrong) -> Problem {
-        let place = Place { line: line(self.text.as_bytes(), offset), key: Some(key) };
+        let place = Place::at(self.text.as_bytes(), offset, Some(key));
         Problem { file: self.file.into(), place: Some(place), wrong }
     }
 
@@ -162,11 +162,6 @@ impl<'a> Findings<'a> {
             self.error(at, Wrong::NotWithinCycle { value_us, period_us });
         }
     }
-}
-
-/// Returns the line of the byte at `offset`, counted from 1.
-pub(super) fn line(text: &[u8], offset: usize) -> usize {
-    1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count()
 }
 
 /// `motor.limits.kp-max`.

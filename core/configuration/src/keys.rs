@@ -58,7 +58,7 @@ sections! {
     /// `[cycle]`.
     Cycle "cycle" {
         "rate-hz" rate_hz: f64, "Hz" = is(1000.0).within(1.0, 10_000.0),
-            "Cycles per second. A rate at which the last reply of a bus is expected after `reply-deadline-percent` is refused. `motord check` prints the highest rate of each bus: 2588 Hz for one MIT motor on a CAN bus of 1 Mbit/s, 1085 Hz for three.";
+            "Cycles per second. A rate at which the last reply of a bus is expected after `reply-deadline-percent` is refused. `motord check` prints the highest rate of each bus: 2588 Hz for one MIT motor on a CAN bus of 1 Mbit/s, 1085 Hz for three. A warning below 50 Hz, also where `every` of a bus makes its motors slower: a stop reaches a motor with its next command.";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the cycle is pinned to.";
         // Kernel threads use 99.
@@ -207,9 +207,9 @@ sections! {
     /// `[motor.limits]`. The protocol's scale bounds the first five.
     Limits "motor.limits" {
         "position-rad" position_rad: Option<[f64; 2]>, "rad" = follows("±12 of the motor").words("lowest, highest"),
-            "Position limits. Within the scale of the motor, or ±1000 with `beyond-range = \"wrap\"`.";
+            "Position limits. A warning without them. Within the scale of the motor, or ±1000 with `beyond-range = \"wrap\"`.";
         "velocity-rad-s" velocity_rad_s: Option<f64>, "rad/s" = follows("of the model, at most 60").at_least(0.01),
-            "Of setpoints, and of the position setpoint's motion. A joint at 1.2 times it is stopped.";
+            "Of setpoints, and of the position setpoint's motion. A joint at 1.2 times it is stopped. A warning above `max-velocity-rad-s`.";
         "torque-nm" torque_nm: Option<f64>, "N·m" = follows("`rated-torque-nm`").at_least(0.01),
             "Of setpoints, and of the sum that stiffness, damping and torque ask for. At most `peak-torque-nm`.";
         "kp-max" kp_max: f64, "N·m/rad" = is(100.0).at_least(0.0),

@@ -117,8 +117,8 @@ pub fn text(path: &Path) -> Result<String, Problem> {
     let problem = |place, wrong| Problem { file: path.into(), place, wrong };
     let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
     String::from_utf8(bytes).map_err(|error| {
-        let line = findings::line(error.as_bytes(), error.utf8_error().valid_up_to());
-        problem(Some(Place { line, key: None }), Wrong::NotUtf8)
+        let place = Place::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
+        problem(Some(place), Wrong::NotUtf8)
     })
 }
 
@@ -136,7 +136,7 @@ pub fn has_changed(path: &Path, hash: u64) -> bool {
 /// Every problem found, with file, line and key.
 pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
     let refuse = |offset, wrong| {
-        let place = Place { line: findings::line(bytes, offset), key: None };
+        let place = Place::at(bytes, offset, None);
         ConfigError::of(Problem { file: file.into(), place: Some(place), wrong })
     };
     let text = std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), Wrong::NotUtf8))?;

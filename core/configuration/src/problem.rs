@@ -24,16 +24,33 @@ impl std::error::Error for Problem {}
 pub struct Place {
     /// Counted from 1.
     pub line: usize,
+    /// Characters from the begin of the line, counted from 1.
+    pub column: usize,
     /// The dotted key, `motor.limits.kp-max`; `None` where the text is no TOML.
     pub key: Option<String>,
 }
 
+impl Place {
+    /// Returns the place of the byte at `offset`.
+    pub(super) fn at(text: &[u8], offset: usize, key: Option<String>) -> Self {
+        let before = &text[..offset.min(text.len())];
+        let begin = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+        let column = 1 + String::from_utf8_lossy(&before[begin..]).chars().count();
+        Self { line: line(text, offset), column, key }
+    }
+}
+
+/// Returns the line of the byte at `offset`, counted from 1.
+pub(super) fn line(text: &[u8], offset: usize) -> usize {
+    1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count()
+}
+
 impl fmt::Display for Problem {
-    /// `FILE:LINE: KEY: what is wrong; what to do`.
+    /// `FILE:LINE:COLUMN: KEY: what is wrong; what to do`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:", self.file.display())?;
         if let Some(place) = &self.place {
-            write!(f, "{}:", place.line)?;
+            write!(f, "{}:{}:", place.line, place.column)?;
             if let Some(key) = &place.key {
                 write!(f, " {key}:")?;
             }
@@ -111,6 +128,12 @@ pub enum Wrong {
          cycle.max-lateness-ms; give it at least {late_ms} ms, or lower cycle.max-lateness-ms"
     )]
     DeadmanBeforeLateness { deadman_ms: f64, late_ms: f64 },
+
+    #[error(
+        "at {rate_hz} Hz a stop reaches the motors up to {period_ms} ms late, and the loss of a controller is noticed after \
+         {timeout_ms} ms; give at least {least_hz} Hz"
+    )]
+    SlowMotors { rate_hz: f64, period_ms: f64, timeout_ms: f64, least_hz: f64 },
 
     // This machine.
     #[error("processor {cpu} is not online, or motord may not use it; use one of {allowed:?}")]
@@ -232,6 +255,16 @@ pub enum Wrong {
          and a reply can be a clamped one; use at most {usable} there"
     )]
     NoMargin { value: f64, end: f64, usable: f64 },
+    #[error(
+        "is not given, so the joint may turn from {low} to {high} rad; write the ends of its travel, such as position-rad = \
+         [-0.5, 0.5]"
+    )]
+    NoPositionLimits { low: f64, high: f64 },
+    #[error(
+        "{value} rad/s is more than the {fastest} rad/s that the motor reaches without load, so it limits nothing; lower it, or \
+         give max-velocity-rad-s as it is at your supply voltage"
+    )]
+    FasterThanMotor { value: f64, fastest: f64 },
     #[error("{value} N·m is more than the motor's peak of {peak} N·m; lower it, or correct peak-torque-nm")]
     BeyondPeak { value: f64, peak: f64 },
     #[error(

@@ -47,12 +47,14 @@ bus = 'front'
 id = 2
 protocol = 'mit'
 model = 'GIM8108-8'
+limits = { position-rad = [-2, 2] }
 [[motor]]
 name = 'jaw'
 bus = 'gripper'
 id = 1
 protocol = 'gim'
 model = 'GIM3505-8'
+limits = { position-rad = [0, 1] }
 [[group]]
 name = 'legs'
 joints = ['hip', 'knee']
@@ -236,11 +238,14 @@ fn one_bracket_or_two_is_told() {
     let single = "[bus]\nname = 'can'\ntype = 'simulated'\n[[motor]]\nname = 'm'\nbus = 'can'\nid = 1\n\
                   protocol = 'mit'\nmodel = 'GIM8108-8'\n";
     let expected =
-        "robot.toml:1: bus: there can be several of this table; write `[[bus]]`, with two brackets";
+        "robot.toml:1:1: bus: there can be several of this table; write `[[bus]]`, with two brackets";
     assert_eq!(only_error(single), expected, "the rest of the file is judged as if there were two");
     let twice = only_error(&format!("{single}[bus]\nname = 'b'\n"));
-    assert_eq!(twice, "robot.toml:10: `bus`: is there twice; write `[[bus]]`, with two brackets, each time");
-    let expected = "robot.toml:4: cycle: there is only one such table; write `[cycle]`, with one bracket";
+    assert_eq!(
+        twice,
+        "robot.toml:10:2: `bus`: is there twice; write `[[bus]]`, with two brackets, each time"
+    );
+    let expected = "robot.toml:4:1: cycle: there is only one such table; write `[cycle]`, with one bracket";
     assert_eq!(only_error(&damaged("[cycle]", "[[cycle]]")), expected);
     assert!(
         only_error(&damaged("[cycle]\nrate-hz = 1000", "[daemon.cycle]")).contains("unknown key `cycle`")
@@ -299,7 +304,7 @@ fn ipc_table_has_one_of_two_names() {
     assert_eq!(mode(&spin), IpcMode::Spin);
     assert_eq!(mode(&spin.replacen("[exchange]", "[ipc]", 1)), IpcMode::Spin);
     let both = damaged("[safety]", "[ipc]\nmode = 'spin'\n[safety]");
-    let expected = "robot.toml:6: exchange: `[exchange]` is the old name of `[ipc]`, and both are there; \
+    let expected = "robot.toml:6:1: exchange: `[exchange]` is the old name of `[ipc]`, and both are there; \
                     move its keys to `[ipc]`";
     assert_eq!(only_error(&both), expected);
     let bad = damaged("mode = 'timed'", "lead-us = 0");
@@ -321,17 +326,17 @@ fn number_out_of_range_shows_range_and_unit() {
 fn an_empty_file_says_what_the_least_is() {
     let error = judge("").expect_err("must be refused").to_string();
     let missing =
-        ["bus", "motor"].map(|key| format!("robot.toml:1: {key}: is missing; motord needs at least one"));
+        ["bus", "motor"].map(|key| format!("robot.toml:1:1: {key}: is missing; motord needs at least one"));
     assert_eq!(error, missing.join("\n"));
     let without_motor = "[[bus]]\nname = 'a'\ntype = 'simulated'\n";
-    assert_eq!(only_error(without_motor), "robot.toml:1: motor: is missing; motord needs at least one");
+    assert_eq!(only_error(without_motor), "robot.toml:1:1: motor: is missing; motord needs at least one");
 }
 
 #[test]
 fn text_without_utf8_is_refused_with_line() {
     let error =
         parse(Path::new("robot.toml"), b"[cycle]\nrate-hz = \xff\n", &machine()).expect_err("not UTF-8");
-    assert_eq!(error.to_string(), "robot.toml:2: is not UTF-8 here; save the file as UTF-8");
+    assert_eq!(error.to_string(), "robot.toml:2:11: is not UTF-8 here; save the file as UTF-8");
 }
 
 #[test]
@@ -354,7 +359,10 @@ fn no_file_writes_control_characters_to_the_terminal() {
 #[test]
 fn five_motors_exceed_a_bus_at_1_khz() {
     let motor = |id| {
-        format!("[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n")
+        format!(
+            "[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n\
+             limits.position-rad = [-1, 1]\n"
+        )
     };
     let text = |count| {
         let motors: String = (1..=count).map(motor).collect();
@@ -401,7 +409,8 @@ fn damping_of_native_motor_is_a_warning() {
 fn shared_host_id_on_line_is_one_warning() {
     let motor = |id: u8, more: &str| {
         format!(
-            "[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n{more}\n"
+            "[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n{more}\n\
+             limits.position-rad = [-1, 1]\n"
         )
     };
     let line = |hosts: [&str; 3]| {
@@ -448,7 +457,7 @@ fn excessive_priority_is_error_only_if_realtime_required() {
     assert!(warned[0].to_string().contains("SCHED_FIFO 80 is beyond what motord may take here (0)"));
     let refused = judge("require-realtime = true").expect_err("must be refused").to_string();
     assert!(
-        refused.starts_with("robot.toml:5: cycle.require-realtime: SCHED_FIFO 80 is beyond"),
+        refused.starts_with("robot.toml:5:20: cycle.require-realtime: SCHED_FIFO 80 is beyond"),
         "{refused}"
     );
 }
@@ -512,7 +521,7 @@ fn what_is_not_written_is_cautious() {
     let motor = &settings.motors[0];
     assert_eq!((motor.id, motor.host_id.raw()), (1, 0x101));
     assert_eq!((motor.limits.torque, motor.limits.velocity), (7.5, 33.5), "rated torque, not peak");
-    assert_eq!(motor.limits.position, [-12.0, 12.0]);
+    assert_eq!(motor.limits.position, [-0.5, 0.5]);
     assert_eq!((settings.groups[0].name.as_str(), &settings.groups[0].motors), ("all", &vec![0]));
 }
 

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use crate::doubts::doubts;
 use motord_configuration as config;
 use nix::pty::openpty;
 use std::collections::BTreeSet;
@@ -32,6 +33,7 @@ fn every_configuration_that_is_written_passes_check() {
             let legs = legs.to_string();
             let loaded = written(&file, &["--legs", &legs, "--model", model, "--simulated"]);
             assert_eq!(loaded.settings.motors.len(), 3 * legs.parse::<usize>().unwrap());
+            assert_eq!(doubts(&loaded.warnings), [""; 0]);
         }
     }
 }

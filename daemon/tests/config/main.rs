@@ -4,6 +4,7 @@
 mod arbitrary;
 mod arming;
 mod document;
+mod doubts;
 mod ids;
 mod init;
 mod ipc_schedule;

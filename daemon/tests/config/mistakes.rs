@@ -291,7 +291,7 @@ fn bad_configuration_is_refused_with_line_and_key() {
         let text = damaged(line, instead);
         let error = only_error(&text);
         if let Some(marked) = marked_line(&text) {
-            let place = format!("robot.toml:{marked}: ");
+            let place = format!("robot.toml:{marked}:");
             assert!(error.starts_with(&place), "{instead}: expected {place}, got {error}");
         }
         assert!(

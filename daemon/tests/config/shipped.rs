@@ -1,6 +1,7 @@
 //! The shipped configurations and the reference of every key.
 
 use crate::document::{JSON, TEXT, shipped, write};
+use crate::doubts::doubts;
 use motord::commands::check::{Wanted, check};
 use motord_configuration::{load, reference};
 use std::fs;
@@ -25,6 +26,7 @@ fn every_shipped_configuration_passes_check() {
     for name in names {
         let mut out = Vec::new();
         assert_eq!(check(&shipped(&name), JSON, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
+        assert_eq!(doubts(&load(&shipped(&name)).unwrap().warnings), [""; 0], "{name}");
     }
 }
 

@@ -6,10 +6,10 @@ use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings, Setti
 
 use crate::document::{Document, MotorTables};
 use crate::entry::{At, Entry, degrees};
-use crate::findings::{Findings, line};
+use crate::findings::Findings;
 use crate::keys::Limits;
 use crate::origin::{Limit, Origin};
-use crate::problem::Wrong;
+use crate::problem::{Wrong, line};
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
@@ -76,6 +76,10 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
     let fastest = capability.max_velocity.min(CAUTIOUS_VELOCITY).min(velocity_scale.usable);
     let velocity = keys.velocity_rad_s.value.unwrap_or(fastest);
     velocity_scale.check(&keys.velocity_rad_s, velocity, findings);
+    if velocity > capability.max_velocity && velocity <= velocity_scale.usable {
+        let wrong = Wrong::FasterThanMotor { value: velocity, fastest: rounded(capability.max_velocity) };
+        findings.warn(keys.velocity_rad_s.at, wrong);
+    }
     let (kp, kd) = (keys.kp_max.value, keys.kd_max.value);
     Scale::with_margin(capability.end(|scales| scales.kp)).check(&keys.kp_max, kp, findings);
     // The whole scale of kd is usable: no frame is a special one while velocity and kp keep away from their ends.
@@ -137,7 +141,13 @@ fn position(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>)
     let entry = &keys.position_rad;
     let offset = f64::from(capability.transmission.offset());
     let default = [-CAUTIOUS_POSITION, CAUTIOUS_POSITION].map(|position| position + offset);
-    let Some(position) = entry.value else { return default };
+    let Some(position) = entry.value else {
+        if !entry.is_written {
+            let [low, high] = default.map(rounded);
+            findings.warn(entry.at, Wrong::NoPositionLimits { low, high });
+        }
+        return default;
+    };
     if let Err(wrong) = judge_position(position, capability) {
         findings.error(entry.at, wrong);
         return default;
@@ -147,6 +157,11 @@ fn position(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>)
         findings.warn(entry.at, Wrong::ManyTurns { value, degrees: degrees(value) });
     }
     position
+}
+
+/// Without the digits that only come from `f32`.
+fn rounded(value: f64) -> f64 {
+    (1000.0 * value).round() / 1000.0
 }
 
 fn judge_position([low, high]: [f64; 2], capability: &Capability) -> Result<(), Wrong> {

@@ -23,6 +23,9 @@ use time::{micros, millis};
 /// Default of the busy polling of a cycle with a dedicated processor.
 const BUSY_POLL_US: f64 = 30.0;
 
+/// Least rate of commands to a motor without a warning, Hz: a limb falls far in a longer period, and slower controllers are rare.
+const SOUND_RATE_HZ: f64 = 50.0;
+
 /// `SCHED_FIFO` priority of the IPC thread: above threaded interrupts, below the cycle.
 const IPC_PRIORITY: u8 = 70;
 
@@ -48,7 +51,26 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     bus::judge_load(&document.buses, &settings, findings);
     bus::judge_shared_ids(&document.buses, &settings, findings);
     motor::judge_durations(&document.motors, &settings, findings);
+    judge_rates(document, &settings, findings);
     Some(settings)
+}
+
+/// Warns of a cycle, or of a bus with turns, that is too slow for a stop.
+fn judge_rates(document: &Document, settings: &Settings, findings: &mut Findings<'_>) {
+    let slow = |rate_hz: f64| {
+        let (period_ms, timeout_ms) = (1e3 / rate_hz, 1e3 * settings.safety.setpoint_timeout.as_secs_f64());
+        Wrong::SlowMotors { rate_hz, period_ms, timeout_ms, least_hz: SOUND_RATE_HZ }
+    };
+    let rate_hz = settings.cycle.rate_hz;
+    if rate_hz < SOUND_RATE_HZ {
+        return findings.warn(document.cycle.rate_hz.at, slow(rate_hz));
+    }
+    for (bus, item) in settings.buses.iter().zip(&document.buses) {
+        let rate_hz = rate_hz / f64::from(bus.every.get());
+        if rate_hz < SOUND_RATE_HZ {
+            findings.warn(item.keys.every.at, slow(rate_hz));
+        }
+    }
 }
 
 /// The name of the instance. Its rule is stricter than that of other names: it becomes a part of paths and service names.
