@@ -7,7 +7,8 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use super::problem::Wrong;
-use super::value::Value;
+use super::sort::{Sort, found};
+use super::value::{Misfit, Value};
 
 /// A place in the file, for reports of problems.
 #[derive(Debug, Clone, Copy)]
@@ -107,9 +108,16 @@ impl<T: Value> Rule<T> {
         Self { negative: Some(hint), ..self }
     }
 
-    /// Reads the value, or returns the reason why it is invalid.
-    pub(super) fn read(&self, written: &Spanned<DeValue<'_>>, unit: &'static str) -> Result<T, Wrong> {
-        let value = T::read(written)?;
+    /// Reads the value of a key, or returns the reason why it is invalid.
+    pub(super) fn read(&self, key: &str, written: Written<'_>, unit: &'static str) -> Result<T, Wrong> {
+        let value = T::read(written.value).map_err(|misfit| match misfit {
+            Misfit::Value(wrong) => wrong,
+            Misfit::Sort => Wrong::Type {
+                expected: self.expected_sort(unit).into(),
+                found: found(written.value.get_ref(), written.source).into(),
+                cure: self.instead(key, written).into(),
+            },
+        })?;
         match value.number() {
             Some(number) if !number.is_finite() => {
                 Err(Wrong::NotFinite { value: number, expected: self.expected(unit) })
@@ -123,6 +131,35 @@ impl<T: Value> Rule<T> {
                 Err(Wrong::OutOfRange { value: number, expected: self.expected(unit), hint })
             }
             _ => Ok(value),
+        }
+    }
+
+    /// `a number from 1 to 10000 Hz`, or the choices.
+    fn expected_sort(&self, unit: &str) -> String {
+        let choices: Vec<_> = T::choices().iter().map(|word| format!("{word:?}")).collect();
+        match (choices.is_empty(), self.min.is_finite()) {
+            (false, _) => format!("one of {}", choices.join(", ")),
+            (true, true) => format!("{} {}", T::SORT.name(), self.expected(unit)),
+            (true, false) => T::SORT.name().to_owned(),
+        }
+    }
+
+    fn instead(&self, key: &str, Written { value, source }: Written<'_>) -> String {
+        // A choice is none of the texts that a number could be.
+        let sort = if T::choices().is_empty() { Some(T::SORT) } else { None };
+        let example = self.example();
+        match sort {
+            Some(sort) => sort.instead(key, value.get_ref(), source, &example),
+            None => format!("write a text, such as {key} = {example}"),
+        }
+    }
+
+    /// The default, or another value, as it is written in a file.
+    fn example(&self) -> String {
+        match T::choices().first() {
+            Some(word) => format!("{word:?}"),
+            None if self.default.default_text().is_empty() => T::SORT.example().to_owned(),
+            None => self.default.default_text(),
         }
     }
 
@@ -159,10 +196,24 @@ pub(super) fn degrees(value: f64) -> String {
     }
 }
 
+/// A value as it is written.
+#[derive(Clone, Copy)]
+pub(super) struct Written<'w> {
+    pub(super) value: &'w Spanned<DeValue<'w>>,
+    /// Its part of the file.
+    pub(super) source: &'w str,
+}
+
 /// A row of the reference. The texts are Markdown.
 #[derive(Debug)]
 pub(super) struct Row {
     cells: [String; 6],
+    /// The sort of its values.
+    pub(super) sort: Sort,
+    /// The expected value, for messages.
+    pub(super) expected: String,
+    /// A value, as it is written in a file.
+    pub(super) example: String,
 }
 
 impl Row {
@@ -171,9 +222,9 @@ impl Row {
 
     pub(super) fn new<T: Value>(key: &str, unit: &str, rule: Rule<T>, meaning: &str) -> Self {
         let default = rule.default_words.map_or_else(|| rule.default.default_text(), str::to_owned);
-        let kind = T::KIND.trim_start_matches("an ").trim_start_matches("a ").to_owned();
+        let kind = T::SORT.name().trim_start_matches("an ").trim_start_matches("a ").to_owned();
         let cells = [code(key), kind, unit.to_owned(), default, rule.range(), meaning.to_owned()];
-        Self { cells }
+        Self { cells, sort: T::SORT, expected: rule.expected_sort(unit), example: rule.example() }
     }
 
     pub(super) fn into_cells(self) -> [String; 6] {

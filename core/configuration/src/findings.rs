@@ -1,6 +1,7 @@
 //! The problems found, and the checks that several sections share.
 
 use std::collections::HashSet;
+use std::ops::Range;
 use std::path::Path;
 
 use motord_bus::Duration;
@@ -21,11 +22,13 @@ pub(super) struct Findings<'a> {
     machine: &'a Machine,
     errors: Vec<Problem>,
     warnings: Vec<Problem>,
+    /// Lists that are in the file under a wrong name or with a wrong value.
+    spoilt: Vec<&'static str>,
 }
 
 impl<'a> Findings<'a> {
     pub(super) fn new(file: &'a Path, text: &'a str, machine: &'a Machine) -> Self {
-        Self { file, text, machine, errors: Vec::new(), warnings: Vec::new() }
+        Self { file, text, machine, errors: Vec::new(), warnings: Vec::new(), spoilt: Vec::new() }
     }
 
     /// Errors and warnings, each in the order of the file.
@@ -51,6 +54,16 @@ impl<'a> Findings<'a> {
         self.errors.push(problem);
     }
 
+    /// Notes that the tables of `list` are in the file in a wrong form, which was reported.
+    pub(super) fn spoil(&mut self, list: &'static str) {
+        self.spoilt.push(list);
+    }
+
+    /// Returns the part of the file at `span`.
+    pub(super) fn source(&self, span: Range<usize>) -> &'a str {
+        self.text.get(span).unwrap_or_default()
+    }
+
     fn problem(&self, at: At, wrong: Wrong) -> Problem {
         self.place(at.offset, path(at.section, at.key), wrong)
     }
@@ -62,9 +75,13 @@ impl<'a> Findings<'a> {
 
     /// Reports fewer than one and more than `max` tables `[[list]]`.
     pub(super) fn count<T>(&mut self, items: &[Item<T>], list: &'static str, max: usize) {
-        if items.is_empty() {
+        if items.is_empty() && !self.spoilt.contains(&list) {
             let whole_file = At { offset: 0, section: list, key: "" };
-            self.error(whole_file, Wrong::Missing("motord needs at least one"));
+            let hint = match list {
+                "bus" => "motord needs at least one: write [[bus]] with its name and type",
+                _ => "motord needs at least one: write [[motor]] with its name, bus, id, protocol and model",
+            };
+            self.error(whole_file, Wrong::Missing(hint));
         }
         if let Some(beyond) = items.get(max) {
             self.error(beyond.at, Wrong::TooMany { max });
@@ -107,7 +124,7 @@ impl<'a> Findings<'a> {
     }
 
     /// Returns the index of `name` among `names`. Reports an unknown name, unless one of `names` is
-    /// missing or repeated: it may be that one.
+    /// missing or repeated: it may be that one. No `names` were reported already.
     pub(super) fn find<'n>(
         &mut self,
         at: At,
@@ -117,7 +134,7 @@ impl<'a> Findings<'a> {
     ) -> Option<usize> {
         let index = names.clone().position(|known| known.value.as_deref() == Some(name));
         let known: HashSet<_> = names.clone().filter_map(|known| known.value.as_deref()).collect();
-        if index.is_none() && known.len() == names.count() {
+        if index.is_none() && !known.is_empty() && known.len() == names.count() {
             let hint = suggestion(name, known.into_iter());
             self.error(at, wrong(name.to_owned(), hint));
         }

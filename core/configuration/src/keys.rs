@@ -41,6 +41,14 @@ macro_rules! sections {
         /// Path and keys of every section.
         pub(super) const SECTIONS: Sections = &[$(($path, $Section::KEYS)),*];
 
+        /// Returns the row of a key.
+        pub(super) fn row(section: &str, key: &str) -> Option<Row> {
+            match (section, key) {
+                $($(($path, $key) => Some(Row::new::<$type>($key, $unit, $rule, $meaning)),)*)*
+                _ => None,
+            }
+        }
+
         /// Path and rows of every section.
         pub(super) fn reference() -> Vec<(&'static str, Vec<Row>)> {
             vec![$(($path, vec![$(Row::new::<$type>($key, $unit, $rule, $meaning)),*])),*]

@@ -17,6 +17,8 @@ mod origin;
 mod problem;
 mod reference;
 mod similar;
+mod sort;
+mod syntax;
 mod table;
 mod validate;
 mod value;
@@ -35,6 +37,7 @@ use document::Document;
 use file::{fnv1a, read};
 use findings::Findings;
 use motord_settings::settings::Settings;
+use syntax::Mistake;
 use toml::de::DeTable;
 
 /// A configuration without errors.
@@ -135,15 +138,22 @@ pub fn has_changed(path: &Path, hash: u64) -> bool {
 ///
 /// Every problem found, with file, line and key.
 pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
-    let refuse = |offset, wrong| {
-        let place = Place::at(bytes, offset, None);
+    let refuse = |offset, key, wrong| {
+        let place = Place::at(bytes, offset, key);
         ConfigError::of(Problem { file: file.into(), place: Some(place), wrong })
     };
-    let text = std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), Wrong::NotUtf8))?;
-    let root = DeTable::parse(text).map_err(|error| {
-        let span = error.span().unwrap_or_default();
-        refuse(span.start, Wrong::toml(error.message(), text.get(span).unwrap_or_default()))
-    })?;
+    if is_utf16(bytes) {
+        return Err(refuse(0, None, Wrong::Utf16));
+    }
+    let text =
+        std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), None, Wrong::NotUtf8))?;
+    let (root, errors) = DeTable::parse_recoverable(text);
+    if let Some(Mistake { offset, key, wrong }) = syntax::explain(text, &errors) {
+        return Err(refuse(offset, key, wrong));
+    }
+    if root.get_ref().is_empty() {
+        return Err(ConfigError::of(Problem { file: file.into(), place: None, wrong: Wrong::Empty }));
+    }
     let mut findings = Findings::new(file, text, machine);
     let document = Document::read(root.get_ref(), &mut findings);
     let settings = validate::settings(&document, &mut findings);
@@ -160,4 +170,9 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
         }
         refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),
     }
+}
+
+/// A byte order mark of UTF-16, or ASCII in it without one.
+fn is_utf16(bytes: &[u8]) -> bool {
+    matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] | [_, 0, _, 0, ..] | [0, _, 0, _, ..])
 }

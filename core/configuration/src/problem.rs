@@ -70,10 +70,24 @@ pub enum Wrong {
     NotRegular(&'static str),
     #[error("may be changed by every user of this machine; forbid it with `chmod o-w`")]
     WorldWritable,
-    #[error("is larger than {bytes_max} bytes; no configuration is")]
+    #[error("is larger than {bytes_max} bytes; no configuration is: name another file")]
     TooLarge { bytes_max: u64 },
+    #[error("has no keys; `motord init --file FILE` writes a first configuration")]
+    Empty,
     #[error("is not UTF-8 here; save the file as UTF-8")]
     NotUtf8,
+    #[error(
+        "is UTF-16, and not UTF-8; save the file as UTF-8, or convert it with `iconv -f UTF-16 -t UTF-8`"
+    )]
+    Utf16,
+    #[error(
+        "is {0}, and no TOML: a table is [cycle], a key in it rate-hz = 1000; `motord init` writes an example"
+    )]
+    OtherFormat(&'static str),
+    #[error("has a carriage return without a line feed here; save the file with the line ends of Unix")]
+    LoneReturn,
+    #[error("`{bracket}` has no end; write `{close}` after the last item")]
+    Unclosed { bracket: &'static str, close: &'static str },
 
     // The text.
     #[error("{0}")]
@@ -82,6 +96,8 @@ pub enum Wrong {
     Missing(&'static str),
     #[error("unknown key `{key}`; {hint}")]
     UnknownKey { key: String, hint: String },
+    #[error("unknown table {table}; {hint}")]
+    UnknownTable { table: String, hint: String },
     #[error("there can be several of this table; write `[[{0}]]`, with two brackets")]
     ListOfTables(&'static str),
     #[error("there is only one such table; write `[{0}]`, with one bracket")]
@@ -92,10 +108,8 @@ pub enum Wrong {
     NotOfThisBus { kind: &'static str },
 
     // Any value.
-    #[error("expected {expected}, found {found}")]
-    Type { expected: &'static str, found: &'static str },
-    #[error("the integer has too many digits")]
-    TooManyDigits,
+    #[error("expected {expected}, found {found}; {cure}")]
+    Type { expected: Box<str>, found: Box<str>, cure: Box<str> },
     #[error("unknown value `{word}`; {hint}")]
     UnknownWord { word: String, hint: String },
     #[error("{value} is not a finite number; give a number {expected}")]
@@ -112,7 +126,7 @@ pub enum Wrong {
     InstanceName { name: String },
     #[error("{name:?} is taken by an earlier {what}; every {what} needs its own name")]
     DuplicateName { name: String, what: &'static str },
-    #[error("more than {max}; motord is built for at most {max}")]
+    #[error("more than {max}; motord is built for at most {max}: remove some")]
     TooMany { max: usize },
 
     // Times against the cycle.
@@ -149,11 +163,13 @@ pub enum Wrong {
     Priority { priority: u8, allowed: u8 },
     #[error("there is no interface {0:?} on this machine now; `ip link` lists those that exist")]
     NoInterface(String),
-    #[error("there is no device {0:?} on this machine now")]
+    #[error("there is no device {0:?} on this machine now; `ls /dev/serial/by-id` lists those that exist")]
     NoDevice(String),
 
     // Telemetry.
-    #[error("{path:?} is no absolute path that ends with .prom")]
+    #[error(
+        "{path:?} is no absolute path that ends with .prom; write one, such as /var/lib/motord/motord.prom"
+    )]
     MetricsFile { path: String },
     #[error("{address:?} is no loopback address with its port, such as 127.0.0.1:9464")]
     MetricsAddress { address: String },
@@ -165,7 +181,7 @@ pub enum Wrong {
     InterfaceName { name: String },
     #[error("{path:?} is no absolute path; name the device, such as /dev/ttyUSB0")]
     DevicePath { path: String },
-    #[error("{name:?} is used by an earlier bus; two buses cannot share it")]
+    #[error("{name:?} is used by an earlier bus; two buses cannot share it: give each its own")]
     DuplicateDevice { name: String },
     #[error("{name:?} is another name of {other:?}, which an earlier bus uses; two buses cannot share it")]
     OtherName { name: String, other: String },
@@ -184,7 +200,7 @@ pub enum Wrong {
     Overloaded { motors: usize, rate_hz: f64, last_us: f64, deadline_us: f64, rate_hz_max: f64 },
     #[error(
         "{motors} motors at {rate_hz} Hz need {percent:.1} % of this bus at worst, which leaves little for anything \
-         else; at most 80 % is sound"
+         else; at most 80 % is sound: lower cycle.rate-hz, or move motors to another bus"
     )]
     Tight { motors: usize, rate_hz: f64, percent: f64 },
     #[error(
@@ -242,7 +258,10 @@ pub enum Wrong {
     HostIdOutranks { host_id: u32, command: u32, default: u16 },
     #[error("direction {0} is neither 1 nor -1; give one of them, and the gear ratio by gear-ratio")]
     Direction(i64),
-    #[error("expected two numbers, the lowest and the highest position, found {0}")]
+    #[error(
+        "expected two numbers, the lowest and the highest position, found {0}; write decimals with a point, such as position-rad = \
+         [-0.5, 0.5]"
+    )]
     PositionCount(usize),
     #[error("the lowest position {low} is not below the highest {high}; exchange them, or widen the range")]
     PositionOrder { low: f64, high: f64 },
@@ -273,7 +292,9 @@ pub enum Wrong {
     NoDamping,
     #[error("a GIM motor does not use it: the speed loop of its drive brakes it in a safe stop; remove it")]
     DampingUnused,
-    #[error("{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it")]
+    #[error(
+        "{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it: lower it, or raise kd-max"
+    )]
     DampingBeyondLimit { damping: f64, kd_max: f64 },
     #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]
     DerateOrder { derate: f64, max: f64 },
@@ -285,7 +306,9 @@ pub enum Wrong {
     // Groups.
     #[error("there is no motor {0:?}; {1}")]
     UnknownJoint(String, String),
-    #[error("{joint:?} is in group {group:?} already; a joint has one owner, so it is in one group")]
+    #[error(
+        "{joint:?} is in group {group:?} already; a joint has one owner, so remove it from one of the groups"
+    )]
     JointInTwoGroups { joint: String, group: String },
     #[error("motor {0:?} is in no group, so no client could move it; add it to one")]
     JointInNoGroup(String),
@@ -297,18 +320,11 @@ pub enum Wrong {
 pub(super) const LISTS: [&str; 3] = ["bus", "motor", "group"];
 
 impl Wrong {
-    /// Converts a message of the TOML library about `excerpt`.
+    /// Converts a message of the TOML library about `excerpt`, where nothing better is known.
     pub(super) fn toml(message: &str, excerpt: &str) -> Self {
-        let message = match message {
-            "duplicate key" if LISTS.contains(&excerpt) => {
-                format!("is there twice; write `[[{excerpt}]]`, with two brackets, each time")
-            }
-            "duplicate key" => "is there twice; keep one".to_owned(),
-            other => other.to_owned(),
-        };
         let excerpt: String = excerpt.lines().next().unwrap_or_default().chars().take(40).collect();
-        let is_quoted = excerpt.is_empty() || message.contains(&format!("`{excerpt}`"));
-        Self::Toml(plain(&if is_quoted { message } else { format!("`{excerpt}`: {message}") }))
+        let about = if excerpt.is_empty() { String::new() } else { format!("`{excerpt}`: ") };
+        Self::Toml(plain(&format!("{about}{message}; docs/configuration.md shows the form")))
     }
 }
 

@@ -3,11 +3,12 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::entry::{At, Entry, Item, Rule};
+use super::entry::{At, Entry, Item, Rule, Written};
 use super::findings::Findings;
 use super::problem::{LISTS, Wrong, plain};
-use super::similar::suggestion;
-use super::value::{Value, kind};
+use super::similar::{closest, suggestion};
+use super::sort::found;
+use super::value::Value;
 
 /// A kind of table: its keys, all read.
 pub(super) trait Section: Sized {
@@ -63,7 +64,8 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             return Entry { value: rule.default, at, unit, is_written: false };
         };
         let at = At { offset: written.span().start, ..at };
-        let value = match rule.read(written, unit) {
+        let source = self.findings.source(written.span());
+        let value = match rule.read(key, Written { value: written, source }, unit) {
             Ok(value) => {
                 rule.doubt(&value).into_iter().for_each(|wrong| self.findings.warn(at, wrong));
                 value
@@ -88,8 +90,13 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let table = written.and_then(|written| written.get_ref().as_table());
         if let (Some(written), None) = (written, table) {
             let wrong = match written.get_ref() {
-                DeValue::Array(_) => Wrong::OneTable(path),
-                other => Wrong::Type { expected: "a table", found: kind(other) },
+                DeValue::Array(items) if items.iter().all(|item| item.get_ref().is_table()) => {
+                    Wrong::OneTable(path)
+                }
+                _ if path.contains('.') => {
+                    self.no_table("a table", written, &format!("write {} = {{ KEY = VALUE }}", last(path)))
+                }
+                _ => self.no_table("a table", written, &below_header(&format!("[{path}]"))),
             };
             self.findings.error(at(path, written), wrong);
         }
@@ -105,16 +112,25 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         }
         let items = written.get_ref().as_array();
         let items: Vec<_> = items.map_or_else(|| vec![written], |items| items.iter().collect());
+        if items.iter().any(|item| !item.get_ref().is_table()) {
+            let expected = if written.get_ref().is_array() { "tables" } else { "a table" };
+            let wrong = self.no_table(expected, written, &below_header(&format!("[[{}]]", S::PATH)));
+            self.findings.error(at(S::PATH, written), wrong);
+            self.findings.spoil(S::PATH);
+        }
         items.into_iter().filter_map(|item| self.item(item)).collect()
     }
 
     fn item<S: Section>(&mut self, written: &Spanned<DeValue<'_>>) -> Option<Item<S>> {
         let at = at(S::PATH, written);
-        let table = written.get_ref().as_table();
-        if table.is_none() {
-            self.findings.error(at, Wrong::Type { expected: "a table", found: kind(written.get_ref()) });
-        }
-        Some(Item { at, keys: self.below(S::PATH, Some(table?), at.offset).keys() })
+        let table = written.get_ref().as_table()?;
+        Some(Item { at, keys: self.below(S::PATH, Some(table), at.offset).keys() })
+    }
+
+    /// The problem of a value where tables are expected.
+    fn no_table(&self, expected: &str, written: &Spanned<DeValue<'_>>, cure: &str) -> Wrong {
+        let found = found(written.get_ref(), self.findings.source(written.span()));
+        Wrong::Type { expected: expected.into(), found: found.into(), cure: cure.into() }
     }
 
     /// Reports every key that is neither one of `keys` nor a table below this one.
@@ -124,15 +140,37 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             path => section.strip_prefix(path)?.strip_prefix('.'),
         };
         let tables = self.known.iter().filter_map(|(path, _)| below(path)).filter(|name| !name.contains('.'));
-        let known: Vec<_> = keys.iter().copied().chain(tables).collect();
-        for (key, _) in self.table.into_iter().flatten() {
+        let tables: Vec<_> = tables.collect();
+        let known: Vec<_> = keys.iter().copied().chain(tables.iter().copied()).collect();
+        for (key, value) in self.table.into_iter().flatten() {
             let name = key.get_ref().as_ref();
-            if !known.contains(&name) {
-                let hint = self.table_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
-                let wrong = Wrong::UnknownKey { key: plain(name), hint };
-                self.findings.error_of_key(self.path, name, key.span().start, wrong);
+            if known.contains(&name) {
+                continue;
             }
+            let wrong = match written_as_table(name, value.get_ref()) {
+                Some(table) if self.path.is_empty() => self.unknown_table(name, table, &tables),
+                _ => {
+                    let hint = self.table_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
+                    Wrong::UnknownKey { key: plain(name), hint }
+                }
+            };
+            self.findings.error_of_key(self.path, name, key.span().start, wrong);
         }
+    }
+
+    /// The problem of a table of the file that is none of `known`.
+    fn unknown_table(&mut self, name: &str, table: String, known: &[&'static str]) -> Wrong {
+        let hint = match closest(name, known.iter().copied()) {
+            Some(near) => {
+                self.findings.spoil(near);
+                format!("did you mean {}?", header(near))
+            }
+            None => {
+                let known: Vec<_> = known.iter().map(|name| header(name)).collect();
+                format!("known are {}", known.join(", "))
+            }
+        };
+        Wrong::UnknownTable { table, hint }
     }
 
     /// Returns the table that an unknown key belongs to: one of the same list, or the only one that
@@ -142,11 +180,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
         let related = tables.iter().find(|table| first(table) == first(self.path));
         let table = related.or(tables.first().filter(|_| tables.len() == 1))?;
-        Some(if LISTS.contains(table) {
-            format!("it belongs in [[{table}]]")
-        } else {
-            format!("it belongs in [{table}]")
-        })
+        Some(format!("it belongs in {}", header(table)))
     }
 
     /// Returns `new`, or `old` where only that is written. Both are an error.
@@ -161,6 +195,28 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             _ => new,
         }
     }
+}
+
+/// The line that begins the table `path`.
+fn header(path: &str) -> String {
+    if LISTS.contains(&path) { format!("[[{path}]]") } else { format!("[{path}]") }
+}
+
+/// The line that begins a table of the file, as its value was written; `None` for a value that is no table.
+fn written_as_table(name: &str, value: &DeValue<'_>) -> Option<String> {
+    let name = plain(name);
+    match value {
+        DeValue::Table(_) => Some(format!("[{name}]")),
+        DeValue::Array(items) if items.iter().all(|item| item.get_ref().is_table()) => {
+            Some(format!("[[{name}]]"))
+        }
+        _ => None,
+    }
+}
+
+/// The cure of a value where a table is expected.
+fn below_header(header: &str) -> String {
+    format!("write {header} in a line of its own, and its keys below")
 }
 
 /// Where the table `path` is written.

@@ -11,14 +11,30 @@ use toml::de::DeValue;
 
 use super::problem::{Wrong, plain};
 use super::similar::suggestion;
+use super::sort::Sort;
+
+/// Why a value is no value of a type.
+#[derive(Debug)]
+pub(super) enum Misfit {
+    /// It is of another sort, or has more digits than an integer.
+    Sort,
+    /// It is of the sort.
+    Value(Wrong),
+}
+
+impl From<Wrong> for Misfit {
+    fn from(wrong: Wrong) -> Self {
+        Self::Value(wrong)
+    }
+}
 
 /// A type that a key can have.
 pub(super) trait Value: Sized {
-    /// The name of the type for messages, with an article.
-    const KIND: &'static str;
+    /// Its sort, for messages.
+    const SORT: Sort;
 
     /// The value, when it is of this type.
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong>;
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit>;
 
     /// The value as a number, to compare it with a range.
     fn number(&self) -> Option<f64> {
@@ -36,32 +52,15 @@ pub(super) trait Value: Sized {
     }
 }
 
-fn wrong_type<T: Value>(found: &DeValue<'_>) -> Wrong {
-    Wrong::Type { expected: T::KIND, found: kind(found) }
-}
-
-/// The name of the type of a value in a file, with an article.
-pub(super) fn kind(value: &DeValue<'_>) -> &'static str {
-    match value {
-        DeValue::String(_) => "a text",
-        DeValue::Integer(_) => "an integer",
-        DeValue::Float(_) => "a number",
-        DeValue::Boolean(_) => "true or false",
-        DeValue::Datetime(_) => "a date",
-        DeValue::Array(_) => "a list",
-        DeValue::Table(_) => "a table",
-    }
-}
-
 impl Value for f64 {
-    const KIND: &'static str = "a number";
+    const SORT: Sort = Sort::Number;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
         match found {
-            DeValue::Float(float) => float.as_str().parse().map_err(|_| wrong_type::<Self>(found)),
+            DeValue::Float(float) => float.as_str().parse().map_err(|_| Misfit::Sort),
             DeValue::Integer(_) => i64::read(written).map(|integer| integer as Self),
-            _ => Err(wrong_type::<Self>(found)),
+            _ => Err(Misfit::Sort),
         }
     }
 
@@ -75,12 +74,12 @@ impl Value for f64 {
 }
 
 impl Value for i64 {
-    const KIND: &'static str = "an integer";
+    const SORT: Sort = Sort::Integer;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        let integer = found.as_integer().ok_or_else(|| wrong_type::<Self>(found))?;
-        Self::from_str_radix(integer.as_str(), integer.radix()).map_err(|_| Wrong::TooManyDigits)
+        let integer = found.as_integer().ok_or(Misfit::Sort)?;
+        Self::from_str_radix(integer.as_str(), integer.radix()).map_err(|_| Misfit::Sort)
     }
 
     fn number(&self) -> Option<f64> {
@@ -93,11 +92,11 @@ impl Value for i64 {
 }
 
 impl Value for bool {
-    const KIND: &'static str = "true or false";
+    const SORT: Sort = Sort::Flag;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        found.as_bool().ok_or_else(|| wrong_type::<Self>(found))
+        found.as_bool().ok_or(Misfit::Sort)
     }
 
     fn default_text(&self) -> String {
@@ -106,53 +105,57 @@ impl Value for bool {
 }
 
 impl Value for String {
-    const KIND: &'static str = "a text";
+    const SORT: Sort = Sort::Text;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        found.as_str().map(str::to_owned).ok_or_else(|| wrong_type::<Self>(found))
+        found.as_str().map(str::to_owned).ok_or(Misfit::Sort)
     }
 }
 
 impl Value for PathBuf {
-    const KIND: &'static str = "a text";
+    const SORT: Sort = Sort::Text;
 
     /// Path of a file for metrics that ends with `.prom`: Prometheus' node exporter reads no other
     /// names.
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let text = String::read(written)?;
         let path = Self::from(&text);
         let is_sound = path.is_absolute() && path.extension().is_some_and(|end| end == "prom");
-        if is_sound && !text.contains('\0') { Ok(path) } else { Err(Wrong::MetricsFile { path: text }) }
+        if is_sound && !text.contains('\0') {
+            Ok(path)
+        } else {
+            Err(Wrong::MetricsFile { path: text }.into())
+        }
     }
 }
 
 impl Value for SocketAddr {
-    const KIND: &'static str = "a text";
+    const SORT: Sort = Sort::Text;
 
     /// A loopback address: every process that reaches the address can read the metrics.
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let text = String::read(written)?;
         let loopback = text.parse().ok().filter(|address: &Self| address.ip().is_loopback());
-        loopback.filter(|address| address.port() != 0).ok_or(Wrong::MetricsAddress { address: text })
+        loopback.filter(|address| address.port() != 0).ok_or(Wrong::MetricsAddress { address: text }.into())
     }
 }
 
 impl Value for [f64; 2] {
-    const KIND: &'static str = "a list of two numbers";
+    const SORT: Sort = Sort::TwoNumbers;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let items = found.as_array().ok_or(Misfit::Sort)?;
         let numbers = items.iter().map(f64::read).collect::<Result<Vec<_>, _>>()?;
-        <[f64; 2]>::try_from(numbers).map_err(|numbers| Wrong::PositionCount(numbers.len()))
+        <[f64; 2]>::try_from(numbers).map_err(|numbers| Wrong::PositionCount(numbers.len()).into())
     }
 }
 
 impl Value for Vec<String> {
-    const KIND: &'static str = "a list of texts";
+    const SORT: Sort = Sort::Texts;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let listed = Vec::<Listed>::read(written)?;
         let names: Self = listed.into_iter().map(|item| item.text).collect();
         let is_host = |name: &String| {
@@ -160,7 +163,7 @@ impl Value for Vec<String> {
             !name.is_empty() && name.chars().all(is_part)
         };
         match names.iter().find(|name| !is_host(name)) {
-            Some(name) => Err(Wrong::HostName { name: name.clone() }),
+            Some(name) => Err(Wrong::HostName { name: name.clone() }.into()),
             None => Ok(names),
         }
     }
@@ -174,20 +177,20 @@ pub(super) struct Listed {
 }
 
 impl Value for Vec<Listed> {
-    const KIND: &'static str = "a list of texts";
+    const SORT: Sort = Sort::Texts;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let items = found.as_array().ok_or(Misfit::Sort)?;
         let listed = |item| String::read(item).map(|text| Listed { text, offset: item.span().start });
         items.iter().map(listed).collect()
     }
 }
 
 impl<T: Value> Value for Option<T> {
-    const KIND: &'static str = T::KIND;
+    const SORT: Sort = T::SORT;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         T::read(written).map(Some)
     }
 
@@ -212,14 +215,14 @@ pub(super) trait Choice: Copy + PartialEq + 'static {
 }
 
 impl<C: Choice> Value for C {
-    const KIND: &'static str = "a text";
+    const SORT: Sort = Sort::Text;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let text = String::read(written)?;
         let known = Self::WORDS.iter().find(|(word, _)| *word == text);
         known.map(|(_, choice)| *choice).ok_or_else(|| {
             let hint = suggestion(&text, Self::choices().into_iter());
-            Wrong::UnknownWord { word: plain(&text), hint }
+            Wrong::UnknownWord { word: plain(&text), hint }.into()
         })
     }
 

@@ -14,6 +14,17 @@ proptest! {
         let _ = parse(Path::new("robot.toml"), &bytes, &machine());
     }
 
+    /// Text of any language, with what begins and ends the parts of a file.
+    #[test]
+    fn arbitrary_text_never_panics(parts in prop::collection::vec("\\PC{0,6}|[\\[\\]{}=\"'#,.\\\\ \t\r\n-]{1,3}|rate-hz = |\n\\[cycle\\]\n|limits = \\{", 0..40)) {
+        let text = parts.concat();
+        if let Err(error) = parse(Path::new("robot.toml"), text.as_bytes(), &machine()) {
+            for problem in &error.problems {
+                prop_assert!(!problem.to_string().contains(char::is_control), "{:?}", problem.to_string());
+            }
+        }
+    }
+
     /// Damage to a shipped file reaches more checks than random bytes do: a part of it moves to
     /// another position, or is replaced.
     #[test]

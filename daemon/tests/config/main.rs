@@ -8,6 +8,7 @@ mod doubts;
 mod ids;
 mod init;
 mod ipc_schedule;
+mod messages;
 mod mistakes;
 mod physics;
 mod shipped;

@@ -9,7 +9,7 @@ const MARK: &str = "#!";
 
 pub(crate) const REFUSED: &[Case] = &[
     // The text.
-    ("rate-hz = 1000", "rate-hz = = 1 #!", "", "extra `=`"),
+    ("rate-hz = 1000", "rate-hz = = 1 #!", "cycle.rate-hz", "found `=` twice; write rate-hz = 1"),
     (
         "model = 'GIM3505-8'",
         "model = 'GIM3505-8'\ncontrol-duration-ms = 2 #!",
@@ -22,18 +22,28 @@ pub(crate) const REFUSED: &[Case] = &[
         "motor.control-duration-ms",
         "an MIT command has no duration",
     ),
-    ("[cycle]", "[cycle #!", "", "unclosed table"),
+    ("[cycle]", "[cycle #!", "cycle", "write [cycle], alone in its line"),
     (
         "kp-max = 200.0",
         "kp-mx = 200.0 #!",
         "motor.limits.kp-mx",
         "unknown key `kp-mx`; did you mean `kp-max`?",
     ),
-    ("[safety]", "[saftey] #!", "saftey", "unknown key `saftey`; did you mean `safety`?"),
-    ("rate-hz = 1000", "rate-hz = 1000\nrate-hz = 500 #!", "", "`rate-hz`: is there twice"),
+    ("[safety]", "[saftey] #!", "saftey", "unknown table [saftey]; did you mean [safety]?"),
+    (
+        "rate-hz = 1000",
+        "rate-hz = 1000\nrate-hz = 500 #!",
+        "cycle.rate-hz",
+        "`rate-hz` is there twice, first in line 5",
+    ),
     ("rate-hz = 1000", "rate-hz = 'fast' #!", "cycle.rate-hz", "expected a number"),
     ("rate-hz = 1000", "cpu = 1.5 #!", "cycle.cpu", "expected an integer"),
-    ("mode = 'timed'", "mode = 3 #!", "exchange.mode", "expected a text, found an integer"),
+    (
+        "mode = 'timed'",
+        "mode = 3 #!",
+        "exchange.mode",
+        "expected one of \"timed\", \"spin\", found the integer 3",
+    ),
     ("mode = 'timed'", "mode = 'fast' #!", "exchange.mode", "unknown value `fast`; known are timed, spin"),
     ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be a name"),
     ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),

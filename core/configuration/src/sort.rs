@@ -1,0 +1,153 @@
+//! The sorts of values, and what to write in place of a value of another sort.
+
+use toml::de::DeValue;
+
+use super::problem::plain;
+
+/// Letters of a value that a message quotes.
+const QUOTED_MAX: usize = 40;
+
+/// A sort of values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sort {
+    Number,
+    Integer,
+    Flag,
+    Text,
+    TwoNumbers,
+    Texts,
+}
+
+impl Sort {
+    /// Its name, with an article.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Number => "a number",
+            Self::Integer => "an integer",
+            Self::Flag => "true or false",
+            Self::Text => "a text",
+            Self::TwoNumbers => "a list of two numbers",
+            Self::Texts => "a list of texts",
+        }
+    }
+
+    /// The name after "write".
+    pub(super) const fn to_write(self) -> &'static str {
+        match self {
+            Self::TwoNumbers => "two numbers",
+            Self::Texts => "texts",
+            other => other.name(),
+        }
+    }
+
+    /// A value, as it is written in a file.
+    pub(super) const fn example(self) -> &'static str {
+        match self {
+            Self::Number => "1.5",
+            Self::Integer => "1",
+            Self::Flag => "true",
+            Self::Text => "\"hip\"",
+            Self::TwoNumbers => "[-0.5, 0.5]",
+            Self::Texts => "[\"hip\", \"knee\"]",
+        }
+    }
+
+    /// Returns what to write for `key` in place of `value`, which is `source` in the file.
+    pub(super) fn instead(self, key: &str, value: &DeValue<'_>, source: &str, example: &str) -> String {
+        match self.converted(value, source) {
+            Some((value, "")) => format!("write {key} = {value}"),
+            Some((value, how)) => format!("write {key} = {value}, {how}"),
+            None => format!("write {}, such as {key} = {example}", self.to_write()),
+        }
+    }
+
+    /// Returns the value of this sort that was probably meant, and how it differs.
+    fn converted(self, value: &DeValue<'_>, source: &str) -> Option<(String, &'static str)> {
+        const NO_QUOTES: &str = "without quotes";
+        match (self, value) {
+            (Self::Number | Self::Integer, DeValue::String(text)) => Some((self.number_in(text)?, NO_QUOTES)),
+            (Self::Integer, DeValue::Float(_)) => {
+                let float: f64 = source.parse().ok()?;
+                (float.fract() == 0.0 && float.abs() < 1e15)
+                    .then(|| (format!("{float:.0}"), "without a point"))
+            }
+            (Self::Flag, DeValue::String(text)) => Some((flag(text)?.to_string(), NO_QUOTES)),
+            (Self::Flag, DeValue::Integer(_)) => Some((flag(source)?.to_string(), "")),
+            (Self::Text, DeValue::Integer(_) | DeValue::Float(_)) => {
+                Some((format!("\"{}\"", plain(source)), "with quotes"))
+            }
+            (Self::TwoNumbers, DeValue::Integer(_) | DeValue::Float(_)) => {
+                let end = source.trim_start_matches(['-', '+']);
+                Some((format!("[-{end}, {end}]"), ""))
+            }
+            (Self::Texts, DeValue::String(text)) => {
+                let texts: Vec<_> = text.split(',').map(|text| format!("{:?}", text.trim())).collect();
+                Some((format!("[{}]", texts.join(", ")), ""))
+            }
+            (_, DeValue::Array(items)) if items.len() == 1 && self.is(items.first()?.get_ref()) => {
+                let inner = source.strip_prefix('[')?.strip_suffix(']')?.trim().trim_end_matches(',');
+                Some((plain(inner), "without brackets"))
+            }
+            _ => None,
+        }
+    }
+
+    fn is(self, value: &DeValue<'_>) -> bool {
+        match self {
+            Self::Number => matches!(value, DeValue::Integer(_) | DeValue::Float(_)),
+            Self::Integer => matches!(value, DeValue::Integer(_)),
+            Self::Flag => matches!(value, DeValue::Boolean(_)),
+            Self::Text => matches!(value, DeValue::String(_)),
+            Self::TwoNumbers | Self::Texts => false,
+        }
+    }
+
+    /// Returns the number at the begin of a text, with a point: `20.5` of `20,5 ms`.
+    fn number_in(self, text: &str) -> Option<String> {
+        let text = text.trim();
+        if self == Self::Integer && (text.starts_with("0x") || text.starts_with("0X")) {
+            return i64::from_str_radix(&text[2..], 16).ok().map(|_| text.replacen('X', "x", 1));
+        }
+        let end = text.find(|c: char| !(c.is_ascii_digit() || "+-.,".contains(c))).unwrap_or(text.len());
+        let number = text[..end].replace(',', ".");
+        match self {
+            Self::Integer => number.parse::<i64>().ok().map(|number| number.to_string()),
+            _ => number
+                .parse::<f64>()
+                .ok()
+                .filter(|number| number.is_finite())
+                .map(|number| number.to_string()),
+        }
+    }
+}
+
+/// Returns the value of the words that people use for true and false.
+pub(super) fn flag(text: &str) -> Option<bool> {
+    match text.trim().to_lowercase().as_str() {
+        "true" | "yes" | "on" | "1" => Some(true),
+        "false" | "no" | "off" | "0" => Some(false),
+        _ => None,
+    }
+}
+
+/// Describes a value that is `source` in the file: `the text "1000"`.
+pub(super) fn found(value: &DeValue<'_>, source: &str) -> String {
+    let quoted = quoted(source);
+    match value {
+        DeValue::String(_) => format!("the text {quoted}"),
+        DeValue::Integer(_) => format!("the integer {quoted}"),
+        DeValue::Float(_) => format!("the number {quoted}"),
+        DeValue::Boolean(_) => quoted,
+        DeValue::Datetime(_) => format!("the date {quoted}"),
+        DeValue::Array(_) => format!("the list {quoted}"),
+        DeValue::Table(_) => format!("the table {quoted}"),
+    }
+}
+
+/// The first line of a part of a file, cut where it is long.
+pub(super) fn quoted(source: &str) -> String {
+    let line = source.trim().lines().next().unwrap_or_default();
+    let cut: String = line.chars().take(QUOTED_MAX).collect();
+    let rest = if cut.len() < source.trim().len() { "…" } else { "" };
+    format!("{}{rest}", plain(&cut))
+}

@@ -1,0 +1,86 @@
+//! Explains text that is no TOML: its place and key, what was expected, and what to write.
+//!
+//! The TOML library reports a place, and a few words for people who know TOML. The explanations
+//! here look at the line itself.
+
+mod line;
+mod scan;
+mod value;
+
+use toml::de::Error;
+
+use super::keys;
+use super::problem::{LISTS, Wrong, plain};
+use super::sort::quoted;
+use line::Line;
+
+/// A mistake in the text.
+pub(super) struct Mistake {
+    /// Bytes from the start of the file.
+    pub(super) offset: usize,
+    /// The dotted key, where the line has one.
+    pub(super) key: Option<String>,
+    pub(super) wrong: Wrong,
+}
+
+/// Explains the first of `errors`, which the TOML library reported of `text`. `None` without one.
+pub(super) fn explain(text: &str, errors: &[Error]) -> Option<Mistake> {
+    let start = |error: &&Error| error.span().unwrap_or_default().start;
+    let error = errors.iter().min_by_key(start)?;
+    let of_file = |offset, wrong| Mistake { offset, key: None, wrong };
+    Some(match (other_format(text), lone_return(text)) {
+        (Some(format), _) => of_file(0, Wrong::OtherFormat(format)),
+        (None, Some(offset)) => of_file(offset, Wrong::LoneReturn),
+        (None, None) => mistake(text, error),
+    })
+}
+
+fn mistake(text: &str, error: &Error) -> Mistake {
+    let span = error.span().unwrap_or_default();
+    let excerpt = text.get(span.clone()).unwrap_or_default();
+    let line = Line::at(text, span.start);
+    if error.message() == "duplicate key" {
+        return Mistake { offset: span.start, key: line.path(), wrong: duplicate(text, span.start, excerpt) };
+    }
+    if let Some(open) = scan::unclosed(text, span.start) {
+        let (line, bracket) = (Line::at(text, open), if text[open..].starts_with('{') { "{" } else { "[" });
+        let close = if bracket == "{" { "}" } else { "]" };
+        return Mistake { offset: open, key: line.path(), wrong: Wrong::Unclosed { bracket, close } };
+    }
+    let row = line.key.and_then(|key| keys::row(&line.section(), key));
+    let explained = value::explain(&line, row.as_ref(), error.message());
+    let wrong =
+        explained.map_or_else(|| Wrong::toml(error.message(), excerpt), |text| Wrong::Toml(plain(&text)));
+    Mistake { offset: span.start, key: line.path(), wrong }
+}
+
+/// A key or a table that is there a second time at `offset`.
+fn duplicate(text: &str, offset: usize, name: &str) -> Wrong {
+    let first =
+        scan::earlier(text, offset, name).map_or_else(String::new, |line| format!(", first in line {line}"));
+    Wrong::Toml(match LISTS.contains(&name) {
+        true => format!("is there twice{first}; write `[[{name}]]`, with two brackets, each time"),
+        false => format!("`{}` is there twice{first}; keep one", quoted(name)),
+    })
+}
+
+/// Returns the offset of the first carriage return without a line feed.
+fn lone_return(text: &str) -> Option<usize> {
+    let is_lone = |(offset, _): &(usize, &str)| text.as_bytes().get(offset + 1) != Some(&b'\n');
+    text.match_indices('\r').find(is_lone).map(|(offset, _)| offset)
+}
+
+/// Returns the name of another format that the text is written in.
+fn other_format(text: &str) -> Option<&'static str> {
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    let in_bracket = text.strip_prefix('[').map(str::trim_start);
+    let begins = |text: &str, one_of: &[char]| text.starts_with(one_of);
+    match text {
+        text if text.starts_with("---") || text.starts_with("%YAML") => Some("YAML"),
+        text if begins(text, &['{']) || in_bracket.is_some_and(|rest| begins(rest, &['{', '"'])) => {
+            Some("JSON")
+        }
+        text if begins(text, &['<']) && !text.starts_with("<<<<") => Some("XML"),
+        _ => None,
+    }
+}
