@@ -21,7 +21,7 @@ use tracing_subscriber::filter::LevelFilter;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stalls\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check robot.toml             judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run robot.toml               run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman robot.toml           damp and stop the motors when that daemon dies or stalls\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
     /// The least important lines of the log: error, warn, info or debug. Every change of every motor is debug.
@@ -35,9 +35,8 @@ struct Arguments {
 enum Command {
     /// Run the daemon.
     Run {
-        /// The configuration.
-        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
-        config: PathBuf,
+        #[command(flatten)]
+        config: ConfigFile,
         /// Wait at most this time for interfaces and ports that are missing or down, s. The service waits for 10 minutes: an
         /// adapter may be plugged in after the computer has started.
         #[arg(long, value_name = "SECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=86_400))]
@@ -45,33 +44,32 @@ enum Command {
     },
     /// Run the dead man's switch of the instance: damp and stop its motors when the daemon dies or stalls.
     Deadman {
-        /// The configuration.
-        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
-        config: PathBuf,
+        #[command(flatten)]
+        config: ConfigFile,
     },
     /// Damp and stop every motor on a CAN interface or serial port once, when no daemon runs. Waits for a dead man's switch that is
     /// at it.
     SafeStop {
-        /// The configuration.
-        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
-        config: PathBuf,
+        #[command(flatten)]
+        config: ConfigFile,
     },
     /// Judge a configuration and show the plan of its buses, without opening any.
     #[command(
-        after_help = "Examples:\n  motord check --config robot.toml\n  motord check --config robot.toml --joints\n  motord check --config robot.toml --joints --json\n\nExit status: 0 may run, 78 the configuration is refused."
+        after_help = "Examples:\n  motord check robot.toml\n  motord check robot.toml --joints\n  motord check --config robot.toml --joints --json\n\nExit status: 0 may run, 78 the configuration is refused."
     )]
     Check {
-        /// The configuration.
-        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
-        config: PathBuf,
-        /// Show the effective limits of each joint, and where each comes from: a line of the file, the model, a default.
+        #[command(flatten)]
+        config: ConfigFile,
+        /// Show the effective limits of the joints, and where each comes from: a line of the file, the model, a default. Joints with
+        /// equal limits share a table.
         #[arg(long)]
         joints: bool,
         /// Print one JSON object.
         #[arg(long)]
         json: bool,
     },
-    /// Write a first configuration: for N equal legs, or for an arm. Asks on a terminal what the options do not say.
+    /// Write a first configuration: for N equal legs, or for an arm. On a terminal, asks for everything that the options do not say,
+    /// also for the file.
     ///
     /// The limits in it are cautious. The rate is the highest for which the buses have time.
     #[command(
@@ -80,6 +78,23 @@ enum Command {
     Init(Options),
     #[command(flatten)]
     Pages(Pages),
+}
+
+/// The configuration of a command, with or without its option.
+#[derive(Debug, clap::Args)]
+struct ConfigFile {
+    /// The configuration [default: /etc/motord/motord.toml].
+    #[arg(value_name = "FILE")]
+    file: Option<PathBuf>,
+    /// The same, as an option.
+    #[arg(long, value_name = "FILE", conflicts_with = "file")]
+    config: Option<PathBuf>,
+}
+
+impl ConfigFile {
+    fn path(self) -> PathBuf {
+        self.file.or(self.config).unwrap_or_else(|| DEFAULT_CONFIG.into())
+    }
 }
 
 /// A build that panics on request says so, lest it is packaged.
@@ -101,7 +116,7 @@ fn main() -> ExitCode {
     let log = arguments.log;
     match arguments.command {
         Command::Check { config, joints, json } => {
-            let status = check(&config, Wanted { json, joints }, &mut std::io::stdout().lock());
+            let status = check(&config.path(), Wanted { json, joints }, &mut std::io::stdout().lock());
             ExitCode::from(status.unwrap_or(exit_status::IO))
         }
         Command::Init(init) => ended(init.run(), InitError::exit_status, &mut std::io::stderr()),
@@ -110,13 +125,13 @@ fn main() -> ExitCode {
         }
         Command::Run { config, wait_for_buses } => {
             let patience = Duration::from_secs(wait_for_buses.into());
-            logged(log, || motord::commands::run::run(&config, patience), RunError::exit_status)
+            logged(log, || motord::commands::run::run(&config.path(), patience), RunError::exit_status)
         }
         Command::Deadman { config } => {
-            logged(log, || motord_deadman::run(&config), DeadmanError::exit_status)
+            logged(log, || motord_deadman::run(&config.path()), DeadmanError::exit_status)
         }
         Command::SafeStop { config } => {
-            logged(log, || safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
+            logged(log, || safe_stop(&config.path(), &mut open_interface), SafeStopError::exit_status)
         }
     }
 }

@@ -140,6 +140,67 @@ fn terminal_prompts_with_defaults_for_empty_answers() {
     assert_eq!((loaded.settings.motors.len(), loaded.settings.buses.len()), (6, 2));
 }
 
+/// Goal: whoever starts `motord init` on a terminal has a file afterwards, and loses none.
+/// Method: a terminal on all three streams, twice in one directory; then the same into a pipe.
+#[test]
+fn terminal_without_file_asks_for_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let complete = ["init", "--legs", "1", "--model", "GIM8108-8", "--simulated"];
+    let on_terminal = |answers: &[(&str, &str)]| {
+        let terminal = openpty(None, None).unwrap();
+        let near = || Stdio::from(terminal.slave.try_clone().unwrap());
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.args(complete).env("TERM", "xterm").current_dir(directory.path());
+        let mut asked = command.stdin(near()).stdout(near()).stderr(near()).spawn().unwrap();
+        drop(command);
+        drop(terminal.slave);
+        let mut master = File::from(terminal.master);
+        for (question, answer) in answers {
+            wait_for(&mut master, question);
+            master.write_all(format!("{answer}\r").as_bytes()).unwrap();
+        }
+        let mut rest = Vec::new();
+        let _end_of_terminal = master.read_to_end(&mut rest);
+        assert!(asked.wait().unwrap().success(), "{}", String::from_utf8_lossy(&rest));
+    };
+    let file = |name: &str| fs::read_to_string(directory.path().join(name)).unwrap();
+    on_terminal(&[("File to write", "")]);
+    assert!(file("robot.toml").contains("GIM8108-8"));
+    fs::write(directory.path().join("robot.toml"), "mine").unwrap();
+    on_terminal(&[("File to write", ""), ("Replace it?", "n"), ("File to write", "other.toml")]);
+    assert_eq!(file("robot.toml"), "mine");
+    assert!(file("other.toml").contains("GIM8108-8"));
+    on_terminal(&[("File to write", ""), ("Replace it?", "y")]);
+    assert_eq!(file("robot.toml"), file("other.toml"));
+
+    let terminal = openpty(None, None).unwrap();
+    let mut piped = Command::new(env!("CARGO_BIN_EXE_motord"));
+    let piped = piped.args(complete).stdin(Stdio::from(terminal.slave)).output().unwrap();
+    assert_eq!(String::from_utf8(piped.stdout).unwrap(), file("other.toml"));
+}
+
+/// Each command with a configuration takes it with and without `--config`.
+#[test]
+fn configuration_needs_no_option() {
+    let file = crate::document::shipped("quadruped-simulated.toml");
+    let missing = Path::new("/nonexistent/robot.toml");
+    let motord = |arguments: &[&str], file: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.args(arguments).arg(file).stdin(Stdio::null()).output().unwrap()
+    };
+    let [plain, option] = [&["check"][..], &["check", "--config"]].map(|arguments| motord(arguments, &file));
+    assert!(plain.status.success() && plain.stdout == option.stdout, "{plain:?}");
+    for command in ["check", "run", "deadman", "safe-stop"] {
+        let output = motord(&[command], missing);
+        let said = [output.stdout, output.stderr].concat();
+        let said = String::from_utf8_lossy(&said);
+        assert_eq!(output.status.code(), Some(78), "{command}: {said}");
+        assert!(said.contains("/nonexistent/robot.toml: cannot be read"), "{command}: {said}");
+    }
+    let both = motord(&["check", "a.toml", "--config"], &file);
+    assert_eq!(both.status.code(), Some(64), "one file, not two");
+}
+
 fn wait_for(terminal: &mut File, text: &str) {
     let (mut seen, mut byte) = (String::new(), [0]);
     while !seen.ends_with(text) {

@@ -152,6 +152,28 @@ fn every_effective_limit_says_where_it_comes_from() {
     assert!(said.contains("following-error-rad         not watched"), "{said}");
 }
 
+/// Goal: a robot of equal legs is read in a page.
+#[test]
+fn joints_with_equal_limits_share_a_table() {
+    let mut out = Vec::new();
+    check(&shipped("quadruped.toml"), Wanted { joints: true, ..TEXT }, &mut out).unwrap();
+    let said = String::from_utf8(out).unwrap();
+    let heads: Vec<_> = said.lines().filter(|line| line.contains(": GIM")).collect();
+    let of = |joint: &str, ids: &str| {
+        let names = ["fl", "fr", "rl", "rr"].map(|leg| format!("{leg}-{joint}")).join(", ");
+        format!("{names}: GIM8108-8, mit, ids {ids}")
+    };
+    assert_eq!(
+        heads,
+        [of("hip", "1, 4, 7, 10"), of("thigh", "2, 5, 8, 11"), of("knee", "3, 6, 9, 12")],
+        "{said}"
+    );
+    let row = said.lines().find(|line| line.trim_start().starts_with("position-rad")).unwrap();
+    let lines =
+        row.rsplit("lines ").next().unwrap().split(", ").filter(|line| line.parse::<usize>().is_ok()).count();
+    assert_eq!(lines, 4, "{row}");
+}
+
 #[expect(clippy::unwrap_used, reason = "a test may panic")]
 fn assert_documented_limits_have_origins(joint: &serde_json::Value) {
     let keys: Vec<_> = joint["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 
-use motord_configuration::{Limit, Loaded};
+use motord_configuration::{Limit, Loaded, Origin};
 use motord_core::settings::MotorSettings;
 
 /// A joint of the object that `--json` prints.
@@ -55,17 +55,67 @@ pub(super) fn reports(loaded: &Loaded) -> Vec<JointReport<'_>> {
     joints.map(|(motor, limits)| JointReport::of(motor, limits)).collect()
 }
 
-/// The same for people: a line for each limit.
+/// The same for people: joints with equal limits in one table, which has a line for each limit.
 pub(super) fn print(loaded: &Loaded, out: &mut impl Write) -> io::Result<()> {
-    for (motor, limits) in loaded.settings.motors.iter().zip(&loaded.limits) {
-        let (name, model, protocol) = (&motor.name, &motor.model, motor.protocol.name());
-        writeln!(out, "\n{name}: {model}, {protocol}")?;
-        for limit in limits {
+    for equal in groups(loaded) {
+        let Some((first, limits)) = equal.first() else { continue };
+        let names: Vec<_> = equal.iter().map(|(motor, _)| motor.name.as_str()).collect();
+        let mut ids: Vec<_> = equal.iter().map(|(motor, _)| motor.id.to_string()).collect();
+        // Motors on different buses may have one id.
+        ids.dedup();
+        let id = if ids.len() == 1 { "id" } else { "ids" };
+        let (model, protocol) = (&first.model, first.protocol.name());
+        writeln!(out, "\n{}: {model}, {protocol}, {id} {}", names.join(", "), ids.join(", "))?;
+        for (index, limit) in limits.iter().enumerate() {
             let value = format!("{} {}", value(limit), if limit.max.is_some() { limit.unit } else { "" });
-            writeln!(out, "  {:<26}  {:<24}  {}", limit.key, value.trim_end(), limit.origin)?;
+            let origins: Vec<_> = equal.iter().map(|(_, limits)| limits[index].origin).collect();
+            writeln!(out, "  {:<26}  {:<24}  {}", limit.key, value.trim_end(), origin(&origins))?;
         }
     }
     Ok(())
+}
+
+/// A motor and its limits.
+type Joint<'a> = (&'a MotorSettings, &'a [Limit]);
+
+/// Joints with equal limits, in the order of their first one.
+fn groups(loaded: &Loaded) -> Vec<Vec<Joint<'_>>> {
+    let mut groups: Vec<Vec<Joint<'_>>> = Vec::new();
+    for (motor, limits) in loaded.settings.motors.iter().zip(&loaded.limits) {
+        match groups.iter_mut().find(|group| are_equal(group[0], (motor, limits))) {
+            Some(group) => group.push((motor, limits)),
+            None => groups.push(vec![(motor, limits)]),
+        }
+    }
+    groups
+}
+
+/// Returns whether two joints differ only in the lines of the file that their limits come from.
+fn are_equal(one: Joint<'_>, other: Joint<'_>) -> bool {
+    let anywhere = |limit: &Limit| Limit { origin: anywhere(limit.origin), ..*limit };
+    (&one.0.model, one.0.protocol) == (&other.0.model, other.0.protocol)
+        && one.1.iter().map(anywhere).eq(other.1.iter().map(anywhere))
+}
+
+/// The origin without its line.
+fn anywhere(origin: Origin) -> Origin {
+    match origin {
+        Origin::File { .. } => Origin::File { line: 0 },
+        Origin::Key { key, .. } => Origin::Key { key, line: 0 },
+        other => other,
+    }
+}
+
+/// The origin of a limit of several joints, with each line.
+fn origin(origins: &[Origin]) -> String {
+    let lines: Vec<_> =
+        origins.iter().filter_map(|origin| origin.line()).map(|line| line.to_string()).collect();
+    match origins.first() {
+        Some(Origin::File { .. }) if lines.len() > 1 => format!("lines {}", lines.join(", ")),
+        Some(Origin::Key { key, .. }) if lines.len() > 1 => format!("{key} in lines {}", lines.join(", ")),
+        Some(origin) => origin.to_string(),
+        None => String::new(),
+    }
 }
 
 /// `-1.2 to 1.2`, `12.5` or `not watched`.

@@ -30,7 +30,7 @@ pub enum MotorPlace {
 }
 
 const HEAD: &str = "\
-# Written by `motord init`. Every key and its default: docs/configuration.md. `motord check --config FILE` judges the file.
+# Written by `motord init`. Every key and its default: docs/configuration.md. `motord check FILE` judges the file.
 #
 # Before the first start:
 # - Give the motors the ids and host ids below, one motor at a time. An id is used once on the whole robot, where the vendor has

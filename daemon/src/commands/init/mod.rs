@@ -107,7 +107,7 @@ impl Configuration {
         let Settings { motors, buses, cycle, .. } = &self.settings;
         let (motors, buses, rate_hz, file) = (motors.len(), buses.len(), cycle.rate_hz, file.display());
         format!(
-            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check --config {file}\n  motord run --config {file}"
+            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check {file}\n  motord run {file}"
         )
     }
 }

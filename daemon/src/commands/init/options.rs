@@ -29,7 +29,7 @@ pub struct Options {
     /// Cycles per second. The default is the highest rate, up to 1000, for which the buses have time.
     #[arg(long, value_name = "HZ")]
     rate_hz: Option<f64>,
-    /// The file to write. The default is standard output.
+    /// The file to write. Without it, asks for one on a terminal; elsewhere, and with --yes, writes to standard output.
     #[arg(long, value_name = "FILE")]
     file: Option<PathBuf>,
     /// Replace an existing file.
@@ -70,6 +70,17 @@ impl Options {
         }
     }
 
+    /// The file to write, and whether it may be replaced; `None` for standard output.
+    fn place(&self) -> Result<Option<(PathBuf, bool)>, InitError> {
+        match &self.file {
+            Some(file) => Ok(Some((file.clone(), self.force))),
+            None if self.yes || !std::io::stdin().is_terminal() || !std::io::stdout().is_terminal() => {
+                Ok(None)
+            }
+            None => questions::ask_file().map(Some),
+        }
+    }
+
     /// Writes the configuration, and says the next step.
     ///
     /// # Errors
@@ -77,12 +88,12 @@ impl Options {
     /// Why none is written.
     pub fn run(&self) -> Result<(), InitError> {
         let configuration = Configuration::of(&self.draft()?, self.rate_hz)?;
-        let Some(file) = &self.file else {
+        let Some((file, force)) = self.place()? else {
             let _closed_pipe = std::io::stdout().write_all(configuration.text.as_bytes());
             return Ok(());
         };
-        configuration.write(file, self.force)?;
-        let _closed_pipe = writeln!(std::io::stdout(), "{}", configuration.summary(file));
+        configuration.write(&file, force)?;
+        let _closed_pipe = writeln!(std::io::stdout(), "{}", configuration.summary(&file));
         Ok(())
     }
 }

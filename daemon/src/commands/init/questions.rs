@@ -1,8 +1,9 @@
 //! The questions of `motord init`, on a terminal.
 
 use super::{Draft, InitError, MotorPlace};
-use dialoguer::{Error, Input};
+use dialoguer::{Confirm, Error, Input};
 use motord_protocol::{MotorProtocol, Profile};
+use std::path::PathBuf;
 
 /// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard error.
 ///
@@ -17,6 +18,33 @@ pub(super) fn ask(defaults: Draft) -> Result<Draft, InitError> {
     let protocol = ask_protocol(protocol, &model)?;
     let place = parse_place(&answer("CAN interfaces or serial devices, or `simulated`", shown(&place))?);
     Ok(Draft { legs, joints, model, protocol, place })
+}
+
+/// The file that is proposed.
+const FILE: &str = "robot.toml";
+
+/// Asks for the file to write, until it is a new one or may be replaced. Returns whether it may.
+///
+/// # Errors
+///
+/// When the questions are broken off.
+pub(super) fn ask_file() -> Result<(PathBuf, bool), InitError> {
+    loop {
+        let file = PathBuf::from(answer("File to write", FILE.to_owned())?);
+        if file.symlink_metadata().is_err() {
+            return Ok((file, false));
+        }
+        let question = format!("{} exists. Replace it?", file.display());
+        if Confirm::new()
+            .with_prompt(question)
+            .default(false)
+            .wait_for_newline(true)
+            .interact()
+            .map_err(unanswered)?
+        {
+            return Ok((file, true));
+        }
+    }
 }
 
 fn ask_model(default: String) -> Result<String, InitError> {
