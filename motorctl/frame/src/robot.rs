@@ -8,7 +8,7 @@ use crate::scale::Scale;
 use motord_bus::{Frame, FrameId};
 use motord_configuration::Problem;
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Profile, ScaleError};
+use motord_protocol::{Profile, ScaleError, register};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -88,6 +88,8 @@ struct LoggedMotor {
     scale: Option<Scale>,
     /// The command that its next reply answers.
     asked: AnsweredCommand,
+    /// The register whose value its next reply may be.
+    asked_register: Option<u8>,
 }
 
 impl LoggedRobot {
@@ -113,12 +115,26 @@ impl LoggedRobot {
 
     /// Decodes a classic frame with an 11-bit id.
     pub(super) fn decode(&mut self, interface: &str, frame: &Frame) -> Result<Object, Rejected> {
+        if let Some(object) = self.register_read(interface, frame) {
+            return Ok(object);
+        }
         let (motor, direction) = self
             .motor_of(interface, frame)
             .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
         object.insert("motor", motor.name.as_str());
         Ok(object)
+    }
+
+    /// Decodes a request for the value of a register, whose id is that of no motor.
+    fn register_read(&mut self, interface: &str, frame: &Frame) -> Option<Object> {
+        let is_request = FrameId::new(register::REQUEST_ID) == Some(frame.id());
+        let &[id, _, _, number, ..] = frame.payload() else { return None };
+        let is_read = frame.payload() == register::read(id, number);
+        let mut here = self.motors.iter_mut().filter(|motor| motor.interface == interface);
+        let motor = here.find(|motor| is_request && is_read && motor.id == id && motor.has_registers())?;
+        motor.asked_register = Some(number);
+        Some(motor.register_object("register_read", number))
     }
 
     fn motor_of(&mut self, interface: &str, frame: &Frame) -> Option<(&mut LoggedMotor, Direction)> {
@@ -154,6 +170,7 @@ impl LoggedMotor {
             },
             profile,
             asked: AnsweredCommand::State,
+            asked_register: None,
         })
     }
 
@@ -172,7 +189,34 @@ impl LoggedMotor {
         }
     }
 
+    fn has_registers(&self) -> bool {
+        self.protocol == FrameProtocol::Mit && self.profile.has_registers
+    }
+
+    fn register_object(&self, kind: &str, number: u8) -> Object {
+        let mut object = Object::new(self.profile, None);
+        object.insert("kind", kind);
+        object.insert("register", number);
+        object.insert("motor", self.name.as_str());
+        object
+    }
+
+    /// Decodes the answer to the last request for the value of a register. It is no state, although it begins like one.
+    fn register_value(&mut self, payload: &[u8]) -> Option<Object> {
+        let number = self.asked_register?;
+        let value = register::value(self.id, number, payload)?;
+        self.asked_register = None;
+        let mut object = self.register_object("register_value", number);
+        object.insert("value", f64::from(value));
+        Some(object)
+    }
+
     fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Rejected> {
+        if direction == Direction::ToHost
+            && let Some(object) = self.register_value(payload)
+        {
+            return Ok(object);
+        }
         let Self { protocol, asked, profile, scale, .. } = *self;
         let object = Codec { protocol, direction, asked, profile, scale }.decode(payload)?;
         if direction == Direction::ToMotor {

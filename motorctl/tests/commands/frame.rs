@@ -404,6 +404,31 @@ fn decode_log(options: &[&str], config: &str, log: &str) -> Output {
     frame("decode", &[options, &["--config", file.path().to_str().unwrap(), "-"]].concat(), log)
 }
 
+/// A motor with registers, whose answer begins like a state.
+#[test]
+fn registers_of_damiao_are_no_states() {
+    let config = "\
+        [[bus]]\nname = 'front'\ntype = 'socketcan'\ninterface = 'vcan0'\n\
+        [[motor]]\nname = 'hip'\nbus = 'front'\nid = 1\nprotocol = 'mit'\nmodel = 'DM-J8009-2EC'\n";
+    let log = "(0.1) vcan0 7FF#0100331500000000\n\
+        (0.2) vcan0 011#0100331500004841\n\
+        (0.3) vcan0 011#0100331500004841\n\
+        (0.4) vcan0 7FF#0200331500000000\n";
+    let output = decode_log(&[], config, log);
+    let decoded: Vec<_> = objects(&output)
+        .iter()
+        .map(|object| ["kind", "motor", "register", "value"].map(|key| object[key].clone()))
+        .collect();
+    let register = |kind: &str, value| [json!(kind), json!("hip"), json!(21), value];
+    assert_eq!(decoded[0], register("register_read", Value::Null));
+    assert_eq!(decoded[1], register("register_value", json!(12.5)));
+    assert_eq!(decoded[2][0], "state", "only the first answer to a request is its answer");
+    assert_eq!(decoded[3][0], "reject", "no motor has this id");
+    for line in text(&output).lines() {
+        assert_lines_valid("motorctl-frame-decode", line);
+    }
+}
+
 #[test]
 fn log_is_decoded_with_motor_names_and_requests() {
     let log = "\
