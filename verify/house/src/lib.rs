@@ -9,6 +9,7 @@ mod docs;
 mod explanations;
 mod functions;
 mod imports;
+mod links;
 mod paths;
 mod rooms;
 mod sizes;

@@ -18,8 +18,7 @@ pub(crate) fn root() -> PathBuf {
 
 /// Every file with one of these endings, in the order of their paths.
 pub(crate) fn files(endings: &[&str]) -> Vec<Source> {
-    let mut paths = Vec::new();
-    collect(&root(), &mut paths);
+    let paths = below(&root());
     let relative = |path: &Path| path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
     let mut files: Vec<Source> = paths
         .iter()
@@ -31,6 +30,13 @@ pub(crate) fn files(endings: &[&str]) -> Vec<Source> {
         .collect();
     files.sort_by(|a, b| a.path.cmp(&b.path));
     files
+}
+
+/// The paths of the files below `directory`, without those of builds.
+pub(crate) fn below(directory: &Path) -> Vec<PathBuf> {
+    let mut paths = Vec::new();
+    collect(directory, &mut paths);
+    paths
 }
 
 /// Every Rust file.
