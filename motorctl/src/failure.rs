@@ -2,6 +2,7 @@
 
 use crate::demo::error::DemoError;
 use crate::exit_status;
+use crate::hold::failure::HoldFailure;
 use motord_client::{Error, FaultError};
 use motord_direct::DirectFailure;
 use motord_doctor::DoctorFailure;
@@ -36,6 +37,9 @@ pub(crate) enum Failure {
     /// The demo failed.
     #[error(transparent)]
     Demo(#[from] DemoError),
+    /// Nothing was held.
+    #[error(transparent)]
+    Hold(#[from] HoldFailure),
     /// The computer is not fit for a real-time cycle, or the checks failed.
     #[error(transparent)]
     Doctor(#[from] DoctorFailure),
@@ -79,6 +83,8 @@ impl Failure {
             Self::NotHeard(_) => exit_status::NOT_HEARD,
             Self::Output(_) => exit_status::IO,
             Self::Demo(error) => error.status(),
+            Self::Hold(failure) if failure.is_refusal() => 1,
+            Self::Hold(_) => exit_status::USAGE,
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Latency(failure) => failure.status(),

@@ -14,6 +14,7 @@ mod explain;
 mod failure;
 mod fault;
 mod history;
+mod hold;
 mod indicator;
 mod instances;
 mod joint_report;
@@ -53,6 +54,7 @@ Examples:
   motorctl demo                     run a trot with 12 simulated motors, without a robot
   motorctl status                   show the state of the robot, and the next steps after a stop
   motorctl explain motor-lost       what a name of the log means, and what to do
+  motorctl hold fl-hip --seconds 5  hold a joint softly where it is
   motorctl estop                    damp and stop every motor now
   motorctl scan --bus can0          find the motors of a bus, without a daemon
   motorctl --instance arm monitor   watch another daemon on this computer
@@ -181,6 +183,19 @@ enum Command {
         after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap --with run.mcap fl-knee >both.svg"
     )]
     Plot(recorder::PlotArguments),
+    /// Hold joints softly where they are, or move them along a small sine: the first motion of a robot.
+    ///
+    /// The command is a controller: it claims the group, starts its motors, and holds their
+    /// measured positions. Stiffness, damping and amplitude rise from zero in a second. If NAME is a
+    /// joint, the other joints of its group are only damped. Ctrl-C and the end of the time damp and
+    /// stop the motors.
+    ///
+    /// A group that is stopped, or that another process owns, is refused, and nothing moves. Keep a
+    /// hand on the switch that cuts the power.
+    #[command(
+        after_help = "Examples:\n  motorctl hold fl-knee --seconds 1\n  motorctl hold legs --kp 10 --kd 1 --seconds 1\n  motorctl hold fl-knee --amplitude-rad 0.1 --frequency-hz 0.5 --seconds 1\n  motorctl hold fl-knee --seconds 1 --json | jq '.joints[0].position_rad'"
+    )]
+    Hold(hold::HoldArguments),
     #[command(flatten)]
     Operate(operate::Operate),
     /// List the faults that motors have reported, or handle them.
@@ -334,6 +349,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Flight(arguments) => Ok(recorder::flight(instance, &arguments)?),
         Command::Replay(arguments) => monitor::replay(&arguments),
         Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
+        Command::Hold(arguments) => hold::run(instance, &arguments),
         Command::Operate(command) => operate::run(instance, command),
         Command::Fault(FaultArguments { command: None, json }) => fault::list(instance, json),
         Command::Fault(FaultArguments { command: Some(FaultCommand::Get { name, reading }), .. }) => {

@@ -15,6 +15,7 @@ mod estop;
 mod frame;
 mod frame_logs;
 mod help;
+mod hold;
 mod monitor;
 mod operate;
 mod protocol_table;
