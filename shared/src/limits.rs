@@ -30,7 +30,7 @@ pub const INDICATOR_JOINTS_MAX: usize = 16;
 /// robot.
 pub const HISTOGRAMS_MAX: usize = JOINTS_MAX + GROUPS_MAX + 16;
 /// Limit on the bytes of text in an answer to an administrative request.
-pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
+pub const ANSWER_BYTES_MAX: usize = 48 * 1024;
 /// Limit on the bytes of a joint, group, bus or instance name.
 pub const NAME_BYTES_MAX: usize = 32;
 

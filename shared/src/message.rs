@@ -373,7 +373,7 @@ plain! {
 }
 
 impl Message for AdminAnswer {
-    const TYPE_NAME: &'static str = "motord.AdminAnswer.v1";
+    const TYPE_NAME: &'static str = "motord.AdminAnswer.v2";
 }
 
 sparse!(AdminAnswer { text by length, });

@@ -29,8 +29,8 @@ use triple_buffer::TripleBuffer;
 
 /// Most open requests: those whose answers the other threads have not taken yet.
 pub const REQUESTS_MAX: usize = 256;
-/// Two seconds of a 1 kHz cycle.
-const RECORDS: usize = 2048;
+/// A second of a 1 kHz cycle.
+const RECORDS: usize = 1024;
 const EVENTS: usize = 4096;
 
 /// The measurements of one cycle, for telemetry.
