@@ -13,7 +13,7 @@ pub mod trot;
 use crate::codec::{Meaning, Ranges};
 use crate::robot::Wiring;
 use motord_bus::candump::LogLine;
-use motord_bus::{Content, Duration};
+use motord_bus::{Content, Duration, Frame, FrameId};
 
 /// Most complaints in the output. All are counted.
 const COMPLAINTS_MAX: usize = 20;
@@ -27,7 +27,7 @@ pub enum Kind {
     Damping,
     /// A stop.
     Stop,
-    /// A fault request, or a clear.
+    /// A fault request, a clear, or a request for the value of a register.
     Fault,
 }
 
@@ -237,10 +237,23 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
         let text = format!("{interface} {frame:?}");
         return Ok(Spoken::Command(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
     }
+    if let Some(motor) = read_of_register(wiring, interface, &frame) {
+        let text = format!("{interface} {frame:?}");
+        return Ok(Spoken::Command(Command { at, motor, kind: Kind::Fault, meaning: None, text }));
+    }
     let replies = |motor: &crate::robot::Wired| motor.interface == interface && motor.reply_id == id;
     let motor = wiring.motors.iter().position(replies);
     let motor = motor.ok_or_else(|| format!("no motor has this id: {line}"))?;
     Ok(Spoken::Reply(Reply { at, motor }))
+}
+
+/// Returns the motor whose register this frame reads. A write is no such frame, and has the id of no motor.
+fn read_of_register(wiring: &Wiring, interface: &str, frame: &Frame) -> Option<usize> {
+    let &[id, 0, 0x33, _, 0, 0, 0, 0] = frame.payload() else { return None };
+    let is_read = frame.id() == FrameId::MAX;
+    wiring.motors.iter().position(|motor| {
+        is_read && motor.has_registers && motor.interface == interface && motor.id == FrameId::from(id)
+    })
 }
 
 /// Formats a time in seconds as candump does.

@@ -157,6 +157,8 @@ pub struct Wired {
     pub id: FrameId,
     /// Id of the replies.
     pub reply_id: FrameId,
+    /// It has registers: requests to them have an id of their own.
+    pub has_registers: bool,
     /// It answers a fault request. Another motor reads the request as a control frame.
     pub answers_question: bool,
     /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the
@@ -242,6 +244,7 @@ impl Wiring {
                 name: motor.name,
                 id,
                 reply_id,
+                has_registers: vendor.has_registers,
                 answers_question: vendor.reply.report.is_some(),
             }))
         };

@@ -505,6 +505,10 @@ fn vendor_reply_ids_and_questions_are_respected() {
         assert!(!with(reply).contains("no motor has this id"), "{reply}");
     }
     assert!(with("102#028000800800").contains("no motor has this id"));
+    assert!(!with("7FF#0200331500000000").contains("no motor has this id"), "reads a register of Damiao's");
+    for strange in ["7FF#0100331500000000", "7FF#0200551500004841", "7FF#0200AA0100000000"] {
+        assert!(with(strange).contains("no motor has this id"), "{strange}");
+    }
     let is_refused = |id: u16| with(&format!("{id:03X}#{QUESTION}")).contains("a question that is a command");
     assert_eq!([1, 2, 3].map(is_refused), [false, true, false]);
 }
