@@ -94,7 +94,7 @@ impl Bridge {
 
 /// Returns each id once: the kernel may deliver a frame once per listed id.
 fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
-    let mut addresses: Vec<FrameId> = bus.motors().iter().map(crate::Motor::address).collect();
+    let mut addresses: Vec<FrameId> = bus.motors().iter().flat_map(crate::Motor::addresses).collect();
     addresses.sort_unstable();
     addresses.dedup();
     addresses

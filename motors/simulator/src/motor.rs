@@ -396,6 +396,12 @@ impl Motor {
         self.line_id(int::CAN_ID)
     }
 
+    /// Returns the ids of all frames that it receives.
+    pub(crate) fn addresses(&self) -> impl Iterator<Item = FrameId> {
+        let requests = self.has_registers().then(|| FrameId::new(registers::REQUEST_ID)).flatten();
+        [self.address()].into_iter().chain(requests)
+    }
+
     pub(crate) fn host_address(&self) -> FrameId {
         self.line_id(int::HOST_ID)
     }

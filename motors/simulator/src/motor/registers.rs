@@ -10,13 +10,17 @@ use crate::twin::Asked;
 use motord_bus::{Frame, FrameId, Instant};
 
 /// Id of every request.
-const REQUEST_ID: u16 = 0x7FF;
+pub(super) const REQUEST_ID: u16 = 0x7FF;
 
 impl Motor {
+    pub(super) fn has_registers(&self) -> bool {
+        self.settings.vendor == "damiao"
+    }
+
     /// Returns whether `frame` is a request to the registers of this drive.
     pub(super) fn is_register_request(&self, frame: &Frame) -> bool {
         let [low, high, ..] = self.address().raw().to_le_bytes();
-        self.settings.vendor == "damiao"
+        self.has_registers()
             && FrameId::new(REQUEST_ID) == Some(frame.id())
             && frame.payload().starts_with(&[low, high])
     }
