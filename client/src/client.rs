@@ -92,6 +92,12 @@ impl Client {
         position(self.description().joints.iter().map(|joint| &joint.name), name)
     }
 
+    /// Returns the index of the IMU `name`, for [`State::imu`].
+    #[must_use]
+    pub fn imu(&self, name: &str) -> Option<usize> {
+        position(self.description().imus.iter().map(|imu| &imu.name), name)
+    }
+
     /// Returns the index of the group `name`.
     #[must_use]
     pub fn group(&self, name: &str) -> Option<usize> {

@@ -133,6 +133,7 @@ mod claim;
 mod client;
 mod error;
 mod group_view;
+mod imu;
 mod injection;
 mod joint;
 mod link;
@@ -146,6 +147,7 @@ pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error, Stop};
 pub use group_view::GroupView;
+pub use imu::Imu;
 pub use injection::{FaultError, inject_fault};
 pub use joint::{Faults, Joint, Limits};
 pub use members::{JointKey, Slot};
@@ -154,12 +156,12 @@ pub use motord_ports::service::{Obstacle, Part, ServiceError};
 pub use motord_ports::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
-    ControlLatency, EncodedHistogram, GroupDescription, GroupHistory, Histograms, JointDescription,
-    JointLimits, Percentiles, Process, RobotDescription, Telemetry,
+    ControlLatency, EncodedHistogram, GroupDescription, GroupHistory, Histograms, ImuDescription,
+    JointDescription, JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{
-    Applied, BusCondition, Cause, CycleRecord, Fault, Field, Indicator, JointSetpoint, JointState, Kind,
-    Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, joint_state,
+    Applied, BusCondition, Cause, CycleRecord, Fault, Field, ImuState, Indicator, JointSetpoint, JointState,
+    Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, joint_state,
 };
 pub use records::Records;
 pub use setpoint::Setpoint;

@@ -3,6 +3,7 @@
 //! This module validates all values from shared memory. A number that is no code of its table, or
 //! an index of no joint, becomes `None`. No value that a daemon can write makes a client panic.
 
+use crate::imu::Imu;
 use crate::joint::Joint;
 use motord_ports::clock;
 use motord_shared::message::{
@@ -146,6 +147,17 @@ impl State {
     pub fn indicators(&self, joint: usize) -> Option<Indicators> {
         let published = self.message.indicators().iter();
         published.copied().find(|indicators| indicators.joint as usize == joint).map(Indicators)
+    }
+
+    /// Returns the IMUs, in the order of the description.
+    pub fn imus(&self) -> impl ExactSizeIterator<Item = Imu> + '_ {
+        self.message.imus().iter().map(Imu::from)
+    }
+
+    /// Returns the IMU with this index in the description; [`Client::imu`](crate::Client::imu) returns the index of a name.
+    #[must_use]
+    pub fn imu(&self, index: usize) -> Option<Imu> {
+        self.message.imus().get(index).map(Imu::from)
     }
 
     /// Returns the groups, in the order of the description.
@@ -310,7 +322,8 @@ impl From<&BusState> for Bus {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_shared::{Fault, JointState, Limit};
+    use motord_shared::limits::IMUS_MAX;
+    use motord_shared::{Fault, ImuState, JointState, Limit};
 
     #[test]
     fn a_lying_daemon_cannot_make_a_client_panic() {
@@ -319,6 +332,7 @@ mod tests {
             joint_count: u32::MAX,
             group_count: u32::MAX,
             bus_count: u32::MAX,
+            imu_count: u32::MAX,
             publish_ns: u64::MAX,
             ..StateMessage::default()
         };
@@ -337,6 +351,9 @@ mod tests {
         for group in &mut message.groups {
             *group = GroupState { phase: 77, cause: 77, cause_joint: 64, ..*group };
         }
+        for imu in &mut message.imus {
+            *imu = ImuState { flags: u32::MAX, receive_ns: u64::MAX, ..ImuState::UNKNOWN };
+        }
         for bus in &mut message.buses {
             bus.condition = 77;
         }
@@ -350,6 +367,8 @@ mod tests {
             state.groups().all(|group| group.latched && group.cause.is_none() && group.cause_joint.is_none())
         );
         assert!(state.buses().all(|bus| bus.condition.is_none()));
+        assert_eq!((state.imus().len(), state.imu(IMUS_MAX)), (IMUS_MAX, None));
+        assert!(state.imus().all(|imu| imu.orientation().is_none() && imu.age() == Some(Duration::ZERO)));
         assert_eq!((state.joint(64), state.age()), (None, Duration::ZERO));
     }
 

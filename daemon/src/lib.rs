@@ -4,6 +4,7 @@
 //! - [`arming`]: whether the motors are the configured ones.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
 //! - [`simulation`]: faults for simulated buses.
+//! - [`imus`]: the sources of the samples of IMUs.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
 //! - [`housekeeping`]: dead clients, the runtime directory, the configuration file.
@@ -16,6 +17,7 @@ pub mod commands;
 pub mod emergency_stop;
 pub mod host;
 pub mod housekeeping;
+pub mod imus;
 pub mod ipc;
 pub mod run_error;
 pub mod simulation;

@@ -8,6 +8,7 @@
 //! | `motord-owners` | detects the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | receives emergency stops on their socket |
+//! | `motord-imus` | simulated IMUs; only where there is one |
 //! | `motord-reconnector` | reopens buses that disconnected |
 //! | `motord-simulation` | receives faults for simulated buses; only where no bus is real |
 //!
@@ -21,6 +22,7 @@ use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::BusWatch;
 use crate::emergency_stop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
+use crate::imus::SimulatedImus;
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Records, Schedule};
@@ -28,7 +30,8 @@ use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Housekeeping, Recorder};
-use motord_bus::{Duration, Monotonic};
+use motord_bus::{Duration, Monotonic, clock};
+use motord_core::control::ImuReading;
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
@@ -49,6 +52,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{Builder, JoinHandle};
+use triple_buffer::Input;
 
 /// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
 /// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
@@ -143,11 +147,12 @@ impl Daemon {
     ) -> Result<Self, RunError> {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
-        let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
+        let (mut cycle, mut ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
         buses.mismatched.into_iter().for_each(|joint| cycle.mark_mismatch(joint));
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }
+        let imus = start_imus(&settings, &orders, std::mem::take(&mut ends.imus))?;
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
         let (owners, deaths) = owners().map_err(io::Error::from)?;
@@ -177,7 +182,7 @@ impl Daemon {
         start_registrar(&settings, lock.instance(), &orders, pulse, Arc::clone(&counters))?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
-            start_simulation(lock, &orders, injectors)?;
+            start_simulation(lock, &orders, injectors.with_imus(imus))?;
         }
         Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost })
     }
@@ -456,6 +461,23 @@ fn start_stop(
 /// For a thread that sleeps most of the time, and must not wait when it is needed.
 fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
     SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
+}
+
+/// Detached: the thread holds nothing, and ends with the process.
+fn start_imus(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    inputs: Vec<Input<ImuReading>>,
+) -> Result<Option<SimulatedImus>, RunError> {
+    let start_time = clock::monotonic();
+    let Some(imus) = SimulatedImus::of(&settings.imus, inputs, start_time) else { return Ok(None) };
+    let (running, given) = (imus.clone(), Arc::clone(orders));
+    let request = below_the_cycle(settings);
+    let _detached = start("imus", orders, move || {
+        let _refused_like_the_cycle = prepare_thread(request);
+        running.run(start_time, || given.are(Orders::END));
+    })?;
+    Ok(Some(imus))
 }
 
 /// Detached: the thread waits for requesters, and ends with the process.

@@ -113,6 +113,7 @@ codes! {
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
         SwitchLost = 29 "switch-lost" "The dead man's switch was missing or hung, and the configuration requires it.",
         ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor, and the configuration stops for that.",
+        ImuLost = 34 "imu-lost" "An IMU delivered no sample for too long, and the configuration stops for that.",
     }
 }
 
@@ -145,6 +146,7 @@ impl Cause {
             Self::ForeignMaster => {
                 "Find the sender of the ids that the log names, such as another program or a device on the cable, and stop it"
             }
+            Self::ImuLost => "Check the cable and the power of the IMU that the log names",
             Self::DuplicateId => "Connect the motors of the bus one at a time, and give each its own id",
             Self::OverTemperature => "Let the motor cool down",
             Self::Shutdown => "Start the daemon again",
@@ -241,6 +243,7 @@ codes! {
         TooSoon = 28 "too-soon" "The zero of this joint was set less than ten seconds ago, and each zero is a write to the flash of its motor: wait.",
         TurnLost = 29 "turn-lost" "The position of a joint differs by whole turns of its motor from the one before it was silent: switch the motor off, turn the joint to within half a turn of its zero, and switch it on; or confirm the position with `motorctl fault clear JOINT`.",
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
+        ImuLost = 34 "imu-lost" "An IMU delivers no samples, and the configuration stops for that: the daemon's log names it.",
     }
 }
 
@@ -315,6 +318,7 @@ impl Refusal {
             | Self::NotNeutral
             | Self::ShuttingDown
             | Self::NoLease
+            | Self::ImuLost
             | Self::Malformed => Detail::Nothing,
         }
     }
@@ -338,6 +342,7 @@ impl Refusal {
             | Self::ShuttingDown
             | Self::TooSoon
             | Self::ForeignMaster
+            | Self::ImuLost
             | Self::Moving => true,
             Self::UnknownOperation
             | Self::UnknownGroup

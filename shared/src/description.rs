@@ -25,6 +25,8 @@ pub struct RobotDescription {
     pub joints: Vec<JointDescription>,
     /// Groups.
     pub groups: Vec<GroupDescription>,
+    /// IMUs.
+    pub imus: Vec<ImuDescription>,
     /// Names of the buses.
     pub buses: Vec<String>,
     /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated bus.
@@ -132,6 +134,16 @@ pub struct GroupDescription {
     pub name: String,
     /// Indices of its joints, rising.
     pub joints: Vec<usize>,
+}
+
+/// An IMU.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ImuDescription {
+    /// Its name.
+    pub name: String,
+    /// Samples per second.
+    pub rate_hz: f64,
 }
 
 /// Counters and latencies since the daemon started, or since their last reset.

@@ -26,8 +26,12 @@ pub enum Kind {
     Measured,
     /// `f32`; NaN when the device does not report it.
     Optional,
+    /// This many `f32`; NaN before the first.
+    Vector(usize),
     /// `u32` that counts.
     Count,
+    /// `u64` that counts.
+    Total,
     /// `u32`, duration in ns; JSON has µs.
     Latency,
     /// `u64`, ns of `CLOCK_MONOTONIC`.
@@ -53,7 +57,8 @@ impl Kind {
         match self {
             Self::Measured | Self::Optional => ("f32", 1),
             Self::Command => ("f32", 5),
-            Self::Time => ("u64", 1),
+            Self::Vector(values) => ("f32", values),
+            Self::Time | Self::Total => ("u64", 1),
             Self::Count
             | Self::Latency
             | Self::Code(_)
@@ -70,7 +75,9 @@ impl Kind {
         match self {
             Self::Measured | Self::Optional => "optional float",
             Self::Command => "Command",
-            Self::Time => "uint64",
+            Self::Vector(4) => "Quaternion",
+            Self::Vector(_) => "Vector",
+            Self::Time | Self::Total => "uint64",
             Self::Code(_) => "string",
             Self::Flag(_) => "bool",
             Self::Count | Self::Latency | Self::Set(_) | Self::Flags | Self::Reserved => "uint32",

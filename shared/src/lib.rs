@@ -14,6 +14,7 @@
 pub mod codes;
 pub mod description;
 mod field;
+mod imu;
 mod joint;
 mod lease;
 pub mod limits;
@@ -25,6 +26,7 @@ pub use codes::{
     SetpointMode,
 };
 pub use field::{Field, Kind};
+pub use imu::ImuState;
 pub use lease::Lease;
 pub use limits::DEFAULT_INSTANCE;
 pub use message::{

@@ -7,6 +7,8 @@ pub const JOINTS_MAX: usize = 64;
 pub const GROUPS_MAX: usize = 8;
 /// Limit on the buses.
 pub const BUSES_MAX: usize = 16;
+/// Limit on the IMUs.
+pub const IMUS_MAX: usize = 4;
 /// Limit on the ports for setpoints: one for the owner of each group, and one for its next owner.
 pub const CONTROLLERS_MAX: usize = 16;
 /// Limit on the processes that watch the states.

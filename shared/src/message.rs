@@ -5,10 +5,11 @@
 
 use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{
-    ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, INDICATORS_MAX, JOINTS_MAX,
+    ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, IMUS_MAX, INDICATOR_JOINTS_MAX, INDICATORS_MAX, JOINTS_MAX,
 };
 use crate::plain::{plain, sparse};
 
+pub use crate::imu::{IMU_FRESH, IMU_LOST, IMU_VALID, ImuState};
 pub use crate::joint::{Applied, JOINT_FRESH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
 
@@ -127,8 +128,8 @@ plain! {
         pub bus_count: u32,
         /// Joints with indicators in use.
         pub indicator_count: u32,
-        /// Keeps the layout free of implicit padding.
-        pub reserved: u32,
+        /// IMUs in use.
+        pub imu_count: u32,
         /// Joints, in the order of the configuration.
         pub joints: [JointState; JOINTS_MAX],
         /// Groups, in the order of the configuration.
@@ -137,6 +138,8 @@ plain! {
         pub buses: [BusState; BUSES_MAX],
         /// Joints whose motors have indicators, in the order of the configuration.
         pub indicators: [JointIndicators; INDICATOR_JOINTS_MAX],
+        /// IMUs, in the order of the configuration.
+        pub imus: [ImuState; IMUS_MAX],
     }
 }
 
@@ -149,17 +152,19 @@ sparse!(StateMessage {
     groups by group_count,
     buses by bus_count,
     indicators by indicator_count,
+    imus by imu_count,
 });
 
 impl StateMessage {
     /// Copies the used entries of `other`, and clears those used only here. A robot of 12 joints
     /// uses one fifth of the 8 kB of a message; nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
-        let Self { joints, groups, buses, indicators, .. } = self;
+        let Self { joints, groups, buses, indicators, imus, .. } = self;
         replace(joints, self.joint_count, &other.joints, other.joint_count);
         replace(groups, self.group_count, &other.groups, other.group_count);
         replace(buses, self.bus_count, &other.buses, other.bus_count);
         replace(indicators, self.indicator_count, &other.indicators, other.indicator_count);
+        replace(imus, self.imu_count, &other.imus, other.imu_count);
         self.boot_id = other.boot_id;
         self.cycle = other.cycle;
         self.tick_ns = other.tick_ns;
@@ -171,7 +176,7 @@ impl StateMessage {
         self.group_count = other.group_count;
         self.bus_count = other.bus_count;
         self.indicator_count = other.indicator_count;
-        self.reserved = other.reserved;
+        self.imu_count = other.imu_count;
     }
 
     /// Returns the joints in use. A hostile count is limited to the array.
@@ -196,6 +201,12 @@ impl StateMessage {
     #[must_use]
     pub fn indicators(&self) -> &[JointIndicators] {
         &self.indicators[..(self.indicator_count as usize).min(INDICATOR_JOINTS_MAX)]
+    }
+
+    /// Returns the IMUs in use.
+    #[must_use]
+    pub fn imus(&self) -> &[ImuState] {
+        &self.imus[..(self.imu_count as usize).min(IMUS_MAX)]
     }
 }
 
@@ -400,6 +411,7 @@ const _: () = {
                 + 8 * size_of::<GroupState>()
                 + 16 * 36
                 + INDICATOR_JOINTS_MAX * size_of::<JointIndicators>()
+                + IMUS_MAX * size_of::<ImuState>()
     );
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
@@ -414,8 +426,8 @@ mod tests {
 
     /// Creates a message with these counts of joints, groups, buses and joints with indicators, and
     /// every entry filled.
-    fn full(counts: [u32; 4]) -> StateMessage {
-        let [joint_count, group_count, bus_count, indicator_count] = counts;
+    fn full(counts: [u32; 5]) -> StateMessage {
+        let [joint_count, group_count, bus_count, indicator_count, imu_count] = counts;
         let [tick_ns, wake_latency_ns, publish_ns, overruns] = [3, 4, 5, 6];
         StateMessage {
             boot_id: 1,
@@ -429,11 +441,12 @@ mod tests {
             group_count,
             bus_count,
             indicator_count,
-            reserved: 8,
+            imu_count,
             joints: [JointState { missed: 9, ..Default::default() }; JOINTS_MAX],
             groups: [GroupState { lease: 10, ..Default::default() }; GROUPS_MAX],
             buses: [BusState { lost: 11, ..Default::default() }; BUSES_MAX],
             indicators: [JointIndicators { joint: 12, ..Default::default() }; INDICATOR_JOINTS_MAX],
+            imus: [ImuState { sequence: 8, ..Default::default() }; IMUS_MAX],
         }
     }
 
@@ -459,9 +472,10 @@ mod tests {
 
     #[test]
     fn copy_holds_used_part_only() {
-        let most = [JOINTS_MAX, GROUPS_MAX, BUSES_MAX, INDICATOR_JOINTS_MAX].map(|most| most as u32);
+        let most =
+            [JOINTS_MAX, GROUPS_MAX, BUSES_MAX, INDICATOR_JOINTS_MAX, IMUS_MAX].map(|most| most as u32);
         let mut copy = StateMessage::default();
-        for counts in [most, [12, 1, 4, 2], [u32::MAX; 4], [0; 4], [1; 4], [13, 2, 5, 3]] {
+        for counts in [most, [12, 1, 4, 2, 1], [u32::MAX; 5], [0; 5], [1; 5], [13, 2, 5, 3, 2]] {
             let original = full(counts);
             copy.copy_from(&original);
             let mut expected = original;
@@ -469,6 +483,7 @@ mod tests {
             expected.groups[original.groups().len()..].fill(GroupState::default());
             expected.buses[original.buses().len()..].fill(BusState::default());
             expected.indicators[original.indicators().len()..].fill(JointIndicators::default());
+            expected.imus[original.imus().len()..].fill(ImuState::default());
             assert!(copy == expected, "{counts:?}");
         }
     }

@@ -43,7 +43,7 @@ impl Echo {
         let (states, state_output) = TripleBuffer::new(&StateMessage::default()).split();
         let (request_producer, requests) = RingBuffer::new(REQUESTS_MAX);
         let (answers, answer_consumer) = RingBuffer::new(REQUESTS_MAX);
-        let (_, unused) = cycle::link(1);
+        let (_, unused) = cycle::link(1, 0);
         let ends = Ends {
             setpoints: vec![setpoint_input],
             states: state_output,

@@ -17,6 +17,7 @@ pub(super) struct Document {
     pub(super) buses: Vec<Item<keys::Bus>>,
     pub(super) motors: Vec<Item<MotorTables>>,
     pub(super) groups: Vec<Item<keys::Group>>,
+    pub(super) imus: Vec<Item<ImuTables>>,
 }
 
 /// A `[[motor]]` with its tables.
@@ -24,6 +25,12 @@ pub(super) struct MotorTables {
     pub(super) keys: keys::Motor,
     pub(super) limits: keys::Limits,
     pub(super) simulation: keys::Simulation,
+}
+
+/// An `[[imu]]` with its table.
+pub(super) struct ImuTables {
+    pub(super) keys: keys::Imu,
+    pub(super) simulation: keys::ImuSimulation,
 }
 
 /// The old name of `[ipc]`.
@@ -43,6 +50,7 @@ impl Document {
             buses: root.list(),
             motors: root.list(),
             groups: root.list(),
+            imus: root.list(),
         }
     }
 }
@@ -57,5 +65,14 @@ impl Section for MotorTables {
             limits: table.section(keys::Limits::PATH),
             simulation: table.section(keys::Simulation::PATH),
         }
+    }
+}
+
+impl Section for ImuTables {
+    const PATH: &'static str = keys::Imu::PATH;
+    const KEYS: &'static [&'static str] = keys::Imu::KEYS;
+
+    fn read(table: &mut Table<'_, '_, '_>) -> Self {
+        Self { keys: keys::Imu::read(table), simulation: table.section(keys::ImuSimulation::PATH) }
     }
 }

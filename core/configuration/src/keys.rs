@@ -6,6 +6,7 @@
 //! The defaults are cautious and meant for a real robot. A shared machine needs longer times.
 
 use motord_protocol::MotorProtocol;
+use motord_settings::imu::WhenLost;
 use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 
 use std::net::SocketAddr;
@@ -13,8 +14,7 @@ use std::path::PathBuf;
 
 use super::entry::{Entry, Row, follows, is, required};
 use super::table::{Section, Sections, Table};
-use super::value::BusType;
-use super::value::Listed;
+use super::value::{BusType, ImuType, Listed};
 
 /// Advice about a negative constant of a motor.
 const REVERSED: &str = "a joint that turns against its motor has direction = -1";
@@ -256,5 +256,33 @@ sections! {
             "Names of its motors.";
         "safe-stop" safe_stop: Option<SafeStop>, "" = follows("of `[safety]`"),
             "As in `[safety]`, for this group.";
+    }
+
+    /// `[[imu]]`.
+    Imu "imu" {
+        "name" name: Option<String>, "" = required("every [[imu]] needs a name, such as base"),
+            "Its name.";
+        "type" kind: Option<ImuType>, "" = required("give simulated"),
+            "`simulated`: simulated inside the daemon.";
+        "rate-hz" rate_hz: f64, "Hz" = is(200.0).within(1.0, 2000.0),
+            "Samples per second, as the device is set.";
+        "mount-rpy-deg" mount_rpy_deg: [f64; 3], "°" = is([0.0; 3]).words("roll, pitch, yaw, each -360 to 360"),
+            "Mount of the sensor on the body: turns of the sensor about the axes of the body, first x (forward), then y (left), then z (up).";
+        "lost-after-ms" lost_after_ms: Option<f64>, "ms" = follows("3 samples, at least 5").within(1.0, 10_000.0),
+            "Without a sample for this long it is lost. A device that is unplugged is lost at once.";
+        "when-lost" when_lost: WhenLost, "" = is(WhenLost::Report),
+            "`report`: state, log and metrics tell it. `stop`: every group is stopped (`imu-lost`), and none can be enabled.";
+    }
+
+    /// `[imu.simulation]`.
+    ImuSimulation "imu.simulation" {
+        "noise-rad-s" noise_rad_s: f64, "rad/s" = is(0.002).within(0.0, 10.0),
+            "Standard deviation of each axis of the angular velocity. That of the acceleration is ten times as much, in m/s².";
+        "bias-rad-s" bias_rad_s: f64, "rad/s" = is(0.0).within(-10.0, 10.0),
+            "Constant error of each axis of the angular velocity.";
+        "delay-us" delay_us: f64, "µs" = is(0.0).within(0.0, 100_000.0),
+            "Age of a sample when it is received.";
+        "seed" seed: Option<i64>, "" = follows("from the name"),
+            "Seed of all that is random.";
     }
 }

@@ -176,6 +176,12 @@ pub enum Wrong {
     #[error("{name:?} is no host name; write it without a port, such as robot.lan")]
     HostName { name: String },
 
+    // IMUs.
+    #[error("lists {0} numbers; give three: roll, pitch and yaw in degrees, such as [0, 0, 90]")]
+    AngleCount(usize),
+    #[error("{lost_ms} ms is less than 2 samples of {sample_ms} ms; give it at least {} ms", 2.0 * sample_ms)]
+    LostWithinSamples { lost_ms: f64, sample_ms: f64 },
+
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
     InterfaceName { name: String },
@@ -317,7 +323,7 @@ pub enum Wrong {
 }
 
 /// The tables that can occur several times.
-pub(super) const LISTS: [&str; 3] = ["bus", "motor", "group"];
+pub(super) const LISTS: [&str; 4] = ["bus", "motor", "group", "imu"];
 
 impl Wrong {
     /// Converts a message of the TOML library about `excerpt`, where nothing better is known.

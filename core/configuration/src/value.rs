@@ -5,6 +5,7 @@ use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use motord_settings::imu::WhenLost;
 use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 use toml::Spanned;
 use toml::de::DeValue;
@@ -152,6 +153,29 @@ impl Value for [f64; 2] {
     }
 }
 
+impl Value for [f64; 3] {
+    const KIND: &'static str = "a list of three numbers";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let angles = items.iter().map(f64::read).collect::<Result<Vec<_>, _>>()?;
+        let angles = Self::try_from(angles).map_err(|angles| Wrong::AngleCount(angles.len()))?;
+        match angles.iter().find(|angle| !(-360.0..=360.0).contains(*angle)) {
+            Some(&value) => Err(Wrong::OutOfRange {
+                value,
+                expected: "from -360 to 360 °".to_owned(),
+                hint: String::new(),
+            }),
+            None => Ok(angles),
+        }
+    }
+
+    fn default_text(&self) -> String {
+        format!("{self:?}")
+    }
+}
+
 impl Value for Vec<String> {
     const SORT: Sort = Sort::Texts;
 
@@ -246,6 +270,20 @@ pub(super) enum BusType {
 impl Choice for BusType {
     const WORDS: &'static [(&'static str, Self)] =
         &[("socketcan", Self::SocketCan), ("serial", Self::Serial), ("simulated", Self::Simulated)];
+}
+
+/// `type` of an `[[imu]]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ImuType {
+    Simulated,
+}
+
+impl Choice for ImuType {
+    const WORDS: &'static [(&'static str, Self)] = &[("simulated", Self::Simulated)];
+}
+
+impl Choice for WhenLost {
+    const WORDS: &'static [(&'static str, Self)] = &[("report", Self::Report), ("stop", Self::Stop)];
 }
 
 impl Choice for IpcMode {

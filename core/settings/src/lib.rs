@@ -3,12 +3,14 @@
 //!
 //! - [`settings`]: the checked configuration.
 //! - [`plan`]: the part of each cycle that the buses need.
+//! - [`imu`]: IMUs, and their mounts on the body.
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
 //!
 //! Values only: no socket, no thread, no file and no clock.
 
 #![forbid(unsafe_code)]
 
+pub mod imu;
 pub mod joint;
 pub mod plan;
 pub mod settings;

@@ -1,5 +1,6 @@
 //! The checked configuration: every value present, in range, and in the units of the code.
 
+use crate::imu::ImuSettings;
 use crate::joint::Transmission;
 use core::num::NonZero;
 use motord_bus::{Duration, FrameId};
@@ -26,6 +27,8 @@ pub struct Settings {
     pub simulation: Vec<MotorSimulation>,
     /// `[[group]]`, or one group `all`. Every motor is in exactly one.
     pub groups: Vec<GroupSettings>,
+    /// `[[imu]]`, in the order of the file.
+    pub imus: Vec<ImuSettings>,
 }
 
 impl Settings {

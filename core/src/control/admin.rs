@@ -155,6 +155,9 @@ impl Control {
         if self.shutting_down {
             return Err(Refused::new(Refusal::ShuttingDown));
         }
+        if self.an_imu_forbids_motion() {
+            return Err(Refused::new(Refusal::ImuLost));
+        }
         match group.cause() {
             Some(Cause::EmergencyStop) => return Err(Refused::new(Refusal::EmergencyStopActive)),
             Some(cause) => return Err(Refused::latched(cause)),

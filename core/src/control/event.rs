@@ -94,6 +94,13 @@ pub enum Event {
         /// The new one.
         condition: BusCondition,
     },
+    /// An IMU is lost, or delivers samples again.
+    Imu {
+        /// Its index.
+        imu: usize,
+        /// It is lost.
+        is_lost: bool,
+    },
     /// Ticks were missed: the cycle thread woke up too late for them.
     MissedTicks {
         /// Their number.

@@ -11,6 +11,7 @@
 //! | `group/` | the phases of a group, its owner, its setpoints, the causes that stop it |
 //! | `motor/` | the modes of a motor, its limits, the plausibility of its reports |
 //! | `admin.rs` | requests of clients and operators |
+//! | `imu.rs` | the samples of IMUs, and their loss |
 //! | `time_base.rs`, `bus_health.rs` | the health of the time base and of the buses |
 
 mod admin;
@@ -21,6 +22,7 @@ mod command;
 mod context;
 mod event;
 mod group;
+mod imu;
 mod indicators;
 mod leases;
 mod motor;
@@ -29,6 +31,7 @@ mod wake;
 
 pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
+pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, damp, limit};
 pub use wake::Wake;
 
@@ -36,6 +39,7 @@ use crate::settings::Settings;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Consequence, Group};
+use imu::Imu;
 use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
@@ -63,6 +67,7 @@ pub struct Control {
     places: Vec<Place>,
     buses: Vec<BusHealth>,
     indicators: Indicators,
+    imus: Vec<Imu>,
     /// By joint.
     commands: Vec<Command>,
     time_base: TimeBase,
@@ -95,6 +100,7 @@ impl Control {
                 .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
                 .collect(),
             indicators: Indicators::new(settings),
+            imus: settings.imus.iter().map(Imu::new).collect(),
             commands: vec![Command::Nothing; settings.motors.len()],
             time_base: TimeBase::new(&settings.cycle),
             leases: Leases::new(boot_id),
@@ -146,6 +152,7 @@ impl Control {
         if let Some(cause) = self.time_base.judge(&wake, elapsed) {
             self.stop_moving(cause);
         }
+        self.watch_imus();
         self.report_silence();
         let Self { groups, buses, commands, context, .. } = self;
         for group in groups {
@@ -165,6 +172,7 @@ impl Control {
         for motor in motors.filter(|motor| motor.was_never_heard()) {
             context.push(Event::Silent { motor: motor.joint });
         }
+        self.report_silent_imus();
     }
 
     /// Takes a reply of the motor of `joint` that arrived at `at`. Does not use an implausible
@@ -207,9 +215,10 @@ impl Control {
         groups.iter_mut().for_each(|group| group.end_cycle(context));
     }
 
-    /// Records that the states of this cycle are published and no longer new. Constant time.
-    pub const fn published(&mut self) {
+    /// Records that the states of this cycle are published and no longer new. Bounded by IMUs.
+    pub fn published(&mut self) {
         self.context.publications += 1;
+        self.imus_published();
     }
 
     /// Begins a cycle of the line `bus`. Returns whether it is the turn of the questions.

@@ -4,6 +4,7 @@
 //! | what | from | to | when full |
 //! |---|---|---|---|
 //! | setpoints, by group | ipc | cycle | the newest replaces the one before |
+//! | samples, by IMU | its reader | cycle | the newest replaces the one before |
 //! | states | cycle | ipc | the newest replaces the one before |
 //! | emergency stops | the thread of their socket | cycle | the newest replaces the one before |
 //! | requests | ipc | cycle | refused: busy |
@@ -16,11 +17,10 @@
 use super::emergency::{AskedStops, EmergencyStops};
 use super::history::{History, Queue, history};
 use super::replacement::{Indexed, Replacements, Supply, replacements};
-use crate::control::Event;
-use crate::control::Wake;
+use crate::control::{Event, ImuReading, Wake};
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Duration, Instant};
-use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
+use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, IMUS_MAX, JOINTS_MAX};
 use motord_shared::{AdminReply, AdminRequest, Cause, Lease, SetpointMessage, StateMessage, message};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
@@ -116,6 +116,7 @@ impl Record {
 /// The real-time thread's end.
 pub struct RealTimeEnd {
     setpoints: Vec<triple_buffer::Output<SetpointMessage>>,
+    imus: Vec<triple_buffer::Output<ImuReading>>,
     states: triple_buffer::Input<StateMessage>,
     requests: Consumer<(u32, AdminRequest)>,
     answers: Producer<(u32, AdminReply)>,
@@ -133,6 +134,8 @@ pub struct RealTimeEnd {
 pub struct Ends {
     /// One buffer per group.
     pub setpoints: Vec<triple_buffer::Input<SetpointMessage>>,
+    /// One buffer per IMU.
+    pub imus: Vec<triple_buffer::Input<ImuReading>>,
     /// The newest state.
     pub states: triple_buffer::Output<StateMessage>,
     /// Requests, with the ticket that their answer will bear.
@@ -205,8 +208,10 @@ impl Alarms {
 
 /// Creates both ends. Allocates; nothing after it does.
 #[must_use]
-pub fn link(groups: usize) -> (RealTimeEnd, Ends) {
+pub fn link(groups: usize, imus: usize) -> (RealTimeEnd, Ends) {
     let groups = groups.min(GROUPS_MAX);
+    let (imu_inputs, imu_outputs) =
+        (0..imus.min(IMUS_MAX)).map(|_| TripleBuffer::new(&ImuReading::default()).split()).unzip();
     let (setpoint_inputs, setpoint_outputs) =
         (0..groups).map(|_| TripleBuffer::new(&SetpointMessage::default()).split()).unzip();
     let (state_input, state_output) = TripleBuffer::new(&StateMessage::default()).split();
@@ -220,6 +225,7 @@ pub fn link(groups: usize) -> (RealTimeEnd, Ends) {
     let stops = Arc::new(EmergencyStops::default());
     let link = RealTimeEnd {
         setpoints: setpoint_outputs,
+        imus: imu_outputs,
         states: state_input,
         requests: request_consumer,
         answers: answer_producer,
@@ -234,6 +240,7 @@ pub fn link(groups: usize) -> (RealTimeEnd, Ends) {
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
+        imus: imu_inputs,
         states: state_output,
         requests: request_producer,
         answers: answer_consumer,
@@ -289,6 +296,15 @@ impl RealTimeEnd {
         for setpoint in &mut self.setpoints {
             if setpoint.update() {
                 offer(setpoint.output_buffer());
+            }
+        }
+    }
+
+    /// Passes the readings of the IMUs that are new. Wait-free; bounded by IMUs.
+    pub(super) fn newest_imus(&mut self, mut take: impl FnMut(usize, &ImuReading)) {
+        for (index, imu) in self.imus.iter_mut().enumerate() {
+            if imu.update() {
+                take(index, imu.output_buffer());
             }
         }
     }
@@ -454,7 +470,7 @@ mod tests {
 
     #[test]
     fn recorder_receives_states_in_order_or_counts_them() {
-        let (mut link, Ends { mut history, counters, .. }) = link(1);
+        let (mut link, Ends { mut history, counters, .. }) = link(1, 0);
         let publish = |link: &mut RealTimeEnd, cycle| {
             link.state().0.cycle = cycle;
             link.state().0.joint_count = 4;
@@ -491,7 +507,7 @@ mod tests {
 
     #[test]
     fn messages_are_never_torn_and_stops_taken_once() {
-        let (mut link, mut ends) = link(1);
+        let (mut link, mut ends) = link(1, 0);
         let (stops, counters) = (Arc::clone(&ends.stops), Arc::clone(&ends.counters));
         let alive = Alive { others: AtomicU32::new(3), cycle: AtomicU32::new(1) };
         let taken = scope(|threads| {

@@ -5,7 +5,7 @@
 
 use super::link::{Alarms, Ends, Record};
 use super::replacement::Supply;
-use crate::control::Event;
+use crate::control::{Event, ImuReading};
 use motord_bus::Instant;
 use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 use motord_shared::{
@@ -148,6 +148,14 @@ impl LocalClient {
     pub fn deliver(&mut self, group: usize, message: &SetpointMessage) {
         if let Some(setpoints) = self.ends.setpoints.get_mut(group) {
             setpoints.write(*message);
+        }
+    }
+
+    /// Passes the reading of an IMU to the next cycle. It replaces the previous one, if no cycle has taken that yet. Ignored
+    /// for an IMU that the settings do not have.
+    pub fn sample_imu(&mut self, imu: usize, reading: ImuReading) {
+        if let Some(input) = self.ends.imus.get_mut(imu) {
+            input.write(reading);
         }
     }
 

@@ -227,6 +227,7 @@ impl Cycle {
         self.polled = Polled::default();
         let polls = !self.timing.busy_poll.is_zero() && self.backoff.attempts();
         let open = self.collect(transmitted, sent + self.timing.reply_deadline, polls);
+        self.take_imus();
         self.control.end_cycle();
         self.publish(wake, transmitted);
         self.control.published();
@@ -234,6 +235,12 @@ impl Cycle {
             // Waits for the replies until the sleep for the next tick should end.
             self.ask(open, wake.scheduled + self.timing.period - self.early());
         }
+    }
+
+    /// Takes the newest samples of the IMUs. Wait-free; no system call; bounded by IMUs.
+    fn take_imus(&mut self) {
+        let Self { link, control, .. } = self;
+        link.newest_imus(|imu, reading| control.receive_imu(imu, reading));
     }
 
     /// Takes at most one reopened bus. Its motors stay offline until they answer. Does not block:

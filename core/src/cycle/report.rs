@@ -10,15 +10,16 @@ use motord_shared::{Rejection, StateMessage, message};
 
 impl Cycle {
     /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate or block; bounded by
-    /// joints, groups and buses.
+    /// joints, groups, buses and IMUs.
     pub(super) fn report(&mut self, wake: &Wake, now: Instant) {
         let flags = self.flags(wake);
         let Self { link, control, channels, .. } = self;
         let (state, counters) = link.state();
-        let StateMessage { joints, groups, buses, indicators, .. } = state;
+        let StateMessage { joints, groups, buses, indicators, imus, .. } = state;
         state.joint_count = fill(joints, control.joint_states());
         state.group_count = fill(groups, control.group_states());
         state.indicator_count = fill(indicators, control.joint_indicators());
+        state.imu_count = fill(imus, control.imu_states());
         state.bus_count = fill(buses, channels.iter().map(|channel| channel.wire().report()));
         for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];

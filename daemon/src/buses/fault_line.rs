@@ -8,8 +8,8 @@ use motord_simulator::{FaultVerb, InjectError, VERBS, VerbError};
 /// Why there is no such fault. A name of the line is quoted with its control characters escaped.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultLineError {
-    /// No motor or bus has this name.
-    #[error("no motor or bus {target:?}: {suggestion}")]
+    /// No motor, bus or IMU has this name.
+    #[error("no motor, bus or IMU {target:?}: {suggestion}")]
     Target {
         /// The name.
         target: String,
@@ -74,7 +74,8 @@ pub fn read(line: &str, settings: &Settings) -> Result<FaultVerb, FaultLineError
 
 fn check_target(target: &str, settings: &Settings) -> Result<(), FaultLineError> {
     let motors = settings.motors.iter().map(|motor| motor.name.as_str());
-    let mut names = motors.chain(settings.buses.iter().map(|bus| bus.name.as_str()));
+    let buses = settings.buses.iter().map(|bus| bus.name.as_str());
+    let mut names = motors.chain(buses).chain(settings.imus.iter().map(|imu| imu.name.as_str()));
     if names.clone().any(|name| name == target) {
         return Ok(());
     }
@@ -117,8 +118,8 @@ mod tests {
     #[test]
     fn unknown_word_suggests_the_nearest() {
         let cases = [
-            ("fl-kne off", "no motor or bus \"fl-kne\": did you mean `fl-knee`?"),
-            ("front-lft bus-off", "no motor or bus \"front-lft\": did you mean `front-left`?"),
+            ("fl-kne off", "no motor, bus or IMU \"fl-kne\": did you mean `fl-knee`?"),
+            ("front-lft bus-off", "no motor, bus or IMU \"front-lft\": did you mean `front-left`?"),
             ("fl-knee delay 2ms", "no fault \"delay\": did you mean `delayed`?"),
             (
                 "fl-knee fault overvoltage",

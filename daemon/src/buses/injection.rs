@@ -9,6 +9,7 @@
 
 use super::fault_line::{self, FaultLineError};
 use super::simulate;
+use crate::imus::SimulatedImus;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
 use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{Fault, FaultVerb, InjectError, SimulatedBus};
@@ -105,6 +106,7 @@ pub struct Injectors {
     settings: Settings,
     /// In the order of the configuration.
     injectors: Vec<Injector>,
+    imus: Option<SimulatedImus>,
 }
 
 impl Injectors {
@@ -118,16 +120,25 @@ impl Injectors {
             buses.push(Box::new(bus));
             injectors.push(injector);
         }
-        Some((buses, Self { settings: settings.clone(), injectors }))
+        Some((buses, Self { settings: settings.clone(), injectors, imus: None }))
     }
 
-    /// Gives the fault that `line` asks for to its motor or bus. Waits for the cycle, at most 1 s.
+    /// Gives faults to these IMUs as well.
+    #[must_use]
+    pub fn with_imus(self, imus: Option<SimulatedImus>) -> Self {
+        Self { imus, ..self }
+    }
+
+    /// Gives the fault that `line` asks for to its motor, bus or IMU. Waits for the cycle, at most 1 s.
     ///
     /// # Errors
     ///
     /// Why nothing has changed; or that the cycle did not answer, and may still obey.
     pub fn obey(&mut self, line: &str) -> Result<(), FaultLineError> {
         let verb = fault_line::read(line, &self.settings)?;
+        if let Some(outcome) = self.imus.as_ref().and_then(|imus| imus.inject(&verb)) {
+            return Ok(outcome?);
+        }
         let motor =
             self.settings.motors.iter().find(|motor| motor.name == verb.target).map(|motor| motor.bus);
         let bus = self.settings.buses.iter().position(|bus| bus.name == verb.target);

@@ -1,8 +1,11 @@
 //! The description of the robot that clients get, made of the configuration.
 
+use motord_core::imu::ImuSettings;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, Settings};
-use motord_shared::description::{GroupDescription, JointDescription, JointLimits, RobotDescription};
+use motord_shared::description::{
+    GroupDescription, ImuDescription, JointDescription, JointLimits, RobotDescription,
+};
 
 /// Names and limits, in the order of the configuration.
 #[must_use]
@@ -34,10 +37,15 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         setpoint_timeout: settings.safety.setpoint_timeout,
         joints: joints.collect(),
         groups: groups.collect(),
+        imus: settings.imus.iter().map(imu).collect(),
         buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
         devices: settings.buses.iter().map(device).collect(),
         frame_times: BusPlan::of(settings).iter().map(frame_time).collect(),
     }
+}
+
+fn imu(imu: &ImuSettings) -> ImuDescription {
+    ImuDescription { name: imu.name.clone(), rate_hz: imu.rate_hz }
 }
 
 fn device(bus: &BusSettings) -> String {

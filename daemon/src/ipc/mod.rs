@@ -59,6 +59,7 @@ impl CycleEnd {
             supply,
             history,
             stops: _,
+            imus: _,
         } = ends;
         let telemetry = crate::telemetry::CycleEnd { records, events, counters: Arc::clone(&counters) };
         (Self { setpoints, states, history, requests, answers, counters }, telemetry, supply)
@@ -306,7 +307,7 @@ mod tests {
     fn unanswered(place: &std::path::Path, test: impl FnOnce(&mut IpcThread, &ClientPorts)) {
         let instance = Instance::below(place, "robot").unwrap();
         let lock = instance.lock().unwrap();
-        let (_cycle, ends) = motord_core::cycle::link(1);
+        let (_cycle, ends) = motord_core::cycle::link(1, 0);
         let (end, _telemetry, _supply) = CycleEnd::split(ends);
         let (questions, _answers) = telemetry::questions();
         let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);

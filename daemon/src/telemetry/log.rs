@@ -36,6 +36,7 @@ pub(super) struct Log {
     motors: Vec<Motor>,
     groups: Vec<Group>,
     buses: Vec<Subject>,
+    imus: Vec<Subject>,
     requests: Subject,
     refused: Option<Asked>,
     missed_ticks: u64,
@@ -118,6 +119,7 @@ impl Log {
             motors: motors.collect(),
             groups: groups.collect(),
             buses: settings.buses.iter().map(|bus| Subject::new(&bus.name, CHANGES_LOGGED)).collect(),
+            imus: settings.imus.iter().map(|imu| Subject::new(&imu.name, CHANGES_LOGGED)).collect(),
             requests: Subject::new("requests", REQUESTS_LOGGED),
             refused: None,
             missed_ticks: 0,
@@ -162,6 +164,7 @@ impl Log {
             Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),
             Event::Owner { group, pid } => self.log_owner(cycle, group, pid, askers),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
+            Event::Imu { imu, is_lost } => self.log_imu(cycle, imu, is_lost),
             Event::MissedTicks { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
@@ -185,6 +188,24 @@ impl Log {
             ),
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
             (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),
+        }
+    }
+
+    fn log_imu(&mut self, cycle: u64, imu: usize, is_lost: bool) {
+        let imu = &mut self.imus[imu];
+        if !imu.changes() {
+            return;
+        }
+        let imu = &imu.name;
+        if is_lost {
+            tracing::error!(
+                cycle,
+                imu,
+                see = "imu-lost",
+                "delivers no samples: check its cable and power, its device and its baud rate"
+            );
+        } else {
+            tracing::info!(cycle, imu, "delivers samples");
         }
     }
 

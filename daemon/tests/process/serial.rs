@@ -142,7 +142,7 @@ impl Running {
         let (cycle, mut ends) =
             assemble(settings, (0..settings.buses.len()).map(bus).collect(), Monotonic, 1);
         // The client does not use the supply, and the reconnector only the supply.
-        let supply = std::mem::replace(&mut ends.supply, link(1).1.supply);
+        let supply = std::mem::replace(&mut ends.supply, link(1, 0).1.supply);
         let tick = Tick { number: 1, at: clock::monotonic() + Duration::from_millis(2) };
         let client = LocalClient::new(ends);
         (

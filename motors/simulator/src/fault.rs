@@ -443,6 +443,8 @@ pub enum InjectError {
     NotForMotors,
     /// A fault of motors, requested for a bus.
     NotForBuses,
+    /// A fault of motors or buses, requested for an IMU.
+    NotForImus,
     /// A fault of serial ports, requested for another bus.
     OnlySerial,
     /// The text is not the memory of a motor.
@@ -457,6 +459,9 @@ impl core::fmt::Display for InjectError {
             Self::NoSuchTarget => f.write_str("no bus or motor of this name"),
             Self::NotForMotors => f.write_str("only a bus can have this fault"),
             Self::NotForBuses => f.write_str("only a motor can have this fault"),
+            Self::NotForImus => {
+                f.write_str("an IMU can have the faults off, stuck, garbage, delayed, intermittent and gone")
+            }
             Self::OnlySerial => f.write_str("only a serial port can have this fault"),
             Self::NoMemory => f.write_str("not the memory of a motor"),
             Self::Unplugged(errno) => write!(f, "no pseudo terminal: os error {errno}"),

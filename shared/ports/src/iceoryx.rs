@@ -100,7 +100,7 @@ impl<'parent, T: Send + Debug + Abandonable> LockGuard<'parent, T> for PortGuard
 struct Exposed<T>(NonNull<T>);
 
 /// Arrays of a message.
-const ARRAYS_MAX: usize = 4;
+const ARRAYS_MAX: usize = 5;
 
 impl<T: Sparse> Exposed<T> {
     /// Returns the number of used entries of each array, as stored, and limited to the array.

@@ -6,6 +6,7 @@
 
 mod bus;
 mod group;
+mod imu;
 pub(super) mod limits;
 mod motor;
 mod time;
@@ -43,11 +44,14 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
+    let imus = imu::imus(&document.imus, findings);
     motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
     let simulation = simulation.into_iter().collect::<Option<_>>()?;
-    let settings = Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups? };
+    let imus = imus.into_iter().collect::<Option<_>>()?;
+    let settings =
+        Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups?, imus };
     bus::judge_load(&document.buses, &settings, findings);
     bus::judge_shared_ids(&document.buses, &settings, findings);
     motor::judge_durations(&document.motors, &settings, findings);

@@ -1,0 +1,218 @@
+//! IMUs: their settings, their samples, and the mount that turns a sample into the frame of the body.
+//!
+//! The body's frame has x forward, y left and z up, as in ROS (REP 103). The world's z points up; its x is where the
+//! sensor's heading is zero.
+
+use motord_bus::Duration;
+
+/// Largest difference of the norm of an orientation from 1.
+const NORM_TOLERANCE: f64 = 0.01;
+
+/// `[[imu]]`.
+#[derive(Debug, Clone)]
+pub struct ImuSettings {
+    /// Its name.
+    pub name: String,
+    /// The source of its samples.
+    pub source: ImuSource,
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// The mount of the sensor on the body.
+    pub mount: Mount,
+    /// Without a sample for this long it is lost.
+    pub lost_after: Duration,
+    /// The reaction to the loss.
+    pub when_lost: WhenLost,
+}
+
+/// The source of the samples of an IMU.
+#[derive(Debug, Clone)]
+pub enum ImuSource {
+    /// Simulated inside the daemon.
+    Simulated(ImuSimulation),
+}
+
+/// `[imu.simulation]`: the errors of a simulated IMU.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuSimulation {
+    /// Standard deviation of each axis of the angular velocity, rad/s; of the acceleration it is ten times as much, m/s².
+    pub noise: f64,
+    /// Constant error of each axis of the angular velocity, rad/s.
+    pub bias: f64,
+    /// Age of a sample when it is received.
+    pub delay: Duration,
+    /// Seed of everything that is random in it.
+    pub seed: u64,
+}
+
+/// The reaction to the loss of an IMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhenLost {
+    /// The state and the log tell it. The default.
+    Report,
+    /// Every group is stopped, and none can be enabled.
+    Stop,
+}
+
+/// A sample, in the frame of the sensor or of the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImuSample {
+    /// Unit quaternion w, x, y, z to the world.
+    pub orientation: [f32; 4],
+    /// rad/s.
+    pub angular_velocity: [f32; 3],
+    /// Specific force, m/s²: at rest 9.81 upwards.
+    pub acceleration: [f32; 3],
+    /// °C, where the sensor reports it.
+    pub temperature: Option<f32>,
+}
+
+impl ImuSample {
+    /// A body at rest and level.
+    pub const LEVEL: Self = Self {
+        orientation: [1.0, 0.0, 0.0, 0.0],
+        angular_velocity: [0.0; 3],
+        acceleration: [0.0, 0.0, 9.81],
+        temperature: None,
+    };
+
+    /// Returns the sample with an orientation of norm 1. `None` when a value is not finite, or the norm of the orientation
+    /// is not 0.99 to 1.01. A temperature that is not finite is left out.
+    #[must_use]
+    pub fn checked(&self) -> Option<Self> {
+        let mut values = self.angular_velocity.iter().chain(&self.acceleration);
+        let orientation = self.orientation.map(f64::from);
+        let norm = orientation.iter().map(|value| value * value).sum::<f64>().sqrt();
+        let is_sound = values.all(|value| value.is_finite()) && (norm - 1.0).abs() <= NORM_TOLERANCE;
+        is_sound.then(|| Self {
+            orientation: orientation.map(|value| (value / norm) as f32),
+            temperature: self.temperature.filter(|value| value.is_finite()),
+            ..*self
+        })
+    }
+}
+
+/// The rotation from the frame of the sensor to that of the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mount([f64; 4]);
+
+impl Mount {
+    /// The sensor has the axes of the body.
+    pub const ALIGNED: Self = Self([1.0, 0.0, 0.0, 0.0]);
+
+    /// The sensor is turned against the body by `roll`, `pitch` and `yaw`, rad, about x, y and z of the body, in this order.
+    #[must_use]
+    pub fn from_roll_pitch_yaw([roll, pitch, yaw]: [f64; 3]) -> Self {
+        let turn = |angle: f64, axis: usize| {
+            let mut turn = [(angle / 2.0).cos(), 0.0, 0.0, 0.0];
+            turn[1 + axis] = (angle / 2.0).sin();
+            turn
+        };
+        Self(product(turn(yaw, 2), product(turn(pitch, 1), turn(roll, 0))))
+    }
+
+    /// Returns the sample of a sensor in the frame of the body.
+    #[must_use]
+    pub fn to_body(&self, sample: &ImuSample) -> ImuSample {
+        let orientation = product(sample.orientation.map(f64::from), conjugate(self.0));
+        ImuSample {
+            orientation: orientation.map(|value| value as f32),
+            angular_velocity: self.turned(sample.angular_velocity),
+            acceleration: self.turned(sample.acceleration),
+            temperature: sample.temperature,
+        }
+    }
+
+    fn turned(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+        let vector = [0.0, x.into(), y.into(), z.into()];
+        let [_, turned @ ..] = product(product(self.0, vector), conjugate(self.0));
+        turned.map(|value| value as f32)
+    }
+}
+
+/// The product of two quaternions w, x, y, z: the rotation `b`, then `a`.
+fn product([aw, ax, ay, az]: [f64; 4], [bw, bx, by, bz]: [f64; 4]) -> [f64; 4] {
+    [
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    ]
+}
+
+fn conjugate([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+    [w, -x, -y, -z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f32::consts::FRAC_PI_2;
+
+    fn assert_near(found: &[f32], expected: &[f32]) {
+        let is_near = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-5);
+        assert!(is_near, "{found:?}, expected {expected:?}");
+    }
+
+    /// A sensor whose x points to the left of the robot.
+    fn turned_left() -> Mount {
+        Mount::from_roll_pitch_yaw([0.0, 0.0, f64::from(FRAC_PI_2)])
+    }
+
+    /// The roll, pitch and yaw, rad, of an orientation.
+    fn roll_pitch_yaw(sample: &ImuSample) -> [f32; 3] {
+        let [w, x, y, z] = sample.orientation;
+        [
+            f32::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin(),
+            f32::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        ]
+    }
+
+    #[test]
+    fn mount_turns_vectors_into_body() {
+        let sample = ImuSample { angular_velocity: [1.0, 2.0, 3.0], ..ImuSample::LEVEL };
+        assert_eq!(Mount::ALIGNED.to_body(&sample), sample);
+        // The sensor's x is the body's y, and the sensor's y the body's -x.
+        assert_near(&turned_left().to_body(&sample).angular_velocity, &[-2.0, 1.0, 3.0]);
+        // Upside down: the sensor measures gravity along -z.
+        let mount = Mount::from_roll_pitch_yaw([core::f64::consts::PI, 0.0, 0.0]);
+        let hanging = ImuSample {
+            orientation: [0.0, 1.0, 0.0, 0.0],
+            acceleration: [0.0, 0.0, -9.81],
+            ..ImuSample::LEVEL
+        };
+        let body = mount.to_body(&hanging);
+        assert_near(&body.acceleration, &[0.0, 0.0, 9.81]);
+        assert_near(&roll_pitch_yaw(&body), &[0.0; 3]);
+    }
+
+    /// The nose of the body goes down by 0.3 rad, about its y, which is the x of a sensor that is turned left.
+    #[test]
+    fn mount_turns_orientation_into_body() {
+        let level = ImuSample {
+            orientation: [(FRAC_PI_2 / 2.0).cos(), 0.0, 0.0, (FRAC_PI_2 / 2.0).sin()],
+            ..ImuSample::LEVEL
+        };
+        assert_near(&roll_pitch_yaw(&turned_left().to_body(&level)), &[0.0; 3]);
+        let about_x = [f64::cos(0.15), f64::sin(0.15), 0.0, 0.0];
+        let tilted = product(level.orientation.map(f64::from), about_x).map(|value| value as f32);
+        let body = turned_left().to_body(&ImuSample { orientation: tilted, ..level });
+        assert_near(&roll_pitch_yaw(&body), &[0.0, 0.3, 0.0]);
+    }
+
+    #[test]
+    fn unsound_samples_are_rejected() {
+        let with = |orientation| ImuSample { orientation, ..ImuSample::LEVEL }.checked();
+        assert_eq!(with([1.009, 0.0, 0.0, 0.0]), Some(ImuSample::LEVEL));
+        assert_eq!(with([1.02, 0.0, 0.0, 0.0]), None);
+        assert_eq!(with([0.0; 4]), None);
+        assert_eq!(with([f32::NAN, 0.0, 0.0, 1.0]), None);
+        assert_eq!(with([f32::MAX; 4]), None);
+        let level = ImuSample::LEVEL;
+        let spinning = ImuSample { angular_velocity: [0.0, f32::INFINITY, 0.0], ..level };
+        assert_eq!(spinning.checked(), None);
+        assert_eq!(ImuSample { acceleration: [f32::NAN; 3], ..level }.checked(), None);
+        assert_eq!(ImuSample { temperature: Some(f32::NAN), ..level }.checked(), Some(level));
+    }
+}

@@ -1,0 +1,126 @@
+//! IMUs in the cycle: published samples, loss, and the stop for it.
+
+use motord_bus::{Duration, Instant};
+use motord_core::control::{Event, ImuReading};
+use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
+use motord_core::settings::Settings;
+use motord_harness::robot::{self, Robot};
+use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
+use motord_shared::{Cause, ImuState, Operation, Phase, Refusal};
+
+const LOST_AFTER: Duration = Duration::from_millis(12);
+
+fn settings(when_lost: WhenLost) -> Settings {
+    let errors = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 1 };
+    let imu = ImuSettings {
+        name: "base".to_owned(),
+        source: ImuSource::Simulated(errors),
+        rate_hz: 200.0,
+        mount: Mount::ALIGNED,
+        lost_after: LOST_AFTER,
+        when_lost,
+    };
+    Settings { imus: vec![imu], ..robot::three_motors() }
+}
+
+/// The reading after the sample with this number.
+fn reading(sequence: u64, received: Instant) -> ImuReading {
+    let sample = ImuSample { angular_velocity: [sequence as f32, 0.0, 0.0], ..ImuSample::LEVEL };
+    ImuReading { sample, received, sequence, is_connected: true, ..ImuReading::default() }
+}
+
+fn imu(robot: &mut Robot) -> ImuState {
+    robot.state().imus()[0]
+}
+
+/// Writes a sample, and runs one cycle.
+fn sampled(robot: &mut Robot, sequence: u64) -> ImuState {
+    let now = robot.now();
+    robot.client.sample_imu(0, reading(sequence, now));
+    robot.step();
+    imu(robot)
+}
+
+#[test]
+fn imu_is_unknown_until_its_first_sample() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    robot.step();
+    let unknown = imu(&mut robot);
+    assert_eq!((unknown.flags, unknown.sequence, unknown.receive_ns), (IMU_LOST, 0, 0));
+    assert!(unknown.orientation.iter().all(|value| value.is_nan()));
+    let first = sampled(&mut robot, 1);
+    assert_eq!(first.flags, IMU_FRESH | IMU_VALID);
+    assert_eq!((first.orientation, first.acceleration), ([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 9.81]));
+}
+
+#[test]
+fn sample_is_fresh_in_one_cycle_only() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    let first = sampled(&mut robot, 1);
+    robot.step();
+    let second = imu(&mut robot);
+    assert_eq!((second.flags, second.sequence), (IMU_VALID, 1));
+    assert_eq!(second.receive_ns, first.receive_ns, "its age grows");
+    assert_eq!(sampled(&mut robot, 2).angular_velocity, [2.0, 0.0, 0.0]);
+}
+
+#[test]
+fn silent_imu_is_reported_lost_and_back() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    sampled(&mut robot, 1);
+    robot.take_events();
+    robot.steps(12);
+    assert_eq!(imu(&mut robot).flags & IMU_LOST, 0, "12 ms old");
+    robot.steps(2);
+    assert_eq!(imu(&mut robot).flags, IMU_VALID | IMU_LOST);
+    assert_eq!(sampled(&mut robot, 2).flags, IMU_VALID | IMU_FRESH);
+    let changes = [true, false].map(|is_lost| Event::Imu { imu: 0, is_lost });
+    assert_eq!(robot.take_events(), changes);
+    assert_eq!(robot.cause(), None);
+}
+
+#[test]
+fn unplugged_imu_is_lost_at_once() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    sampled(&mut robot, 1);
+    let now = robot.now();
+    robot.client.sample_imu(0, ImuReading { is_connected: false, ..reading(1, now) });
+    robot.step();
+    assert_eq!(imu(&mut robot).flags, IMU_VALID | IMU_LOST);
+}
+
+#[test]
+fn imu_that_never_samples_is_reported_once() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    robot.steps(4000);
+    let reports = robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. }));
+    assert_eq!(reports.collect::<Vec<_>>(), [Event::Imu { imu: 0, is_lost: true }]);
+}
+
+#[test]
+fn lost_imu_stops_robot_by_setting() {
+    for (when_lost, expected) in [(WhenLost::Stop, Some(Cause::ImuLost)), (WhenLost::Report, None)] {
+        let mut settings = settings(when_lost);
+        settings.imus[0].lost_after = Duration::from_secs(1);
+        let mut robot = Robot::new(settings, 1);
+        sampled(&mut robot, 1);
+        let joints = robot.activate();
+        sampled(&mut robot, 2);
+        (0..999).for_each(|_| robot.follow(&joints));
+        assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "less than 1 s old");
+        robot.follow(&joints);
+        robot.follow(&joints);
+        assert_eq!(robot.cause(), expected);
+        assert_eq!(robot.phase() == Phase::Damping, expected.is_some());
+    }
+}
+
+#[test]
+fn robot_without_required_imu_is_not_enabled() {
+    let mut robot = Robot::new(settings(WhenLost::Stop), 1);
+    robot.steps(100);
+    robot.claim().unwrap();
+    let joints = robot.hold(0.0, 1.0);
+    robot.follow(&joints);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::ImuLost);
+}
