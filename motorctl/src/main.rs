@@ -15,6 +15,7 @@ mod failure;
 mod fault;
 mod history;
 mod hold;
+mod imu_report;
 mod indicator;
 mod instances;
 mod joint_report;

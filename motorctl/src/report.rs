@@ -1,6 +1,7 @@
 //! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
 use crate::advice::{Advice, motorctl};
+use crate::imu_report::{ImuReport, imu_table};
 use crate::joint_report::{IndicatorReport, JointReport, UNKNOWN};
 use motord_client::{
     Bus, BusCondition, Cause, Group, Indicator, JointDescription, Lease, MotorMode, Phase, Process,
@@ -33,6 +34,7 @@ pub(crate) struct RobotReport {
     pub(crate) groups: Vec<GroupReport>,
     pub(crate) joints: Vec<JointReport>,
     pub(crate) buses: Vec<BusReport>,
+    pub(crate) imus: Vec<ImuReport>,
 }
 
 /// A group of joints.
@@ -146,6 +148,7 @@ impl RobotReport {
             groups: groups.map(|(name, group)| GroupReport::new(name, &group, robot)).collect(),
             joints: joints(robot, state),
             buses: robot.buses.iter().zip(state.buses()).map(BusReport::from).collect(),
+            imus: imus(robot, state),
         }
     }
 
@@ -172,7 +175,8 @@ impl RobotReport {
         let joints = self.joints.iter().filter_map(JointReport::trouble);
         let buses = self.buses.iter().filter(|bus| bus.condition != BusCondition::Active.name());
         let buses = buses.map(|bus| format!("Bus {} is {}.", bus.name, bus.condition));
-        alarms.chain(stops).chain(joints).chain(buses).collect()
+        let imus = self.imus.iter().filter_map(ImuReport::trouble);
+        alarms.chain(stops).chain(joints).chain(buses).chain(imus).collect()
     }
 
     /// Writes the state as tables.
@@ -214,8 +218,22 @@ impl RobotReport {
         for advice in self.buses.iter().filter_map(BusReport::advice) {
             writeln!(out, "{}", palette.paint(&Cell::new(advice, Colour::Red)))?;
         }
+        if self.imus.is_empty() { Ok(()) } else { self.write_imus(out, palette) }
+    }
+
+    fn write_imus(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+        writeln!(out)?;
+        imu_table(&self.imus).write(out, palette)?;
+        for trouble in self.imus.iter().filter_map(ImuReport::trouble) {
+            writeln!(out, "{}", palette.paint(&Cell::new(trouble, Colour::Red)))?;
+        }
         Ok(())
     }
+}
+
+fn imus(robot: &RobotDescription, state: &State) -> Vec<ImuReport> {
+    let imus = robot.imus.iter().zip(state.imus());
+    imus.map(|(description, imu)| ImuReport::new(description, &imu, state.publish_ns())).collect()
 }
 
 fn joints(robot: &RobotDescription, state: &State) -> Vec<JointReport> {
