@@ -70,7 +70,7 @@ impl ImuState {
     pub const FIELDS: &'static [Field] = &[
         field!(
             orientation,
-            "Orientation of the body in the world, whose z points up: a unit quaternion w, x, y, z. Null before the first sample.",
+            "Orientation of the body in the world, whose z points up: a unit quaternion w, x, y, z.",
             "",
             Kind::Vector(4),
             Some("orientation"),
@@ -78,7 +78,7 @@ impl ImuState {
         ),
         field!(
             angular_velocity,
-            "Angular velocity of the body, in its frame. Null before the first sample.",
+            "Angular velocity of the body, in its frame.",
             "rad/s",
             Kind::Vector(3),
             Some("angular_velocity"),
@@ -86,7 +86,7 @@ impl ImuState {
         ),
         field!(
             acceleration,
-            "Specific force on the body, in its frame: at rest 9.81 upwards. Null before the first sample.",
+            "Specific force on the body, in its frame: at rest 9.81 upwards.",
             "m/s²",
             Kind::Vector(3),
             Some("acceleration"),

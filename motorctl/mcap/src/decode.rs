@@ -5,12 +5,12 @@ use crate::motord;
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::INDICATORS_MAX;
 use motord_shared::message::{
-    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
-    JOINT_VALID, NO_JOINT,
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, IMU_FRESH,
+    IMU_LOST, IMU_VALID, JOINT_FRESH, JOINT_VALID, NO_JOINT,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, GroupState, Indicator, JointSetpoint, JointState, MotorMode,
-    Phase, SetpointMode, StateMessage,
+    Applied, BusCondition, BusState, Cause, GroupState, ImuState, Indicator, JointSetpoint, JointState,
+    MotorMode, Phase, SetpointMode, StateMessage,
 };
 
 /// Number for a code name that this version does not know.
@@ -84,6 +84,25 @@ fn applied(command: motord::Command) -> Applied {
 fn setpoint(setpoint: &motord::Setpoint) -> JointSetpoint {
     let motord::Setpoint { position, velocity, kp, kd, torque, ref mode } = *setpoint;
     JointSetpoint { position, velocity, kp, kd, torque, mode: code!(SetpointMode, mode) }
+}
+
+pub(crate) fn imu(imu: &motord::Imu) -> ImuState {
+    let flags = [(imu.fresh, IMU_FRESH), (imu.valid, IMU_VALID), (imu.lost, IMU_LOST)];
+    ImuState {
+        orientation: imu.orientation.map_or([f32::NAN; 4], |value| [value.w, value.x, value.y, value.z]),
+        angular_velocity: imu.angular_velocity.map_or([f32::NAN; 3], vector),
+        acceleration: imu.acceleration.map_or([f32::NAN; 3], vector),
+        temperature: imu.temperature.unwrap_or(f32::NAN),
+        flags: flags.iter().filter(|(is_set, _)| *is_set).fold(0, |flags, (_, flag)| flags | flag),
+        missing: imu.missing,
+        rejected: imu.rejected,
+        sequence: imu.sequence,
+        receive_ns: imu.receive_ns,
+    }
+}
+
+fn vector(motord::Vector { x, y, z }: motord::Vector) -> [f32; 3] {
+    [x, y, z]
 }
 
 pub(crate) fn group(group: &motord::Group, robot: &RobotDescription) -> GroupState {

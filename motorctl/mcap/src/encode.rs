@@ -3,11 +3,11 @@
 use crate::motord;
 use motord_shared::description::RobotDescription;
 use motord_shared::message::{
-    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
-    JOINT_VALID,
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, IMU_FRESH,
+    IMU_LOST, IMU_VALID, JOINT_FRESH, JOINT_VALID,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, CycleRecord, GroupState, Indicator, JointIndicators,
+    Applied, BusCondition, BusState, Cause, CycleRecord, GroupState, ImuState, Indicator, JointIndicators,
     JointSetpoint, JointState, MotorMode, Phase, SetpointMode, StateMessage,
 };
 
@@ -76,6 +76,30 @@ fn setpoint(setpoint: &JointSetpoint) -> motord::Setpoint {
 fn command(applied: &Applied) -> motord::Command {
     let Applied { position, velocity, kp, kd, torque } = *applied;
     motord::Command { position, velocity, kp, kd, torque }
+}
+
+pub(crate) fn imu(cycle: u64, imu: &ImuState) -> motord::Imu {
+    let ImuState { orientation, temperature, flags, missing, rejected, sequence, receive_ns, .. } = *imu;
+    let is_valid = flags & IMU_VALID != 0;
+    let [w, x, y, z] = orientation;
+    motord::Imu {
+        cycle,
+        sequence,
+        orientation: is_valid.then_some(motord::Quaternion { w, x, y, z }),
+        angular_velocity: is_valid.then(|| vector(imu.angular_velocity)),
+        acceleration: is_valid.then(|| vector(imu.acceleration)),
+        temperature: Some(temperature).filter(|value| value.is_finite()),
+        fresh: flags & IMU_FRESH != 0,
+        valid: is_valid,
+        lost: flags & IMU_LOST != 0,
+        missing,
+        rejected,
+        receive_ns,
+    }
+}
+
+fn vector([x, y, z]: [f32; 3]) -> motord::Vector {
+    motord::Vector { x, y, z }
 }
 
 pub(crate) fn group(cycle: u64, group: &GroupState, robot: &RobotDescription) -> motord::Group {

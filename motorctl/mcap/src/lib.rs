@@ -15,6 +15,7 @@
 //! | `/groups/NAME` | `motord.Group` | every cycle |
 //! | `/buses/NAME` | `motord.Bus` | every cycle |
 //! | `/indicators/NAME` | `motord.Indicators`, of the joint `NAME` | when one has changed |
+//! | `/imus/NAME` | `motord.Imu` | when a sample was received, or something else has changed |
 //! | `/cycle` | `motord.Cycle` | every cycle, the last of its messages |
 //! | `/events` | `foxglove.Log` | when something has changed |
 

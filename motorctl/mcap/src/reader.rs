@@ -6,8 +6,9 @@ use mcap::McapError;
 use mcap::io::MessageReader;
 use mcap::sans_io::LinearReaderOptions;
 use motord_shared::description::RobotDescription;
-use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, JOINTS_MAX};
-use motord_shared::{CycleRecord, JointIndicators};
+use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, IMUS_MAX, INDICATOR_JOINTS_MAX, JOINTS_MAX};
+use motord_shared::message::IMU_FRESH;
+use motord_shared::{CycleRecord, ImuState, JointIndicators};
 use prost::Message;
 use std::collections::HashMap;
 use std::io::Read;
@@ -34,6 +35,7 @@ enum Topic {
     Group(usize),
     Bus(usize),
     Indicators(usize),
+    Imu(usize),
     Cycle,
 }
 
@@ -63,6 +65,7 @@ impl<R: Read> Reader<R> {
         let fits = robot.joints.len() <= JOINTS_MAX
             && robot.groups.len() <= GROUPS_MAX
             && robot.buses.len() <= BUSES_MAX
+            && robot.imus.len() <= IMUS_MAX
             && robot.groups.iter().flat_map(|group| &group.joints).all(|joint| *joint < robot.joints.len());
         if !fits {
             return Err(ReadError::NoRobot);
@@ -71,6 +74,8 @@ impl<R: Read> Reader<R> {
         record.state.joint_count = robot.joints.len() as u32;
         record.state.group_count = robot.groups.len() as u32;
         record.state.bus_count = robot.buses.len() as u32;
+        record.state.imu_count = robot.imus.len() as u32;
+        record.state.imus.fill(ImuState::UNKNOWN);
         Ok(Self { messages, topics: topics(&robot), robot, record, damage: None })
     }
 
@@ -84,6 +89,7 @@ impl<R: Read> Reader<R> {
     /// incomplete cycles.
     pub fn next_cycle(&mut self) -> Option<&CycleRecord> {
         self.record.known = 0;
+        self.record.state.imus.iter_mut().for_each(|imu| imu.flags &= !IMU_FRESH);
         while self.damage.is_none() {
             let message = match self.messages.next()? {
                 Ok(message) => message,
@@ -134,6 +140,7 @@ impl<R: Read> Reader<R> {
                     state.indicator_count = count.max(place + 1) as u32;
                 }
             }
+            Topic::Imu(index) => state.imus[index] = decode::imu(&motord::Imu::decode(data)?),
             Topic::Cycle => {
                 let cycle = motord::Cycle::decode(data)?;
                 *sequence = cycle.sequence;
@@ -158,5 +165,7 @@ fn topics(robot: &RobotDescription) -> HashMap<String, Topic> {
     let groups = groups.map(|(index, group)| (format!("/groups/{}", group.name), Topic::Group(index)));
     let buses = robot.buses.iter().enumerate();
     let buses = buses.map(|(index, bus)| (format!("/buses/{bus}"), Topic::Bus(index)));
-    joints.chain(groups).chain(buses).chain([("/cycle".to_owned(), Topic::Cycle)]).collect()
+    let imus = robot.imus.iter().enumerate();
+    let imus = imus.map(|(index, imu)| (format!("/imus/{}", imu.name), Topic::Imu(index)));
+    joints.chain(groups).chain(buses).chain(imus).chain([("/cycle".to_owned(), Topic::Cycle)]).collect()
 }

@@ -10,6 +10,7 @@ use mcap::{McapError, McapResult, WriteOptions};
 use motord_shared::CycleRecord;
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::INDICATORS_MAX;
+use motord_shared::message::IMU_FRESH;
 use prost::Message;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -32,6 +33,9 @@ pub struct Counts {
     pub dropped: u64,
 }
 
+/// Flags, sequence number and counters of an IMU.
+type Written = (u32, u64, u32, u32);
+
 /// The channels of a file, in the order of the robot's description.
 #[derive(Debug, Default)]
 struct Channels {
@@ -39,6 +43,7 @@ struct Channels {
     groups: Vec<u16>,
     buses: Vec<u16>,
     indicators: Vec<u16>,
+    imus: Vec<u16>,
     cycle: u16,
     events: u16,
 }
@@ -53,6 +58,8 @@ pub struct Writer<W: Write> {
     events: Events,
     /// The last written values, by joint.
     indicators: Vec<[f32; INDICATORS_MAX]>,
+    /// What was last written, by IMU.
+    imus: Vec<Option<Written>>,
     buffer: Vec<u8>,
 }
 
@@ -77,6 +84,7 @@ impl<W: Write> Writer<W> {
             channels,
             events: Events::default(),
             indicators: vec![[f32::NAN; INDICATORS_MAX]; robot.joints.len()],
+            imus: vec![None; robot.imus.len()],
             buffer: Vec::new(),
         };
         writer.write_robot(from_ns).map_err(of_mcap)?;
@@ -132,6 +140,13 @@ impl<W: Write> Writer<W> {
             if known.map(f32::to_bits) != indicators.values.map(f32::to_bits) {
                 *known = indicators.values;
                 put(*channel, &encode::indicators(indicators))?;
+            }
+        }
+        for ((imu, channel), written) in state.imus().iter().zip(&channels.imus).zip(&mut self.imus) {
+            // The next message ends the freshness of this one.
+            let now = (imu.flags & !IMU_FRESH, imu.sequence, imu.missing, imu.rejected);
+            if written.replace(now) != Some(now) {
+                put(*channel, &encode::imu(state.cycle, imu))?;
             }
         }
         for event in self.events.of(state, robot) {
@@ -191,11 +206,12 @@ impl<W: Write> Writer<W> {
 impl Channels {
     fn add<W: Write>(out: &mut mcap::Writer<NoSeek<W>>, robot: &RobotDescription) -> McapResult<Self> {
         let mut schema = |name: &str| out.add_schema(name, "protobuf", SCHEMA);
-        let [joint, group, bus, indicators, cycle, log] = [
+        let [joint, group, bus, indicators, imu, cycle, log] = [
             schema("motord.Joint")?,
             schema("motord.Group")?,
             schema("motord.Bus")?,
             schema("motord.Indicators")?,
+            schema("motord.Imu")?,
             schema("motord.Cycle")?,
             schema("foxglove.Log")?,
         ];
@@ -212,6 +228,9 @@ impl Channels {
                 .collect::<Result<_, _>>()?,
             indicators: joints()
                 .map(|name| add(indicators, &format!("/indicators/{name}")))
+                .collect::<Result<_, _>>()?,
+            imus: (robot.imus.iter())
+                .map(|described| add(imu, &format!("/imus/{}", described.name)))
                 .collect::<Result<_, _>>()?,
             cycle: add(cycle, "/cycle")?,
             events: add(log, "/events")?,

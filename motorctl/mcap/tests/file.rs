@@ -4,8 +4,11 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use motord_mcap::{Clock, Counts, Memory, Origin, ReadError, Reader, Reading, Stops, Writer};
-use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
-use motord_shared::{BusCondition, Cause, CycleRecord, JointSetpoint, MotorMode, Phase, SetpointMode};
+use motord_shared::description::{GroupDescription, ImuDescription, JointDescription, RobotDescription};
+use motord_shared::message::{IMU_FRESH, IMU_VALID};
+use motord_shared::{
+    BusCondition, Cause, CycleRecord, ImuState, JointSetpoint, MotorMode, Phase, SetpointMode,
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -21,7 +24,27 @@ fn robot() -> RobotDescription {
         joints: vec![joint("hip"), joint("knee")],
         groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
         buses: vec!["can".into()],
+        imus: vec![ImuDescription { name: "base".into(), rate_hz: 500.0 }],
         ..RobotDescription::default()
+    }
+}
+
+/// Every other cycle has a fresh sample.
+fn imu(cycle: u64) -> ImuState {
+    let sequence = cycle / 2;
+    if sequence == 0 {
+        return ImuState::UNKNOWN;
+    }
+    ImuState {
+        orientation: [0.5, -0.5, 0.5, -0.5],
+        angular_velocity: [sequence as f32, 0.2, 0.3],
+        acceleration: [0.1, 0.2, 9.8],
+        temperature: 31.5,
+        flags: IMU_VALID | if cycle.is_multiple_of(2) { IMU_FRESH } else { 0 },
+        missing: 4,
+        rejected: 5,
+        sequence,
+        receive_ns: sequence * 2_000_000,
     }
 }
 
@@ -52,6 +75,8 @@ fn record(cycle: u64) -> CycleRecord {
     state.indicators[0].joint = 1;
     state.indicators[0].values.fill(f32::NAN);
     state.indicators[0].values[0] = 24.5;
+    // A sample in every other cycle.
+    (state.imu_count, state.imus[0]) = (1, imu(cycle));
     let setpoint = JointSetpoint {
         position: 0.3,
         velocity: 0.1,
@@ -103,6 +128,8 @@ fn every_cycle_is_read_as_it_was_written() {
         assert_eq!(read.state.joints(), expected.state.joints());
         assert_eq!(read.state.groups(), expected.state.groups());
         assert_eq!(read.state.buses(), expected.state.buses());
+        // Before the first sample the values are no numbers.
+        assert_eq!(format!("{:?}", read.state.imus()), format!("{:?}", expected.state.imus()));
         assert_eq!((read.setpoint(0), read.setpoint(1)), (None, expected.setpoint(1)));
         let whole = |record: &CycleRecord| {
             let state = record.state;

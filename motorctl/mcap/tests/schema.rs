@@ -1,6 +1,6 @@
-//! The message of a joint in `proto/motord.proto` comes from the table of its state.
+//! The messages of a joint and of an IMU in `proto/motord.proto` come from the tables of their states.
 
-use motord_shared::{Field, JointState, Kind};
+use motord_shared::{Field, ImuState, JointState, Kind};
 
 /// Longest line of the schema.
 const COLUMNS: usize = 100;
@@ -8,10 +8,12 @@ const COLUMNS: usize = 100;
 const SCHEMA: &str = include_str!("../proto/motord.proto");
 
 /// Returns the field as a comment and a declaration.
-fn declared(field: &Field, (name, number): (&str, u32)) -> String {
+fn declared(field: &Field, (name, number): (&str, u32), is_imu: bool) -> String {
     let unit = if field.unit.is_empty() { String::new() } else { format!(" Unit: {}.", field.unit) };
     let absence = match field.kind {
         Kind::Measured => " Absent before the motor has reported it.",
+        Kind::Vector(_) => " Absent before the first sample.",
+        Kind::Optional if field.name == "temperature" && is_imu => " Absent where it is not reported.",
         Kind::Optional => " Absent where the motor does not report it.",
         Kind::Set(_) => " Bits.",
         _ => "",
@@ -29,18 +31,34 @@ fn declared(field: &Field, (name, number): (&str, u32)) -> String {
     format!("{text}\n  {} {name} = {number};\n", field.kind.proto())
 }
 
-/// Returns the message of a joint in the schema.
-fn committed() -> &'static str {
-    let begin = SCHEMA.find("message Joint {").expect("the schema has a joint");
+/// Returns a message of the schema.
+fn committed(message: &str) -> &'static str {
+    let begin = SCHEMA.find(&format!("message {message} {{")).expect("the schema has this message");
     let length = SCHEMA[begin..].find("}\n").expect("a message ends") + 2;
     &SCHEMA[begin..begin + length]
 }
 
+/// The fields with a number in Protobuf, in the order of these numbers.
+fn rows(fields: &'static [Field]) -> Vec<((&'static str, u32), &'static Field)> {
+    let mut rows: Vec<_> = fields.iter().filter_map(|field| Some((field.proto?, field))).collect();
+    rows.sort_by_key(|((_, number), _)| *number);
+    rows
+}
+
+#[test]
+fn imu_schema_is_generated_from_its_table() {
+    let mut expected = String::from("message Imu {\n  // Number of the cycle.\n  uint64 cycle = 1;\n");
+    for (proto, field) in rows(ImuState::FIELDS) {
+        expected.push_str(&declared(field, proto, true));
+    }
+    expected.push_str("}\n");
+    let found = committed("Imu");
+    assert!(found == expected, "write this into proto/motord.proto:\n{expected}\ninstead of:\n{found}");
+}
+
 #[test]
 fn joint_schema_is_generated_from_its_table() {
-    let fields = JointState::FIELDS.iter();
-    let mut rows: Vec<_> = fields.filter_map(|field| Some((field.proto?, field))).collect();
-    rows.sort_by_key(|((_, number), _)| *number);
+    let rows = rows(JointState::FIELDS);
     let mut expected = String::from("message Joint {\n  // Number of the cycle.\n  uint64 cycle = 1;\n");
     for (proto, field) in rows {
         if proto.1 == 7 {
@@ -48,10 +66,10 @@ fn joint_schema_is_generated_from_its_table() {
                 "  // The setpoint in use, before all limits. Absent while the joint's group has none.\n  Setpoint setpoint = 6;\n",
             );
         }
-        expected.push_str(&declared(field, proto));
+        expected.push_str(&declared(field, proto, false));
     }
     expected.push_str("}\n");
-    let found = committed();
+    let found = committed("Joint");
     assert!(found == expected, "write this into proto/motord.proto:\n{expected}\ninstead of:\n{found}");
 }
 
@@ -79,6 +97,6 @@ fn fields_of_a_recorded_joint_keep_their_numbers() {
         ("foreign_commands", "uint32", 18),
     ];
     for (name, kind, number) in numbers {
-        assert!(committed().contains(&format!("  {kind} {name} = {number};\n")), "{name}");
+        assert!(committed("Joint").contains(&format!("  {kind} {name} = {number};\n")), "{name}");
     }
 }
