@@ -15,6 +15,7 @@ pub(super) enum Sort {
     Flag,
     Text,
     TwoNumbers,
+    ThreeNumbers,
     Texts,
 }
 
@@ -27,6 +28,7 @@ impl Sort {
             Self::Flag => "true or false",
             Self::Text => "a text",
             Self::TwoNumbers => "a list of two numbers",
+            Self::ThreeNumbers => "a list of three numbers",
             Self::Texts => "a list of texts",
         }
     }
@@ -35,6 +37,7 @@ impl Sort {
     pub(super) const fn to_write(self) -> &'static str {
         match self {
             Self::TwoNumbers => "two numbers",
+            Self::ThreeNumbers => "three numbers",
             Self::Texts => "texts",
             other => other.name(),
         }
@@ -48,6 +51,7 @@ impl Sort {
             Self::Flag => "true",
             Self::Text => "\"hip\"",
             Self::TwoNumbers => "[-0.5, 0.5]",
+            Self::ThreeNumbers => "[0, 0, 90]",
             Self::Texts => "[\"hip\", \"knee\"]",
         }
     }
@@ -98,7 +102,7 @@ impl Sort {
             Self::Integer => matches!(value, DeValue::Integer(_)),
             Self::Flag => matches!(value, DeValue::Boolean(_)),
             Self::Text => matches!(value, DeValue::String(_)),
-            Self::TwoNumbers | Self::Texts => false,
+            Self::TwoNumbers | Self::ThreeNumbers | Self::Texts => false,
         }
     }
 

@@ -154,19 +154,18 @@ impl Value for [f64; 2] {
 }
 
 impl Value for [f64; 3] {
-    const KIND: &'static str = "a list of three numbers";
+    const SORT: Sort = Sort::ThreeNumbers;
 
-    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Misfit> {
         let found = written.get_ref();
-        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let items = found.as_array().ok_or(Misfit::Sort)?;
         let angles = items.iter().map(f64::read).collect::<Result<Vec<_>, _>>()?;
         let angles = Self::try_from(angles).map_err(|angles| Wrong::AngleCount(angles.len()))?;
         match angles.iter().find(|angle| !(-360.0..=360.0).contains(*angle)) {
-            Some(&value) => Err(Wrong::OutOfRange {
-                value,
-                expected: "from -360 to 360 °".to_owned(),
-                hint: String::new(),
-            }),
+            Some(&value) => {
+                let expected = "from -360 to 360 °".to_owned();
+                Err(Wrong::OutOfRange { value, expected, hint: String::new() }.into())
+            }
             None => Ok(angles),
         }
     }

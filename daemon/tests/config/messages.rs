@@ -199,7 +199,7 @@ fn misspelt_table_suggests_the_near_one() {
     ]);
     let joint = judge(&ROBOT.replace("[[motor]]", "[[joint]]")).expect_err("must be refused").to_string();
     let known = "robot.toml:14:3: joint: unknown table [[joint]]; known are [daemon], [cycle], [ipc], [telemetry], [safety], [[bus]], \
-                 [[motor]], [[group]]";
+                 [[motor]], [[group]], [[imu]]";
     assert!(joint.lines().any(|line| line == known), "{joint}");
     assert!(!joint.contains("known are \n") && !joint.ends_with("known are "), "{joint}");
 }
