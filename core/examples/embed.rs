@@ -137,6 +137,7 @@ fn settings() -> Settings {
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
         simulation: Vec::new(),
         groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],
+        imus: Vec::new(),
     }
 }
 

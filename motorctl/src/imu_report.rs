@@ -20,6 +20,7 @@ pub(crate) struct ImuReport {
     /// Age of the sample when the states were published.
     pub(crate) age_us: Option<f64>,
     pub(crate) fresh: bool,
+    pub(crate) valid: bool,
     pub(crate) lost: bool,
     pub(crate) sequence: u64,
     pub(crate) missing: u32,
@@ -38,6 +39,7 @@ impl ImuReport {
             temperature_celsius: imu.temperature,
             age_us: imu.age_at(publish_ns).map(|age| age.as_secs_f64() * 1e6),
             fresh: imu.fresh,
+            valid: imu.valid,
             lost: imu.lost,
             sequence: imu.sequence,
             missing: imu.missing,

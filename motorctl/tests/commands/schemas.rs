@@ -5,7 +5,7 @@
 use crate::line::Line;
 use crate::programs::{commands, help, program};
 use crate::schema::{assert_lines_valid, schema, schemas};
-use motord_client::Kind;
+use motord_client::{Field, Kind};
 use motord_harness::daemon;
 use motord_harness::daemon::Daemon;
 use serde_json::{Value, json};
@@ -51,34 +51,51 @@ fn schemas_are_valid_and_belong_to_commands() {
     }
 }
 
-/// The keys of a joint, their types and descriptions come from the table of its state.
+/// The keys of a joint and of an IMU, their types and descriptions come from the tables of their states.
 #[test]
-fn joint_schema_is_generated_from_its_table() {
-    let joint = &schema("motorctl-status")["properties"]["joints"]["items"];
-    for field in motord_client::JointState::FIELDS {
-        let Some(key) = field.json else { continue };
-        let mut expected = match field.kind {
-            Kind::Measured | Kind::Optional => json!({ "type": ["number", "null"] }),
-            Kind::Latency => json!({ "type": "number" }),
-            Kind::Count => json!({ "type": "integer", "minimum": 0 }),
-            Kind::Code(names) => json!({ "enum": ([names, &["unknown"]].concat()) }),
-            Kind::Set(_) => json!({ "type": "array", "items": { "type": "string" } }),
-            Kind::Flag(_) => json!({ "type": "boolean" }),
-            Kind::Time | Kind::Flags | Kind::Command | Kind::Reserved => panic!("{key} has no form in JSON"),
-        };
-        let unit = if field.kind == Kind::Latency { "µs" } else { field.unit };
-        let unit = if unit.is_empty() { String::new() } else { format!(" Unit: {unit}.") };
-        let note = match field.kind {
-            Kind::Measured => " null before the motor has reported it.",
-            Kind::Optional => " null where the motor does not report it.",
-            Kind::Code(_) => " `unknown` for one of a newer daemon.",
-            Kind::Set(_) => " Bits without a name are one hexadecimal number.",
-            _ => "",
-        };
-        expected["description"] = format!("{}{unit}{note}", field.doc).into();
-        assert_eq!(joint["properties"][key], expected, "properties.joints.items.properties.{key}");
-        assert!(joint["required"].as_array().unwrap().contains(&key.into()), "{key} is required");
+fn state_schemas_are_generated_from_their_tables() {
+    let status = &schema("motorctl-status")["properties"];
+    let tables = [("joints", motord_client::JointState::FIELDS), ("imus", motord_client::ImuState::FIELDS)];
+    for (list, fields) in tables {
+        let item = &status[list]["items"];
+        for (key, field) in fields.iter().filter_map(|field| Some((field.json?, field))) {
+            assert_eq!(
+                item["properties"][key],
+                expected(field, list),
+                "properties.{list}.items.properties.{key}"
+            );
+            assert!(item["required"].as_array().unwrap().contains(&key.into()), "{key} is required");
+        }
     }
+}
+
+/// The schema of a field of a state.
+fn expected(field: &Field, list: &str) -> Value {
+    let mut expected = match field.kind {
+        Kind::Measured | Kind::Optional => json!({ "type": ["number", "null"] }),
+        Kind::Vector(length) => json!({
+            "type": ["array", "null"], "items": { "type": "number" }, "minItems": length, "maxItems": length
+        }),
+        Kind::Latency => json!({ "type": "number" }),
+        Kind::Count | Kind::Total => json!({ "type": "integer", "minimum": 0 }),
+        Kind::Code(names) => json!({ "enum": ([names, &["unknown"]].concat()) }),
+        Kind::Set(_) => json!({ "type": "array", "items": { "type": "string" } }),
+        Kind::Flag(_) => json!({ "type": "boolean" }),
+        Kind::Time | Kind::Flags | Kind::Command | Kind::Reserved => panic!("{} has no form", field.name),
+    };
+    let unit = if field.kind == Kind::Latency { "µs" } else { field.unit };
+    let unit = if unit.is_empty() { String::new() } else { format!(" Unit: {unit}.") };
+    let note = match field.kind {
+        Kind::Measured => " null before the motor has reported it.",
+        Kind::Optional if list == "joints" => " null where the motor does not report it.",
+        Kind::Optional => " null where it is not reported.",
+        Kind::Vector(_) => " null before the first sample.",
+        Kind::Code(_) => " `unknown` for one of a newer daemon.",
+        Kind::Set(_) => " Bits without a name are one hexadecimal number.",
+        _ => "",
+    };
+    expected["description"] = format!("{}{unit}{note}", field.doc).into();
+    expected
 }
 
 /// A command that prints JSON and has no schema is not documented.
