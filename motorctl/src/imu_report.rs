@@ -47,6 +47,11 @@ impl ImuReport {
         }
     }
 
+    /// Amount of the angular velocity, rad/s.
+    pub(crate) fn turning(&self) -> Option<f64> {
+        self.angular_velocity.map(length)
+    }
+
     pub(crate) fn trouble(&self) -> Option<String> {
         self.lost.then(|| format!("IMU {} delivers no samples: `motorctl explain imu-lost`.", self.name))
     }
@@ -68,7 +73,7 @@ pub(crate) fn imu_table(imus: &[ImuReport]) -> Table {
             angle(0),
             angle(1),
             angle(2),
-            Cell::number(imu.angular_velocity.map(length), 2),
+            Cell::number(imu.turning(), 2),
             Cell::number(imu.acceleration.map(length), 2),
             Cell::number(imu.temperature_celsius.map(f64::from), 0),
             Cell::number(imu.age_us.map(|age| age / 1e3), 1),

@@ -4,6 +4,7 @@
 mod buses;
 mod frame;
 mod groups;
+mod imus;
 mod joints;
 mod latencies;
 mod text;
@@ -134,7 +135,8 @@ fn joints_page(
     width: usize,
     height: usize,
 ) -> Vec<Line<'static>> {
-    let mut below = buses::lines(reading, picture, width, (height / 5).max(2));
+    let mut below = imus::lines(reading, width, (height / 6).max(1));
+    below.extend(buses::lines(reading, picture, width, (height / 5).max(2)));
     below.extend(latencies::lines(reading, picture, width, if height < 10 { 1 } else { 2 }));
     below.truncate(height / 2);
     let above = height - below.len();
