@@ -398,8 +398,7 @@ impl Motor {
 
     /// Returns the ids of all frames that it receives.
     pub(crate) fn addresses(&self) -> impl Iterator<Item = FrameId> {
-        let requests = self.has_registers().then(|| FrameId::new(registers::REQUEST_ID)).flatten();
-        [self.address()].into_iter().chain(requests)
+        [self.address()].into_iter().chain(self.register_requests())
     }
 
     pub(crate) fn host_address(&self) -> FrameId {

@@ -10,19 +10,18 @@ use crate::twin::Asked;
 use motord_bus::{Frame, FrameId, Instant};
 
 /// Id of every request.
-pub(super) const REQUEST_ID: u16 = 0x7FF;
+const REQUEST_ID: u16 = 0x7FF;
 
 impl Motor {
-    pub(super) fn has_registers(&self) -> bool {
-        self.settings.vendor == "damiao"
+    /// Returns the id of the requests to its registers, if it has some.
+    pub(super) fn register_requests(&self) -> Option<FrameId> {
+        if self.settings.vendor == "damiao" { FrameId::new(REQUEST_ID) } else { None }
     }
 
     /// Returns whether `frame` is a request to the registers of this drive.
     pub(super) fn is_register_request(&self, frame: &Frame) -> bool {
         let [low, high, ..] = self.address().raw().to_le_bytes();
-        self.has_registers()
-            && FrameId::new(REQUEST_ID) == Some(frame.id())
-            && frame.payload().starts_with(&[low, high])
+        self.register_requests() == Some(frame.id()) && frame.payload().starts_with(&[low, high])
     }
 
     /// Answers a request to a register.
