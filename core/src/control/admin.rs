@@ -155,7 +155,7 @@ impl Control {
         if self.shutting_down {
             return Err(Refused::new(Refusal::ShuttingDown));
         }
-        if self.an_imu_forbids_motion() {
+        if self.imus.forbid_motion() {
             return Err(Refused::new(Refusal::ImuLost));
         }
         match group.cause() {

@@ -1,13 +1,13 @@
 //! The IMUs of the robot: which sample is published, and whether one is lost.
 
-use super::Control;
+use super::context::Context;
 use super::event::Event;
 use crate::imu::{ImuSample, ImuSettings, WhenLost};
 use motord_bus::{Duration, Instant};
+use motord_shared::ImuState;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
-use motord_shared::{Cause, ImuState};
 
-/// What the reader of an IMU knows, passed to the cycle as a whole.
+/// The knowledge of an IMU's reader, passed to the cycle as a whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuReading {
     /// The newest sample, in the frame of the body. No sample, while `sequence` is 0.
@@ -47,7 +47,7 @@ impl Default for ImuReading {
 ///      none for `lost_after`, or the device is disconnected
 /// ```
 #[derive(Debug)]
-pub(super) struct Imu {
+struct Imu {
     lost_after: Duration,
     when_lost: WhenLost,
     reading: ImuReading,
@@ -57,7 +57,7 @@ pub(super) struct Imu {
 }
 
 impl Imu {
-    pub(super) fn new(settings: &ImuSettings) -> Self {
+    fn new(settings: &ImuSettings) -> Self {
         Self {
             lost_after: settings.lost_after,
             when_lost: settings.when_lost,
@@ -99,50 +99,51 @@ impl Imu {
     }
 }
 
-impl Control {
+/// The IMUs of the robot, in the order of the configuration.
+#[derive(Debug)]
+pub(super) struct Imus(Vec<Imu>);
+
+impl Imus {
+    pub(super) fn new(settings: &[ImuSettings]) -> Self {
+        Self(settings.iter().map(Imu::new).collect())
+    }
+
     /// Takes what the reader of an IMU knows. Constant time.
-    pub fn receive_imu(&mut self, imu: usize, reading: &ImuReading) {
-        if let Some(known) = self.imus.get_mut(imu) {
-            known.reading = *reading;
-            self.judge_imu(imu);
+    pub(super) fn receive(&mut self, index: usize, reading: &ImuReading, cx: &mut Context) {
+        if let Some(imu) = self.0.get_mut(index) {
+            imu.reading = *reading;
+            judge(index, imu, cx);
         }
     }
 
-    /// Returns the state of every IMU after this cycle, in the order of the configuration.
-    pub fn imu_states(&self) -> impl Iterator<Item = ImuState> + '_ {
-        self.imus.iter().map(Imu::report)
-    }
-
-    /// Stops every moving group while an IMU is lost for which it is configured. Reports each change. Bounded by IMUs and
-    /// motors.
-    pub(super) fn watch_imus(&mut self) {
-        (0..self.imus.len()).for_each(|imu| self.judge_imu(imu));
-        if self.an_imu_forbids_motion() {
-            self.stop_moving(Cause::ImuLost);
-        }
-    }
-
-    fn judge_imu(&mut self, index: usize) {
-        let Self { imus, context, .. } = self;
-        let imu = &mut imus[index];
-        if imu.judge(context.now) {
-            context.push(Event::Imu { imu: index, is_lost: imu.is_lost });
-        }
+    /// Finds out which IMUs are lost, and reports each change. Bounded by IMUs.
+    pub(super) fn watch(&mut self, cx: &mut Context) {
+        self.0.iter_mut().enumerate().for_each(|(index, imu)| judge(index, imu, cx));
     }
 
     /// Reports the IMUs that have never delivered a sample. Bounded by IMUs.
-    pub(super) fn report_silent_imus(&mut self) {
-        let Self { imus, context, .. } = self;
-        let silent = imus.iter().enumerate().filter(|(_, imu)| imu.reading.sequence == 0);
-        silent.for_each(|(imu, _)| context.push(Event::Imu { imu, is_lost: true }));
+    pub(super) fn report_silence(&self, cx: &mut Context) {
+        let silent = self.0.iter().enumerate().filter(|(_, imu)| imu.reading.sequence == 0);
+        silent.for_each(|(imu, _)| cx.push(Event::Imu { imu, is_lost: true }));
     }
 
-    pub(super) fn an_imu_forbids_motion(&self) -> bool {
-        self.imus.iter().any(Imu::forbids_motion)
+    /// Returns whether an IMU is lost without which the robot must not move.
+    pub(super) fn forbid_motion(&self) -> bool {
+        self.0.iter().any(Imu::forbids_motion)
+    }
+
+    pub(super) fn states(&self) -> impl Iterator<Item = ImuState> + '_ {
+        self.0.iter().map(Imu::report)
     }
 
     /// Records that the samples of this cycle are published and no longer fresh. Bounded by IMUs.
-    pub(super) fn imus_published(&mut self) {
-        self.imus.iter_mut().for_each(|imu| imu.published = imu.reading.sequence);
+    pub(super) fn published(&mut self) {
+        self.0.iter_mut().for_each(|imu| imu.published = imu.reading.sequence);
+    }
+}
+
+fn judge(index: usize, imu: &mut Imu, cx: &mut Context) {
+    if imu.judge(cx.now) {
+        cx.push(Event::Imu { imu: index, is_lost: imu.is_lost });
     }
 }

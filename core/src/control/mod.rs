@@ -39,13 +39,14 @@ use crate::settings::Settings;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Consequence, Group};
-use imu::Imu;
+use imu::Imus;
 use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_shared::{
-    AdminReply, BusCondition, Cause, GroupState, JointIndicators, JointState, Lease, Phase, SetpointMessage,
+    AdminReply, BusCondition, Cause, GroupState, ImuState, JointIndicators, JointState, Lease, Phase,
+    SetpointMessage,
 };
 use time_base::TimeBase;
 
@@ -67,7 +68,7 @@ pub struct Control {
     places: Vec<Place>,
     buses: Vec<BusHealth>,
     indicators: Indicators,
-    imus: Vec<Imu>,
+    imus: Imus,
     /// By joint.
     commands: Vec<Command>,
     time_base: TimeBase,
@@ -100,7 +101,7 @@ impl Control {
                 .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
                 .collect(),
             indicators: Indicators::new(settings),
-            imus: settings.imus.iter().map(Imu::new).collect(),
+            imus: Imus::new(&settings.imus),
             commands: vec![Command::Nothing; settings.motors.len()],
             time_base: TimeBase::new(&settings.cycle),
             leases: Leases::new(boot_id),
@@ -152,7 +153,10 @@ impl Control {
         if let Some(cause) = self.time_base.judge(&wake, elapsed) {
             self.stop_moving(cause);
         }
-        self.watch_imus();
+        self.imus.watch(&mut self.context);
+        if self.imus.forbid_motion() {
+            self.stop_moving(Cause::ImuLost);
+        }
         self.report_silence();
         let Self { groups, buses, commands, context, .. } = self;
         for group in groups {
@@ -172,7 +176,7 @@ impl Control {
         for motor in motors.filter(|motor| motor.was_never_heard()) {
             context.push(Event::Silent { motor: motor.joint });
         }
-        self.report_silent_imus();
+        self.imus.report_silence(&mut self.context);
     }
 
     /// Takes a reply of the motor of `joint` that arrived at `at`. Does not use an implausible
@@ -186,6 +190,11 @@ impl Control {
             Consequence::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
             Consequence::Indicator(number, value) => self.indicators.take(joint, number, value),
         }
+    }
+
+    /// Takes what the reader of an IMU knows. Constant time.
+    pub fn receive_imu(&mut self, imu: usize, reading: &ImuReading) {
+        self.imus.receive(imu, reading, &mut self.context);
     }
 
     /// Records that the bus did not accept the command of this joint in this cycle.
@@ -218,7 +227,7 @@ impl Control {
     /// Records that the states of this cycle are published and no longer new. Bounded by IMUs.
     pub fn published(&mut self) {
         self.context.publications += 1;
-        self.imus_published();
+        self.imus.published();
     }
 
     /// Begins a cycle of the line `bus`. Returns whether it is the turn of the questions.
@@ -363,6 +372,11 @@ impl Control {
     /// Returns the indicators of the joints that have some, by joint.
     pub fn joint_indicators(&self) -> impl Iterator<Item = JointIndicators> + '_ {
         self.indicators.report(|joint| self.motor(joint).measured().is_some())
+    }
+
+    /// Returns the state of every IMU after this cycle, in the order of the configuration.
+    pub fn imu_states(&self) -> impl Iterator<Item = ImuState> + '_ {
+        self.imus.states()
     }
 
     /// Returns the state of every group after this cycle, by group.

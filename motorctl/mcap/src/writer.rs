@@ -58,7 +58,7 @@ pub struct Writer<W: Write> {
     events: Events,
     /// The last written values, by joint.
     indicators: Vec<[f32; INDICATORS_MAX]>,
-    /// What was last written, by IMU.
+    /// The last written flags and counters, by IMU.
     imus: Vec<Option<Written>>,
     buffer: Vec<u8>,
 }

@@ -20,9 +20,10 @@ const CORE: Rows = &[
 /// `threads` connects the rooms; `commands` are the subcommands of `motord`.
 const DAEMON: Rows = &[
     ("arming", &[]),
-    ("buses", &[]),
+    ("buses", &["imus"]),
     ("commands", &["arming", "buses", "host", "run_error", "threads"]),
     ("host", &[]),
+    ("imus", &[]),
     ("ipc", &["telemetry"]),
     ("run_error", &["buses"]),
     ("simulation", &["buses"]),
@@ -31,7 +32,17 @@ const DAEMON: Rows = &[
     ("emergency_stop", &["telemetry"]),
     (
         "threads",
-        &["buses", "emergency_stop", "host", "housekeeping", "ipc", "run_error", "simulation", "telemetry"],
+        &[
+            "buses",
+            "emergency_stop",
+            "host",
+            "housekeeping",
+            "imus",
+            "ipc",
+            "run_error",
+            "simulation",
+            "telemetry",
+        ],
     ),
 ];
 
