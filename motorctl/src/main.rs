@@ -208,7 +208,7 @@ enum Command {
     ///
     /// With --bus or --config the command uses the bus without a daemon; the motor stops.
     #[command(
-        after_help = "Examples:\n  motorctl zero fl-knee --yes\n  motorctl zero --bus can0 --id 3 --at 0.5 --yes"
+        after_help = "Examples:\n  motorctl zero fl-hip --yes\n  motorctl zero --bus can0 --id 3 --at 0.5 --yes"
     )]
     Zero {
         /// Name of the joint, through the daemon.
