@@ -6,6 +6,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_harness::programs::lacks;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_PLACES};
 use motord_shared::message::AdminReply;
@@ -404,6 +405,9 @@ fn on_file_system(size: &str, script: &str) -> String {
 }
 
 fn may_mount() -> bool {
+    if lacks(&["unshare", "mount"]) {
+        return false;
+    }
     let mut mount = Command::new("unshare");
     mount.args(["--map-root-user", "--mount", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]);
     let may = mount.output().is_ok_and(|output| output.status.success());

@@ -94,7 +94,8 @@ mod tests {
     use super::*;
     use crossterm::event::KeyCode;
     use motord_harness::tmux::Tmux;
-    use std::process::Command;
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
 
     #[test]
     fn confirmed_stop_is_shown_and_unseen_one_made() {
@@ -139,12 +140,13 @@ mod tests {
         tmux.enter(&format!("exec {} {line}", program.display()));
         let screen = tmux.until("the program", |screen| screen.contains("keys 0 sizes 0 ."));
         let pid = screen.split_whitespace().skip_while(|word| *word != "pid").nth(1).unwrap();
-        let signal = |name| assert!(Command::new("kill").args([name, pid]).status().unwrap().success());
+        let pid = Pid::from_raw(pid.parse().unwrap());
+        let signal = |signal| kill(pid, signal).unwrap();
         for count in 1..=3 {
-            signal("-STOP");
-            signal("-WINCH");
+            signal(Signal::SIGSTOP);
+            signal(Signal::SIGWINCH);
             tmux.press(&["x"]);
-            signal("-CONT");
+            signal(Signal::SIGCONT);
             tmux.until("both", |screen| screen.contains(&format!("keys {count} sizes {count} .")));
         }
         tmux.press(&["q"]);

@@ -26,3 +26,16 @@ pub fn program(name: &str) -> Command {
     assert!(path.is_file(), "{} is missing: run `cargo build --workspace` first", path.display());
     Command::new(path)
 }
+
+/// Returns `true`, and prints a note, if this computer lacks one of these programs, which the caller then does not test with. The
+/// tests need Rust, a C compiler, and what POSIX requires (`sh`, `sleep`, `mkfifo`); every other program may be missing.
+#[must_use]
+pub fn lacks(programs: &[&str]) -> bool {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let is_here = |program: &str| std::env::split_paths(&path).any(|folder| folder.join(program).is_file());
+    let missing: Vec<&str> = programs.iter().copied().filter(|program| !is_here(program)).collect();
+    if !missing.is_empty() {
+        println!("NOT TESTED: this computer has no {}", missing.join(", "));
+    }
+    !missing.is_empty()
+}

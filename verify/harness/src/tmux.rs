@@ -1,6 +1,7 @@
 //! A terminal of tmux with a shell, for programs that draw on the whole screen.
 
-use std::process::{Command, Output, Stdio};
+use crate::programs::lacks;
+use std::process::{Command, Output};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
@@ -23,8 +24,7 @@ impl Tmux {
     #[must_use]
     pub fn start(environment: &[(&str, &str)]) -> Option<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
-        if Command::new("tmux").arg("-V").stdout(Stdio::null()).status().is_err() {
-            eprintln!("skipped: tmux is not installed");
+        if lacks(&["tmux", "bash"]) {
             return None;
         }
         let number = COUNT.fetch_add(1, Ordering::Relaxed);

@@ -11,6 +11,7 @@ mod functions;
 mod imports;
 mod links;
 mod paths;
+mod programs;
 mod rooms;
 mod sizes;
 mod sources;
