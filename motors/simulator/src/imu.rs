@@ -27,7 +27,7 @@ const SWAYS: [Sway; 3] = [
     Sway { amplitude: 0.2, frequency: 0.1 },
 ];
 
-/// What a simulated IMU measures, in its own frame.
+/// The values that a simulated IMU measures, in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuValues {
     /// Unit quaternion w, x, y, z to the world, whose z points up.
