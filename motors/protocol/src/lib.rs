@@ -18,11 +18,12 @@
 //! - [`fault`]: faults in terms that all vendors share.
 //! - [`register`]: the registers of Damiao motors.
 //! - [`model`]: the vendors' data of each motor.
+//! - [`imu`]: the frames of inertial measurement units, of three vendors.
 //!
 //! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad. Other units are named where they occur. All
 //! values are on the motor side: this crate does not apply signs and offsets of joints. No function
-//! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the eight
-//! bytes of a frame or by a table's length.
+//! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes of a
+//! frame or by a table's length.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -31,6 +32,7 @@ pub mod error;
 pub mod fault;
 pub mod field;
 pub mod gim;
+pub mod imu;
 pub mod mit;
 pub mod model;
 pub mod profile;
