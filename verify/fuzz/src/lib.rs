@@ -10,12 +10,14 @@
 
 #![forbid(unsafe_code)]
 
+mod imu;
 mod input;
 mod messages;
 mod robot;
 mod text;
 mod wire;
 
+pub use imu::{damiao_imu, hipnuc_can, hipnuc_serial, xsens};
 pub use messages::{requests, setpoints, states};
 pub use text::{candump, config, description, lock, registration, sim};
 pub use wire::{commands, disarmed, drive, replies, serial};
@@ -42,6 +44,10 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("setpoints", setpoints),
     ("requests", requests),
     ("states", states),
+    ("hipnuc_serial", hipnuc_serial),
+    ("hipnuc_can", hipnuc_can),
+    ("damiao_imu", damiao_imu),
+    ("xsens", xsens),
 ];
 
 /// The program of a target: the fuzzer where it is built for fuzzing, otherwise a program that runs

@@ -1,0 +1,5 @@
+//! See [`motord_fuzz::xsens`].
+
+#![cfg_attr(fuzzing, no_main)]
+
+motord_fuzz::program!(motord_fuzz::xsens);
