@@ -33,7 +33,7 @@ const XSENS: Vendor = Vendor {
         let mut decoder = xsens::Decoder::new();
         chunks.iter().flat_map(|chunk| chunk.iter()).filter_map(|byte| decoder.push(*byte)).collect()
     },
-    start: &[0xFA, 0xFF, 0x36, 0x4A],
+    start: &[0xFA, 0xFF, 0x36, 0x4B],
 };
 
 impl Vendor {
