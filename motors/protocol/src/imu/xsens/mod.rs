@@ -33,8 +33,8 @@
 //! Euler angles, and the high-rate outputs 0x4040 and 0x8040, which have messages of their own.
 //!
 //! The crate `xsens-mti` 0.7 decodes neither the quaternion nor the temperature, returns fixed-point
-//! numbers as unsigned integers, reads eight bytes of each 16.32, and after a damaged length skips the
-//! bytes of the next message. The tests compare with it where it can decode.
+//! numbers as unsigned integers, and reads eight bytes of each 16.32. Where it can decode, both agree
+//! (docs/imu-protocols.md).
 
 pub mod command;
 mod decoder;
