@@ -170,11 +170,12 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
         ));
     }
     for advice in report.unasked_formats.advice() {
-        notes.push(format!("{bus}: frames arrive without a request, {advice}"));
+        notes.push(format!("{bus}: without a request, {advice}"));
     }
     for (id, formats) in &report.formats {
-        notes
-            .extend(formats.advice().map(|advice| format!("{bus}: id {id} is answered by frames, {advice}")));
+        let is_found = report.found.iter().any(|found| found.id == *id);
+        let formats = if is_found { formats.frames() } else { *formats };
+        notes.extend(formats.advice().map(|advice| format!("{bus}: while id {id} is asked, {advice}")));
     }
     for driver in &report.unprompted {
         notes.push(match driver {

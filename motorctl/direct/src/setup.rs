@@ -53,9 +53,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
             let bus = &settings.buses[index].name;
             let before = line.link.formats();
             let answer = ask(&settings, motor, bus, &mut line)?;
-            for advice in line.link.formats().since(before).advice() {
-                eprintln!("{}: frames arrive while it is asked, {advice}", motor.name);
-            }
+            let formats = line.link.formats().since(before);
+            let formats = if answer.reported.is_some() { formats.frames() } else { formats };
+            formats.advice().for_each(|advice| eprintln!("{}: while it is asked, {advice}", motor.name));
             asked.push(if arguments.write {
                 write(&settings, answer, bus, &mut line, arguments.confirm)?
             } else {
@@ -253,9 +253,22 @@ fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), 
     for finding in asked.iter().flat_map(ComparedMotor::open_findings) {
         print_line(&format!("{finding}"))?;
     }
+    print_silent(asked)?;
     print_line(&format!(
         "{answered} of {} motors answered; their answers are in {}",
         asked.len(),
         lock.display()
     ))
+}
+
+/// Prints the motors that do not answer, in one line.
+fn print_silent(asked: &[ComparedMotor<'_>]) -> Result<(), DirectFailure> {
+    let silent = asked.iter().filter(|asked| asked.reported.is_none());
+    let silent: Vec<_> =
+        silent.map(|asked| format!("{} (id {})", asked.motor.name, asked.motor.id)).collect();
+    match silent.len() {
+        0 => Ok(()),
+        1 => print_line(&format!("1 does not answer: {}", silent.join(", "))),
+        count => print_line(&format!("{count} do not answer: {}", silent.join(", "))),
+    }
 }

@@ -301,7 +301,7 @@ impl Session {
         if formats.is_empty() {
             return source;
         }
-        let formats = format!("but frames arrive, {}", formats.join("; "));
+        let formats = format!("but {}", formats.join("; "));
         DirectFailure::OtherFormat { source: Box::new(source), formats }
     }
 

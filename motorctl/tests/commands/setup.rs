@@ -1,7 +1,7 @@
 //! `motorctl setup`: it names each motor of a line that differs from the configuration, and stores
 //! the motor's report.
 
-use crate::line::{Line, motor};
+use crate::line::{Calls, Line, motor};
 use motord_simulator::MotorSettings;
 use serde_json::Value;
 use std::fs;
@@ -86,6 +86,29 @@ fn silent_motor_is_unknown_and_fails_command() {
     let output = setup(&line, &[]);
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("motorctl scan --bus") && said.contains("1 of 2 motors answered"), "{said}");
+    assert!(said.contains("\n1 does not answer: hip (id 4)\n"), "{said}");
+}
+
+#[test]
+fn silent_motors_are_counted_and_named() {
+    let line = robot(|[knee, hip]| (knee.id, hip.id) = (8, 9));
+    let said = String::from_utf8(setup(&line, &[]).stdout).unwrap();
+    assert!(said.contains("\n2 do not answer: knee (id 3), hip (id 4)\n"), "{said}");
+}
+
+/// Goal: two motors with one id are told from a motor without power.
+/// Method: both receive each request and answer at once, so that the line carries damaged bytes.
+#[test]
+fn two_motors_with_one_id_are_suspected() {
+    let line = robot(|[_, hip]| hip.id = 3);
+    let asked = setup(&line, &["--joint", "knee"]);
+    let suspicion = "bytes arrive, but no frame: two motors with one id?";
+    let said = String::from_utf8_lossy(&asked.stderr).into_owned();
+    assert!(said.contains(&format!("knee: while it is asked, {suspicion}")), "{said}");
+    let pinged = line.bad("ping @", 69);
+    assert!(pinged.contains("no motor answers as id 3") && pinged.contains(suspicion), "{pinged}");
+    let alone = setup(&robot(|_| {}), &[]);
+    assert!(!String::from_utf8_lossy(&alone.stderr).contains("bytes arrive"), "{alone:?}");
 }
 
 #[test]
