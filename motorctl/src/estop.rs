@@ -1,6 +1,7 @@
 //! `motorctl estop`: damps and stops every motor of a daemon, or of all.
 
 use crate::advice::motorctl;
+use crate::confirmation;
 use crate::failure::Failure;
 use crate::instances::line;
 use crate::say::say;
@@ -78,14 +79,11 @@ fn tell(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Res
     let silent = client.as_ref().map_err(Error::to_string);
     let silent =
         silent.and_then(|client| client.offline_joints(None, PATIENCE).map_err(|error| error.to_string()));
-    let unchecked = match silent {
-        Ok(silent) if silent.is_empty() => String::new(),
-        Ok(silent) => return Err(Failure::NotHeard(format!("{}{of}", silent.join(", ")))),
-        Err(error) => format!("; whether each answers was not checked: {error}"),
-    };
-    say(&format!(
-        "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{unchecked}"
-    ));
+    let done = format!(
+        "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop"
+    );
+    let outcome = confirmation::outcome(&done, silent);
+    say(&outcome.map_err(|silent| Failure::NotHeard(format!("{}{of}", silent.join(", "))))?);
     Ok(())
 }
 

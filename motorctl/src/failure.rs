@@ -1,5 +1,6 @@
 //! The error of a command: a sentence for operators and an exit status for scripts.
 
+use crate::confirmation;
 use crate::demo::error::DemoError;
 use crate::exit_status;
 use crate::hold::failure::HoldFailure;
@@ -27,9 +28,7 @@ pub(crate) enum Failure {
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {}", .0.join("\nmotorctl: "))]
     NotAllStopped(Vec<String>),
     /// An emergency stop was confirmed, but these motors do not answer.
-    #[error(
-        "the stop is confirmed, but these motors do not answer and may still move, so cut the power: {0}"
-    )]
+    #[error("the stop is confirmed, {}", confirmation::not_heard(.0))]
     NotHeard(String),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]

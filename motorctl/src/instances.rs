@@ -62,7 +62,7 @@ pub(crate) fn instead(verb: &str) -> Option<String> {
     let running = running_instances();
     let mut lines: Vec<String> =
         running.iter().map(|running| format!("  {} {verb}", line(running))).collect();
-    if verb == "estop" && lines.len() > 1 {
+    if verb == "estop" && !lines.is_empty() {
         lines.push("  motorctl estop --all".to_owned());
     }
     (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")))

@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod advice;
+mod confirmation;
 mod demo;
 mod estop;
 mod exit_status;

@@ -1,6 +1,7 @@
 //! The commands of an operator. Each sends a request and prints its effect.
 
 use crate::advice::motorctl;
+use crate::confirmation;
 use crate::estop;
 use crate::failure::Failure;
 use crate::say::say;
@@ -120,16 +121,10 @@ fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     let (mut silent, mut outcome) = (Vec::new(), Ok(()));
     for group in groups(&client, group) {
         let offline = client.disable(&group).map(|()| client.offline_joints(Some(&group), PATIENCE));
-        match offline {
-            Ok(Ok(offline)) if offline.is_empty() => {
-                say(&format!("{group}: stopped, after damping what moves"));
-            }
-            Ok(Ok(offline)) => silent.extend(offline),
-            Ok(Err(error)) => {
-                say(&format!(
-                    "{group}: being damped, then stopped; whether each motor answers was not checked: {error}"
-                ));
-            }
+        let done = format!("{group}: stopped, after damping what moves");
+        match offline.map(|offline| confirmation::outcome(&done, offline)) {
+            Ok(Ok(done)) => say(&done),
+            Ok(Err(offline)) => silent.extend(offline),
             Err(refusal) => outcome = outcome.and(Err(refusal)),
         }
     }

@@ -5,6 +5,7 @@
 use super::news::{self, News, StopOutcome};
 use super::question::Question;
 use super::view::Action;
+use crate::confirmation;
 use motord_client::{Client, Error};
 use std::io;
 use std::sync::Arc;
@@ -206,14 +207,11 @@ fn done_text(outcome: &StopOutcome) -> (Tone, String) {
     const CONFIRMED: &str = "emergency stop confirmed: every motor is being damped, then stopped";
     match outcome {
         StopOutcome::Confirmed => (Tone::Plain, CONFIRMED.to_owned()),
-        StopOutcome::NotChecked(error) => {
-            (Tone::Warning, format!("{CONFIRMED}; whether each answers was not checked: {error}"))
-        }
-        StopOutcome::NotHeard(joints) => {
-            let names = joints.join(", ");
-            let text = "EMERGENCY STOP confirmed, but motors do not answer and may still move: cut the power";
-            (Tone::Alarm, format!("{text}. {names}"))
-        }
+        StopOutcome::NotChecked(error) => (Tone::Warning, confirmation::not_checked(CONFIRMED, error)),
+        StopOutcome::NotHeard(joints) => (
+            Tone::Alarm,
+            format!("EMERGENCY STOP confirmed, {}", confirmation::not_heard(&joints.join(", "))),
+        ),
         StopOutcome::NotConfirmed(error) => {
             (Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}"))
         }

@@ -84,6 +84,20 @@ fn only_daemon_elsewhere_is_stopped() {
     assert!(said.contains("MOTORD_RUNTIME_DIR=/") && said.contains("motorctl reset`"), "{said}");
 }
 
+/// Goal: whoever names the wrong instance in a hurry has the right line, and the one that stops everything.
+#[test]
+fn wrong_instance_prints_lines_that_stop() {
+    let Some(output) = alone("start other arm; motorctl --instance leg estop") else { return };
+    assert_eq!(output.status.code(), Some(69), "{output:?}");
+    assert_eq!(text(&output.stdout), "");
+    let said = text(&output.stderr);
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines[0], "motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power");
+    let these = lines.iter().position(|line| *line == "motorctl: these run:").unwrap();
+    assert!(lines[these + 1].ends_with("/other motorctl --instance arm estop"), "{said}");
+    assert_eq!(lines[these + 2..], ["  motorctl estop --all"], "{said}");
+}
+
 #[test]
 fn several_daemons_elsewhere_are_named() {
     let script = "start one robot; start two arm; motorctl estop && exit 98; status=$?\n\
