@@ -38,13 +38,36 @@ pub(crate) fn run(name: Option<&str>) -> Result<(), Failure> {
     let Some(name) = name else { return Ok(list(&pages, out)?) };
     let named: Vec<&Explanation> = pages.iter().filter(|page| page.name == name).collect();
     if named.is_empty() {
-        return Err(Failure::NoPage(name.to_owned()));
+        return Err(Failure::NoPage { name: name.to_owned(), near: near(name, &pages) });
     }
     for (index, page) in named.into_iter().enumerate() {
         let gap = if index > 0 { "\n" } else { "" };
         writeln!(out, "{gap}{} ({})\n\n{}", page.name, page.kind, plain(&page.text))?;
     }
     Ok(())
+}
+
+/// Returns the names that are similar to an unknown one, the most similar first.
+fn near(written: &str, pages: &[Explanation]) -> Vec<&'static str> {
+    /// Least similarity (Jaro-Winkler); 1 is equal.
+    const ALIKE: f64 = 0.85;
+    const SHOWN_MAX: usize = 3;
+    let written = written.to_lowercase().replace(['_', ' '], "-");
+    let mut alike: Vec<_> = pages
+        .iter()
+        .map(|page| (strsim::jaro_winkler(&written, page.name), page.name))
+        .filter(|(likeness, _)| *likeness >= ALIKE)
+        .collect();
+    alike.sort_by(|(one, _), (other, _)| other.total_cmp(one));
+    let mut names: Vec<_> = alike.into_iter().map(|(_, name)| name).collect();
+    names.dedup();
+    names.truncate(SHOWN_MAX);
+    names
+}
+
+/// Returns the names of all pages.
+pub(crate) fn names() -> Vec<String> {
+    pages().into_iter().map(|page| page.name.to_owned()).collect()
 }
 
 fn list(pages: &[Explanation], out: &mut dyn Write) -> io::Result<()> {

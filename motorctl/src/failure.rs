@@ -61,8 +61,13 @@ pub(crate) enum Failure {
     #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
     NoTerminal,
     /// There is no page of this name.
-    #[error("there is no page {0}: `motorctl explain` lists all names")]
-    NoPage(String),
+    #[error("there is no page {name}: {}`motorctl explain` lists all names", did_you_mean(.near))]
+    NoPage {
+        /// The name.
+        name: String,
+        /// Names that are similar to it.
+        near: Vec<&'static str>,
+    },
     /// `status --check` found troubles. They were printed.
     #[error("the robot has troubles")]
     Troubled,
@@ -92,7 +97,7 @@ impl Failure {
             Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
             Self::Sim(_) => exit_status::UNAVAILABLE,
-            Self::NoTerminal | Self::NoPage(_) => exit_status::USAGE,
+            Self::NoTerminal | Self::NoPage { .. } => exit_status::USAGE,
             Self::Troubled => 1,
             Self::Interrupted => exit_status::INTERRUPTED,
         }
@@ -134,4 +139,10 @@ impl Failure {
         };
         error.kind() == io::ErrorKind::BrokenPipe
     }
+}
+
+/// `did you mean `motor-lost` or `motor-fault`? `; empty without a name.
+fn did_you_mean(near: &[&str]) -> String {
+    let near: Vec<_> = near.iter().map(|name| format!("`{name}`")).collect();
+    if near.is_empty() { String::new() } else { format!("did you mean {}? ", near.join(" or ")) }
 }

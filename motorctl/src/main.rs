@@ -27,6 +27,7 @@ mod say;
 mod sim;
 mod status;
 mod watch;
+mod words;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
@@ -265,6 +266,13 @@ enum Command {
     Frame(frame::FrameCommand),
     #[command(flatten)]
     Pages(Pages),
+    /// Print the words that may follow on a command line, for the completions of a shell.
+    #[command(hide = true)]
+    CompleteWords {
+        /// The words before the cursor, the begun one included, without the program.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        line: Vec<String>,
+    },
     #[command(hide = true)]
     DemoController { seconds: f64 },
     #[command(hide = true)]
@@ -370,6 +378,10 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Pages(pages) => Ok(pages.write(Arguments::command())?),
+        Command::CompleteWords { line } => {
+            words::print(&Arguments::command(), instance, &line);
+            Ok(())
+        }
         Command::DemoController { seconds } => demo::control(instance, seconds),
         Command::ChildGuard { parent, program, arguments } => {
             Err(demo::guard(parent, &program, &arguments).into())

@@ -190,3 +190,25 @@ fn misplaced_group_names_the_command_that_is_meant() {
         assert!(String::from_utf8_lossy(&output.stderr).contains(meant), "{output:?}");
     }
 }
+
+#[test]
+fn unknown_page_suggests_near_names() {
+    for (name, near) in [
+        ("motr-lost", "`motor-lost`"),
+        ("Motor_Lost", "`motor-lost`"),
+        ("setpoint-timout", "`setpoint-timeout`"),
+    ] {
+        let output = motorctl(&["explain", name]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(64), "{said}");
+        assert!(
+            said.contains(&format!("there is no page {name}: did you mean ")) && said.contains(near),
+            "{said}"
+        );
+    }
+    let said = motorctl(&["explain", "xyzzy"]).stderr;
+    assert_eq!(
+        String::from_utf8_lossy(&said),
+        "motorctl: there is no page xyzzy: `motorctl explain` lists all names\n"
+    );
+}

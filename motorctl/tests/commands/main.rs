@@ -9,6 +9,7 @@ mod programs;
 mod schema;
 
 mod command_line;
+mod completions;
 mod configurations;
 mod doctor;
 mod estop;

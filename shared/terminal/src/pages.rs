@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The files that a package installs beside a program.
 #[derive(Debug, Subcommand)]
 pub enum Pages {
-    /// Print the completions of this program for a shell.
+    /// Print the completions of this program for a shell. Those of motorctl offer the names of the running daemon.
     ///
     /// bash loads them from ~/.local/share/bash-completion/completions/PROGRAM, fish from
     /// ~/.config/fish/completions/PROGRAM.fish, zsh from the file _PROGRAM in a directory of its $fpath.
@@ -58,18 +58,68 @@ impl Pages {
 
 fn completions(shell: Shell, program: &Command) -> Vec<u8> {
     use clap_complete::Shell::{Bash, Fish, Zsh};
+    let has_words = program.find_subcommand(WORDS).is_some();
     let (mut program, mut script) = (visible(program), Vec::new());
     let name = program.get_name().to_owned();
     match shell {
         Shell::Bash => {
             generate(Bash, &mut program, &name, &mut script);
-            return with_hyphen(&name, script);
+            script = with_hyphen(&name, script);
         }
-        Shell::Zsh => generate(Zsh, &mut program, name, &mut script),
-        Shell::Fish => generate(Fish, &mut program, name, &mut script),
+        Shell::Zsh => generate(Zsh, &mut program, &name, &mut script),
+        Shell::Fish => generate(Fish, &mut program, &name, &mut script),
     }
-    script
+    if has_words { with_words(shell, &name, &script).into_bytes() } else { script }
 }
+
+/// The hidden command of a program that prints the words that may follow on a command line. Its arguments are the words before the
+/// cursor; it ends soon, and prints no error.
+const WORDS: &str = "complete-words";
+
+/// Adds the words of the program's own command to a script.
+fn with_words(shell: Shell, name: &str, script: &[u8]) -> String {
+    let script = String::from_utf8_lossy(script);
+    match shell {
+        Shell::Bash => {
+            let own = format!("_{name}_words");
+            let script = script.replace(&format!("complete -F _{name} "), &format!("complete -F {own} "));
+            format!("{}\n{script}", BASH.replace("PROGRAM", name))
+        }
+        Shell::Zsh => {
+            let (head, rest) = script.split_once('\n').unwrap_or((&script, ""));
+            let rest = rest.replace(":_default'", &format!(":_{name}_words'"));
+            format!("{head}\n{}\n{rest}", ZSH.replace("PROGRAM", name))
+        }
+        Shell::Fish => format!("{script}\n{}", FISH.replace("PROGRAM", name)),
+    }
+}
+
+/// Adds the words, and leaves out the names of arguments, which no command line has.
+const BASH: &str = r#"
+_PROGRAM_words() {
+    _PROGRAM "$@"
+    local offered=() word words
+    for word in "${COMPREPLY[@]}"; do
+        [[ $word == [\[\<]* ]] || offered+=("$word")
+    done
+    words=$("$1" complete-words -- "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null) || words=
+    COMPREPLY=("${offered[@]}" $words)
+}
+"#;
+
+const ZSH: &str = r#"
+_PROGRAM_words() {
+    local -a typed found
+    typed=(${(z)LBUFFER})
+    [[ $LBUFFER == *[[:space:]] ]] && typed+=('')
+    found=(${(f)"$(command PROGRAM complete-words -- ${(Q)typed[2,-1]} 2>/dev/null)"})
+    if (( $#found )); then compadd -a found; else _default; fi
+}
+"#;
+
+const FISH: &str = r#"
+complete -c PROGRAM -f -n 'not string match -q -- "-*" (commandline -ct)' -a '(command PROGRAM complete-words -- (commandline -opc)[2..] (commandline -ct) 2>/dev/null)'
+"#;
 
 /// Works around clap_complete 4.6, which writes a hyphen in a program's name in two ways.
 fn with_hyphen(name: &str, script: Vec<u8>) -> Vec<u8> {
