@@ -114,7 +114,7 @@ sections! {
     /// `[safety]`.
     Safety "safety" {
         "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
-            "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles.";
+            "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles. Three periods of the controller: [slow controllers](slow-controllers.md).";
         "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
             "Reaction of a group to a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a GIM motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp immediately.";
         "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),
