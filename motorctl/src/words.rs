@@ -89,7 +89,7 @@ fn begun<'l>(program: &Command, line: &[&'l str]) -> Begun<'l> {
             match (option, value) {
                 (Some(option), Some(value)) if is_instance(option) => instance = Some(value),
                 (Some(option), None) => {
-                    value_of = Some(option).filter(|option| option.get_action().takes_values())
+                    value_of = Some(option).filter(|option| option.get_action().takes_values());
                 }
                 _ => {}
             }
@@ -118,7 +118,7 @@ fn option<'c>(program: &'c Command, command: &'c Command, name: &str) -> Option<
 fn kind(command: &Command, argument: &Arg) -> Option<Kind> {
     let id = argument.get_id().as_str();
     let shown = argument.get_value_names().and_then(|names| names.first());
-    match (command.get_name(), id, shown.map(|name| name.as_str())) {
+    match (command.get_name(), id, shown.map(clap::builder::Str::as_str)) {
         (_, INSTANCE, _) => Some(Kind::Instances),
         ("explain", "name", _) => Some(Kind::Pages),
         ("sim", "target", _) => Some(Kind::Targets),

@@ -1,7 +1,7 @@
 //! The names of a running daemon in the completions of bash.
 
 use motord_harness::daemon::{BENCH, Daemon};
-use motord_harness::programs::directory;
+use motord_harness::programs::{directory, lacks};
 use nix::sys::signal::Signal;
 use std::path::Path;
 use std::process::Command;
@@ -18,8 +18,7 @@ fn offered(runtime: &Path, line: &str) -> Option<Vec<String>> {
         ${complete%% *} motorctl "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD-1]}"
         printf '%s\n' "${COMPREPLY[@]}"
     "#;
-    if !Command::new("bash").arg("--version").output().is_ok_and(|output| output.status.success()) {
-        println!("NOT TESTED: bash is missing");
+    if lacks(&["bash"]) {
         return None;
     }
     let path = format!("{}:{}", directory().display(), std::env::var("PATH").unwrap());
