@@ -251,7 +251,8 @@ fn answers_in_other_formats_are_named() {
     let report = scan(&mut link, &Scan { ids: 38..=60, ..Scan::default() }, &mut |_| true).unwrap();
     assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<_>>(), [40]);
     // Each silent id is asked twice.
-    let expected = [(50, Formats { fd: 2, extended: 0 }), (51, Formats { fd: 0, extended: 2 })];
+    let of = |fd, extended| Formats { fd, extended, ..Formats::default() };
+    let expected = [(50, of(2, 0)), (51, of(0, 2))];
     assert_eq!((report.formats, report.unasked_formats), (expected.to_vec(), Formats::default()));
     assert!(expected[0].1.advice().any(|advice| advice.contains("CAN FD")));
     assert!(expected[1].1.advice().any(|advice| advice.contains("29-bit")));
