@@ -65,7 +65,8 @@ run_inside() {
 }
 
 # on_vcan [SECTION.KEY=[VALUE]...]: a simulated robot with its buses on vcan0 to vcan3 and these settings; one
-# without a value has its default. The file's times are those of a machine that stalls now and then.
+# without a value has its default. The file's times are those of a machine that stalls now and then. Without IMUs: their thread
+# would share the emulated core with the cycle.
 on_vcan() {
     awk -v settings="$*" '
         BEGIN {
@@ -76,7 +77,8 @@ on_vcan() {
                 added["[" part[1] "]"] = added["[" part[1] "]"] "\n" part[2] " = " part[3]
             }
         }
-        $1 in replaced { next }
+        /^\[/ { is_imu = /^\[\[imu\]\]/ }
+        is_imu || $1 in replaced { next }
         /^type = "simulated"/ { $0 = "type = \"socketcan\"\ninterface = \"vcan" buses++ "\"\nbitrate = 1000000" }
         { print $0 added[$0] }'
 }
