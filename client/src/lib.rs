@@ -161,7 +161,8 @@ pub use motord_shared::description::{
 };
 pub use motord_shared::{
     Applied, BusCondition, Cause, CycleRecord, Fault, Field, ImuState, Indicator, JointSetpoint, JointState,
-    Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, joint_state,
+    Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, StateMessage,
+    joint_state,
 };
 pub use records::Records;
 pub use setpoint::Setpoint;

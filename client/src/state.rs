@@ -55,6 +55,12 @@ impl From<&StateMessage> for State {
 }
 
 impl State {
+    /// Returns the message as the daemon wrote it, with unchecked codes: for programs that compare or store states.
+    #[must_use]
+    pub fn message(&self) -> &StateMessage {
+        &self.message
+    }
+
     /// Returns the number of the cycle, from 1. A gap means that the daemon missed ticks, or that
     /// this client was slow.
     #[must_use]

@@ -5,6 +5,7 @@
 use motord_shared::description::RobotDescription;
 use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN};
 use motord_shared::{BusCondition, Cause, Fault, GroupState, JointState, MotorMode, Phase, StateMessage};
+use std::fmt;
 
 /// The severity of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,6 +29,12 @@ pub struct Event {
     pub subject: String,
     /// A sentence without its subject.
     pub text: String,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.subject, self.text)
+    }
 }
 
 /// Compares each state with the previous one.
@@ -106,10 +113,14 @@ fn of_group(
         push(events, Level::Info, name, format!("is {}", named(Phase::try_from(group.phase))));
     }
     if before.cause != group.cause && group.cause != 0 {
+        let cause = Cause::try_from(group.cause);
+        let is_of_bus = matches!(cause, Ok(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
         let joint = robot.joints.get(group.cause_joint as usize);
-        let joint = joint.map_or_else(String::new, |joint| format!(" ({})", joint.name));
-        let cause = named(Cause::try_from(group.cause));
-        push(events, Level::Error, name, format!("is stopped: {cause}{joint}"));
+        let origin = joint.map_or_else(String::new, |joint| match is_of_bus {
+            true => format!(" (bus {})", joint.bus),
+            false => format!(" ({})", joint.name),
+        });
+        push(events, Level::Error, name, format!("is stopped: {}{origin}", named(cause)));
     }
     if before.cause != 0 && group.cause == 0 {
         push(events, Level::Info, name, "was reset".to_owned());
@@ -137,7 +148,8 @@ mod tests {
 
     #[test]
     fn each_change_is_one_event() {
-        let joint = JointDescription { name: "knee".into(), ..JointDescription::default() };
+        let joint =
+            JointDescription { name: "knee".into(), bus: "left".into(), ..JointDescription::default() };
         let group = GroupDescription { name: "legs".into(), joints: vec![0] };
         let robot = RobotDescription { joints: vec![joint], groups: vec![group], ..Default::default() };
         let mut events = Events::default();
@@ -148,15 +160,13 @@ mod tests {
         state.overruns = 2;
         state.groups[0].cause = Cause::MotorFault.code();
         state.joints[0].fault = Fault::OverVoltage.bit();
-        let found: Vec<String> = events
-            .of(&state, &robot)
-            .iter()
-            .map(|event| format!("{} {}", event.subject, event.text))
-            .collect();
+        let found: Vec<String> = events.of(&state, &robot).iter().map(Event::to_string).collect();
         assert_eq!(
             found,
             [" ticks missed: 2", "legs is stopped: motor-fault (knee)", "knee reports over-voltage (0x2)"]
         );
         assert_eq!(events.of(&state, &robot), []);
+        state.groups[0].cause = Cause::BusOff.code();
+        assert_eq!(events.of(&state, &robot)[0].to_string(), "legs is stopped: bus-off (bus left)");
     }
 }

@@ -14,6 +14,7 @@
 mod disk;
 mod failure;
 mod flight;
+mod marks;
 mod picture;
 mod place;
 mod plot;
@@ -22,6 +23,8 @@ mod recording;
 
 pub use failure::RecorderFailure;
 pub use flight::{FlightArguments, run as flight};
+pub use marks::{concerns, is_mark};
+pub use motord_mcap::{Event, Events};
 pub use plot::{PlotArguments, run as plot};
 pub use record::{RecordArguments, run as record};
 pub use recording::Recording;

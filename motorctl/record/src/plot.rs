@@ -1,12 +1,13 @@
 //! `motorctl plot`: draws joints of a recording.
 
 use crate::failure::RecorderFailure;
+use crate::marks::concerns;
 use crate::picture::{self, Curve, Mark, Panel, Row};
 use crate::recording::Recording;
 use motord_client::{
     CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
 };
-use motord_mcap::{Event, Events, Level};
+use motord_mcap::Events;
 use motord_terminal::{printable, within};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -96,7 +97,7 @@ fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFail
                 take(row, time, record, *joint);
             }
             let concern = changes.iter().filter(|event| concerns(event, &robot, &joints));
-            marks.extend(concern.map(|event| Mark { time, name: named(event) }));
+            marks.extend(concern.map(|event| Mark { time, name: event.to_string() }));
         }
     }
     if let Some(damage) = recording.damage() {
@@ -115,18 +116,6 @@ fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFail
 
 fn warn(text: &str) {
     eprintln!("motorctl: {}", printable(text));
-}
-
-/// Returns whether an event is a stop or a fault of one of the joints or of its group.
-fn concerns(event: &Event, robot: &RobotDescription, joints: &[usize]) -> bool {
-    let is_joint = || joints.iter().any(|joint| robot.joints[*joint].name == event.subject);
-    let holds = |members: &[usize]| joints.iter().any(|joint| members.contains(joint));
-    let is_group = || robot.groups.iter().any(|group| group.name == event.subject && holds(&group.joints));
-    event.level == Level::Error && (is_joint() || is_group())
-}
-
-fn named(event: &Event) -> String {
-    format!("{} {}", event.subject, event.text)
 }
 
 fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, RecorderFailure> {
@@ -185,7 +174,6 @@ fn commanded(field: &Field, command: &Setpoint) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_client::{GroupDescription, JointDescription};
 
     /// A joint that is only damped has no position to follow: drawn as 0 rad it looked like a jump.
     #[test]
@@ -201,23 +189,5 @@ mod tests {
         assert_eq!(all(&stiff), [Some(1.0), None, Some(3.0)]);
         let speed = Setpoint { mode: SetpointMode::Speed, ..stiff };
         assert_eq!(all(&speed), [None, Some(2.0), None]);
-    }
-
-    #[test]
-    fn stops_and_faults_of_drawn_joints_are_marked() {
-        let joint = |name: &str| JointDescription { name: name.to_owned(), ..JointDescription::default() };
-        let group = |name: &str, joints| GroupDescription { name: name.to_owned(), joints };
-        let robot = RobotDescription {
-            joints: vec![joint("knee"), joint("elbow")],
-            groups: vec![group("legs", vec![0]), group("arm", vec![1])],
-            ..RobotDescription::default()
-        };
-        let event = |level, subject: &str| Event { level, subject: subject.to_owned(), text: String::new() };
-        for (subject, is_drawn) in
-            [("", false), ("knee", true), ("legs", true), ("elbow", false), ("arm", false)]
-        {
-            assert_eq!(concerns(&event(Level::Error, subject), &robot, &[0]), is_drawn, "{subject}");
-        }
-        assert!(!concerns(&event(Level::Info, "knee"), &robot, &[0]));
     }
 }
