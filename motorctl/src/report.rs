@@ -72,6 +72,9 @@ pub(crate) struct StopReport {
     pub(crate) sentence: &'static str,
     /// The joint that caused the stop.
     pub(crate) joint: Option<String>,
+    /// The bus of this joint, if the bus is the cause.
+    #[serde(skip)]
+    pub(crate) bus: Option<String>,
     /// The process that requested the stop.
     pub(crate) asked_by: Option<ProcessReport>,
     pub(crate) advice: String,
@@ -105,10 +108,11 @@ impl From<&Process> for ProcessReport {
 }
 
 impl StopReport {
-    /// Returns the joint or the process that caused the stop, in brackets after a space; otherwise
-    /// an empty text.
+    /// Returns the bus, the joint or the process that caused the stop, in brackets after a space;
+    /// otherwise an empty text.
     pub(crate) fn origin(&self) -> String {
-        let joint = self.joint.clone();
+        let bus = self.bus.as_ref().map(|bus| format!("bus {bus}"));
+        let joint = bus.or_else(|| self.joint.clone());
         let origin = joint.or_else(|| self.asked_by.as_ref().map(|process| format!("by {process}")));
         origin.map_or_else(String::new, |origin| format!(" ({origin})"))
     }
@@ -188,7 +192,7 @@ impl RobotReport {
         let Self { instance, version, pid, rate_hz, cycle, overruns, .. } = self;
         let realtime = match self.realtime {
             true => Cell::plain("real-time"),
-            false => Cell::new("not real-time", Colour::Yellow),
+            false => Cell::new("not real-time", Colour::Magenta),
         };
         writeln!(
             out,
@@ -309,7 +313,9 @@ impl GroupReport {
 
 impl StopReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
-        let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint)).map(|joint| &joint.name);
+        let described = group.cause_joint.and_then(|joint| robot.joints.get(joint));
+        let joint = described.map(|joint| &joint.name);
+        let is_of_bus = matches!(group.cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
         let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
         if group.cause == Some(Cause::SetpointTimeout)
             && let Some(remedy) = group.setpoint_period.and_then(|period| robot.slow_owner(period))
@@ -320,6 +326,7 @@ impl StopReport {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
             joint: joint.cloned(),
+            bus: described.filter(|_| is_of_bus).map(|joint| joint.bus.clone()),
             asked_by: group.cause_pid.map(|pid| ProcessReport { pid, program: None }),
             advice: steps.to_string(),
             steps,
@@ -385,7 +392,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
             Cell::number(group.setpoint_age_us, 0),
             Cell::number(group.setpoint_period_us.map(|period| period / 1e3), 1),
             Cell::plain(group.accepted),
-            Cell::new(group.late, if group.is_often_late() { Colour::Yellow } else { Colour::Plain }),
+            Cell::new(group.late, if group.is_often_late() { Colour::Magenta } else { Colour::Plain }),
             Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),
         ]);
     }
@@ -395,7 +402,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
             writeln!(
                 out,
                 "{}",
-                palette.paint(&Cell::new(format!("{}: {slow}.", group.name), Colour::Yellow))
+                palette.paint(&Cell::new(format!("{}: {slow}.", group.name), Colour::Magenta))
             )?;
         }
     }
@@ -438,7 +445,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
             Cell::counter(joint.implausible),
             Cell::counter(joint.foreign_commands),
             Cell::new(joint.faults.join(","), Colour::Red),
-            Cell::new(joint.limits.join(","), Colour::Yellow),
+            Cell::new(joint.limits.join(","), Colour::Magenta),
         ]);
     }
     table

@@ -242,7 +242,7 @@ fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), 
     for row in &findings {
         let colour = match row.verdict {
             "differs" => Colour::Red,
-            "unknown" => Colour::Yellow,
+            "unknown" => Colour::Magenta,
             _ => Colour::Plain,
         };
         let cells = [row.motor, row.value, row.configured, row.reported.unwrap_or("-")];

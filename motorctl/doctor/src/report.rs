@@ -137,7 +137,7 @@ impl Diagnosis {
 fn colour(level: Level) -> Colour {
     match level {
         Level::Good => Colour::Plain,
-        Level::Warn => Colour::Yellow,
+        Level::Warn => Colour::Magenta,
         Level::Bad => Colour::Red,
     }
 }

@@ -8,8 +8,8 @@ use std::io::{self, IsTerminal, Write};
 pub enum Colour {
     /// The default colour of the terminal.
     Plain,
-    /// Information.
-    Yellow,
+    /// Information. Legible on a dark and on a light background, which yellow is not.
+    Magenta,
     /// Action needed.
     Red,
     /// A heading.
@@ -20,7 +20,7 @@ impl Colour {
     fn code(self) -> &'static str {
         match self {
             Self::Plain => "0",
-            Self::Yellow => "33",
+            Self::Magenta => "35",
             Self::Red => "31",
             Self::Bold => "1",
         }
@@ -40,6 +40,11 @@ impl Palette {
         let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
         let dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
         Self { coloured: io::stdout().is_terminal() && !refused && !dumb }
+    }
+
+    /// Returns whether text is coloured.
+    pub fn is_coloured(self) -> bool {
+        self.coloured
     }
 
     /// Returns the text of `cell` in its colour.
@@ -78,7 +83,7 @@ impl Cell {
 
     /// Creates a cell for a counter that should be 0.
     pub fn counter(count: u32) -> Self {
-        Self::new(count, if count == 0 { Colour::Plain } else { Colour::Yellow })
+        Self::new(count, if count == 0 { Colour::Plain } else { Colour::Magenta })
     }
 }
 
