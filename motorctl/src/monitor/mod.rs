@@ -14,9 +14,11 @@ mod question;
 mod reader;
 mod replay;
 mod request;
+mod selection;
 mod terminal;
 #[cfg(test)]
 mod tests;
+mod trends;
 mod view;
 
 pub(crate) use replay::{ReplayArguments, run as replay};
@@ -96,7 +98,7 @@ impl Monitor {
             requests,
             news,
             picture: Picture::default(),
-            view: View::default(),
+            view: View::of_stdout(),
             notice: Notice::default(),
             lost_since: None,
         })

@@ -1,6 +1,7 @@
 //! The newest reading of the robot, and values computed from several readings: loads and recent
 //! latencies.
 
+use super::trends::Trends;
 use crate::report::{BusReport, RobotReport};
 use motord_client::{GroupHistory, RobotDescription, State, Telemetry};
 use std::collections::VecDeque;
@@ -24,6 +25,8 @@ pub(super) struct Reading {
     pub(super) telemetry: Telemetry,
     /// Latencies of this cycle.
     pub(super) sample: Sample,
+    /// The state as the client reads it; `None` in tests that draw no curves.
+    pub(super) state: Option<State>,
 }
 
 impl Reading {
@@ -31,7 +34,13 @@ impl Reading {
     pub(super) fn new(robot: &Arc<RobotDescription>, state: &State, telemetry: &Telemetry) -> Self {
         let mut report = RobotReport::new(robot, state);
         report.name_programs(telemetry);
-        Self { report, robot: Arc::clone(robot), telemetry: telemetry.clone(), sample: Sample::of(state) }
+        Self {
+            report,
+            robot: Arc::clone(robot),
+            telemetry: telemetry.clone(),
+            sample: Sample::of(state),
+            state: Some(state.clone()),
+        }
     }
 
     /// Returns the history of the group `index`; empty before the first telemetry.
@@ -84,7 +93,7 @@ pub(super) struct Loss {
 }
 
 /// Everything that is drawn.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Picture {
     /// The newest reading, of any age; `None` before the first.
     pub(super) reading: Option<Reading>,
@@ -96,6 +105,8 @@ pub(super) struct Picture {
     pub(super) samples: VecDeque<Sample>,
     /// Largest share of time that each bus was busy; `None` if unknown.
     pub(super) loads: Vec<Option<f64>>,
+    /// Positions, velocities and torques of the last minute.
+    pub(super) trends: Trends,
     /// Cycle number and frames by bus that the loads are counted from.
     counted: (u64, Vec<u32>),
 }
@@ -105,10 +116,14 @@ impl Picture {
     pub(super) fn take(&mut self, reading: Reading) {
         if self.reading.is_none() || self.is_restart(&reading) {
             self.samples.clear();
+            self.trends = Trends::default();
             self.counted = (reading.report.cycle, frames(&reading.report));
             self.loads = vec![None; reading.report.buses.len()];
         }
         self.count_loads(&reading);
+        if let Some(state) = &reading.state {
+            self.trends.take(state, &reading.robot);
+        }
         self.samples.push_back(reading.sample);
         if self.samples.len() > SAMPLES_MAX {
             self.samples.pop_front();

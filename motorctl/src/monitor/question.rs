@@ -25,16 +25,15 @@ impl Question {
         let stops: Vec<_> = stopped.filter_map(|group| Some((group, group.stop.as_ref()?))).collect();
         let mut reasons: Vec<String> = Vec::new();
         for (_, stop) in &stops {
-            let joint = stop.joint.iter().map(|joint| format!(" Joint: {joint}."));
-            let by = stop.asked_by.iter().map(|process| format!(" By {process}."));
-            let reason = format!("{}{}{}", stop.sentence, joint.collect::<String>(), by.collect::<String>());
+            let reason = format!("{}{}", stop.sentence, stop.origin());
             if !reasons.contains(&reason) {
                 reasons.push(reason);
             }
         }
         let groups: Vec<String> = stops.iter().map(|(group, _)| group.name.clone()).collect();
         let (names, reasons) = (groups.join(", "), reasons.join(" "));
-        let text = format!("Clear the stop of {names}? {reasons} y: clear it; any other key: keep it");
+        let text =
+            format!("Clear the stop of {names}? {reasons} Press y to clear it, another key to keep it.");
         (!groups.is_empty()).then_some(Self { asked_at: now, groups, text })
     }
 
@@ -70,8 +69,8 @@ mod tests {
         assert_eq!(question.groups, names(&["legs", "tail"]));
         assert_eq!(
             question.text,
-            "Clear the stop of legs, tail? An emergency stop was requested. By pid 42, motorctl. y: clear it; any other \
-             key: keep it"
+            "Clear the stop of legs, tail? An emergency stop was requested. (by pid 42, motorctl) Press y to clear it, \
+             another key to keep it."
         );
         assert!(Question::about(&robot(), &names(&["arm"]), Instant::now()).is_none());
     }

@@ -90,7 +90,7 @@ impl Replay {
     fn open(arguments: &ReplayArguments) -> Result<Self, RecorderFailure> {
         let recording = Recording::open(&arguments.file)?;
         let robot = Arc::new(recording.robot().clone());
-        let mut view = View::default();
+        let mut view = View::of_stdout();
         view.know_groups(robot.groups.len());
         let mut replay = Self {
             recording,
@@ -134,7 +134,9 @@ impl Replay {
             let tick = record.state.tick_ns;
             let first = self.ticks.map_or(tick, |(first, _)| first);
             self.ticks = Some((first, tick));
-            shown = Some(State::from(&record.state));
+            let state = State::from(&record.state);
+            self.picture.trends.take(&state, &self.robot);
+            shown = Some(state);
             if is_due(first, tick) {
                 break;
             }

@@ -1,6 +1,8 @@
 //! The choices of the user, and the meaning of the keys.
 
+use super::selection::Selection;
 use crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use motord_terminal::Palette;
 
 /// The key of the emergency stop, the largest one. It works on every page, also while a filter is
 /// typed.
@@ -11,6 +13,10 @@ const FILTER_MAX: usize = 32;
 /// Returns true if `key` requests the emergency stop.
 pub(super) fn is_stop(key: &KeyEvent) -> bool {
     key.kind == KeyEventKind::Press && key.code == STOP_KEY
+}
+
+fn is_of_curves(code: KeyCode) -> bool {
+    matches!(code, KeyCode::Left | KeyCode::Right | KeyCode::Char('c' | 'C' | '+' | '-' | 'l'))
 }
 
 /// A page of the monitor.
@@ -112,9 +118,18 @@ pub(super) struct View {
     pub(super) group: Option<usize>,
     /// Number of groups.
     pub(super) groups: usize,
+    /// The terminal shows no colours.
+    pub(super) is_colourless: bool,
+    /// The joints whose curves are shown.
+    pub(super) selection: Selection,
 }
 
 impl View {
+    /// Creates the choices at the start, for the terminal of the standard output.
+    pub(super) fn of_stdout() -> Self {
+        Self { is_colourless: !Palette::of_stdout().is_coloured(), ..Self::default() }
+    }
+
     /// Handles a key. Returns the requested action.
     pub(super) fn press(&mut self, key: &KeyEvent) -> Option<Action> {
         if key.kind == KeyEventKind::Release {
@@ -158,6 +173,7 @@ impl View {
             }
             KeyCode::Esc if self.page == Page::Help => self.show(Page::Joints),
             KeyCode::Esc => self.filter.clear(),
+            code if self.page == Page::Joints && is_of_curves(code) => self.selection.press(code),
             code => self.move_by(code),
         }
     }

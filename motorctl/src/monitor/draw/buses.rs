@@ -1,11 +1,11 @@
 //! The buses: a summary below the joints, and a page with every counter.
 
 use super::super::picture::{Picture, Reading};
-use super::text::{bold, flowed, left, right};
+use super::text::{ALARM, WARNING, bold, flowed, left, right, warning};
 use crate::report::BusReport;
 use motord_client::BusCondition;
 use motord_terminal::number;
-use ratatui::style::{Color, Style, Stylize};
+use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 
 /// Returns at most `most` lines; faulty buses first.
@@ -22,7 +22,7 @@ fn is_well(bus: &BusReport) -> bool {
 }
 
 fn condition_style(bus: &BusReport) -> Style {
-    if is_well(bus) { Style::new() } else { Style::new().bold().fg(Color::Red) }
+    if is_well(bus) { Style::new() } else { ALARM }
 }
 
 fn percent(load: Option<f64>) -> String {
@@ -37,7 +37,7 @@ fn entry(bus: &BusReport, load: Option<f64>) -> Line<'static> {
         Span::raw(format!(" {}", percent(load))),
     ]);
     for (name, count) in counters(bus).into_iter().filter(|(_, count)| *count > 0) {
-        line.push_span(Span::from(format!(" {name} {count}")).fg(Color::Yellow));
+        line.push_span(warning(format!(" {name} {count}")));
     }
     line
 }
@@ -68,7 +68,7 @@ pub(super) fn table(reading: &Reading, picture: &Picture) -> (Line<'static>, Vec
         spans.push(left(bus.condition, 8, condition_style(bus)));
         spans.push(right(&percent(load), 5, Style::new()));
         for ((_, count), width) in counters(bus).into_iter().zip([7, 5, 8, 11, 10, 10]) {
-            let style = if count == 0 { Style::new() } else { Style::new().fg(Color::Yellow) };
+            let style = if count == 0 { Style::new() } else { WARNING };
             spans.push(right(&count.to_string(), width, style));
         }
         Line::from(spans)

@@ -3,12 +3,13 @@
 use super::super::picture::{Loss, Picture, Reading};
 use super::super::request::{Notice, Tone};
 use super::super::view::{Page, View};
-use super::text::{alarm, banner, dim, duration, shortened, warning, wrapped};
+use super::text::{BANNER, alarm, banner, dim, duration, shortened, warning, wrapped};
+use motord_terminal::number;
 use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
 use std::time::Instant;
 
-const KEYS: [(&str, &str); 8] = [
+const KEYS: [(&str, &str); 9] = [
     ("SPACE", "e-stop"),
     ("d", "disable"),
     ("r", "reset"),
@@ -17,9 +18,10 @@ const KEYS: [(&str, &str); 8] = [
     ("Tab", "page"),
     ("s", "sort"),
     ("/", "filter"),
+    ("← → c", "curves"),
 ];
 
-const REPLAY_KEYS: [(&str, &str); 7] = [
+const REPLAY_KEYS: [(&str, &str); 8] = [
     ("SPACE", "pause, go on"),
     ("n", "next cycle"),
     ("?", "help"),
@@ -27,6 +29,7 @@ const REPLAY_KEYS: [(&str, &str); 7] = [
     ("Tab", "page"),
     ("s", "sort"),
     ("/", "filter"),
+    ("← → c", "curves"),
 ];
 
 /// Returns the lines about the daemon and its troubles, after the name of a recording.
@@ -34,7 +37,7 @@ pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
     let recording = picture.replay.iter().flat_map(|name| wrapped(&format!(" {name}"), width, 1));
     let mut lines: Vec<Line<'static>> =
         recording.map(|line| Span::from(format!("{line:width$}")).bold().reversed().into()).collect();
-    lines.extend(picture.reading.iter().map(daemon));
+    lines.extend(picture.reading.iter().map(|reading| daemon(reading, width)));
     if let Some(loss) = &picture.loss {
         lines.extend(lost(loss, width));
     }
@@ -47,21 +50,26 @@ pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
     lines
 }
 
-fn daemon(reading: &Reading) -> Line<'static> {
+/// Returns the line about the daemon. A small terminal omits the version.
+fn daemon(reading: &Reading, width: usize) -> Line<'static> {
     let report = &reading.report;
-    let mut line = Line::from(vec![
-        Span::from(format!(" {} ", report.instance)).bold().reversed(),
-        Span::from(format!(" motord {} ({}) {} Hz ", report.version, report.pid, report.rate_hz)),
-    ]);
+    let mut line =
+        Line::from(vec![Span::from(format!(" {} ", report.instance)).bold().reversed(), " ".into()]);
     if report.emergency_stop {
-        line.push_span(Span::from(" EMERGENCY STOP ").bold().white().on_red());
+        line.push_span(Span::styled(" EMERGENCY STOP ", BANNER));
         line.push_span(" ");
     }
     if !report.realtime {
-        line.push_span(warning("not real-time "));
+        line.push_span(warning("not real-time  "));
     }
     if report.overruns > 0 {
         line.push_span(warning(format!("{} missed ticks  ", report.overruns)));
+    }
+    let digits = if report.rate_hz.fract() == 0.0 { 0 } else { 1 };
+    let rate = number(Some(report.rate_hz), digits);
+    let version = format!("motord {} ({}) {rate} Hz", report.version, report.pid);
+    if line.width() + version.chars().count() <= width {
+        line.push_span(version);
     }
     line
 }

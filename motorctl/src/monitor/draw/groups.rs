@@ -1,49 +1,74 @@
 //! The groups: phase and owner; for each stop its cause, its age, and the commands that end it.
 
 use super::super::picture::Reading;
-use super::text::{alarm, bold, dim, duration, warning, wrapped};
+use super::text::{alarm, bold, dim, duration, flowed, warning, wrapped};
 use super::troubles;
 use crate::report::{GroupReport, StopReport};
 use motord_client::{GroupHistory, Phase, Process};
 use motord_terminal::number;
-use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 
-/// Returns at most `height` lines.
+/// Returns at most `height` lines. Where they do not fit, the causes of the stops stay, and a note states how many lines are
+/// left out.
 pub(super) fn lines(reading: &Reading, width: usize, height: usize) -> Vec<Line<'static>> {
-    let groups = &reading.report.groups;
-    let names = groups.iter().map(|group| group.name.chars().count()).max().unwrap_or(0);
-    let group = |(index, group): (usize, &GroupReport)| group_line(group, &reading.history(index), names);
-    let mut first: Vec<Line<'static>> = groups.iter().enumerate().map(group).collect();
     let stops = stops(reading);
-    first.extend(stops.iter().flat_map(|stop| stop.cause(width)));
-    let mut middle = troubles::lines(reading, width);
-    let last: Vec<Line<'static>> = stops.iter().flat_map(|stop| stop.remedy(reading, width)).collect();
-    let most = height.saturating_sub(first.len() + last.len());
-    if middle.len() > most {
-        let left_out = middle.len() + 1 - most;
-        middle.truncate(most.saturating_sub(1));
-        middle.push(dim(format!("  and {left_out} more troubles")).into());
-        middle.truncate(most);
+    let causes: Vec<Line<'static>> = stops.iter().flat_map(|stop| stop.cause(width)).collect();
+    let mut remedies = remedies(&stops, reading, width);
+    let mut troubles = troubles::lines(reading, width);
+    let mut groups = groups(reading, width);
+    if groups.len() + causes.len() + troubles.len() + remedies.len() > height {
+        groups = short_groups(reading, width);
     }
-    first.into_iter().chain(middle).chain(last).take(height).collect()
+    let free = height.saturating_sub(groups.len() + causes.len());
+    let wanted = troubles.len() + remedies.len();
+    let mut note = None;
+    if wanted > free {
+        let free = free.saturating_sub(1);
+        let most = (free / 2).max(free.saturating_sub(troubles.len()));
+        remedies.truncate(most);
+        troubles.truncate(free - remedies.len());
+        let motorctl = crate::advice::motorctl(&reading.report.instance);
+        note = Some(alarm(format!("  and {} more lines: `{motorctl} status`", wanted - free)).into());
+    }
+    groups.into_iter().chain(causes).chain(troubles).chain(remedies).chain(note).take(height).collect()
 }
 
-fn group_line(group: &GroupReport, history: &GroupHistory, names: usize) -> Line<'static> {
+fn groups(reading: &Reading, width: usize) -> Vec<Line<'static>> {
+    let groups = &reading.report.groups;
+    let names = groups.iter().map(|group| group.name.chars().count()).max().unwrap_or(0);
+    let entries =
+        |(index, group)| flowed(entries(group, &reading.history(index), names), width, 3, |_| String::new());
+    groups.iter().enumerate().flat_map(entries).collect()
+}
+
+/// Returns what is to be known of a group, the most important first.
+fn entries(group: &GroupReport, history: &GroupHistory, names: usize) -> Vec<Line<'static>> {
     let GroupReport { name, phase, .. } = group;
-    let mut line =
+    let mut first =
         Line::from(vec![bold(format!("{name:<names$}")), Span::raw("  "), phase_span(phase), "  ".into()]);
-    line.spans.extend(owner(group, history));
-    if let Some(age) = group.setpoint_age_us {
-        line.push_span(Span::from(format!("  setpoint {} µs old", number(Some(age), 0))));
+    first.spans.extend(owner(group, history));
+    let age = group.setpoint_age_us.map(|age| format!("setpoint {} old", micros(age)).into());
+    let late = group.is_often_late().then(|| warning(format!("{} late", group.late)).into());
+    let rejected =
+        group.rejected.iter().map(|(reason, count)| warning(format!("{count} rejected: {reason}")).into());
+    [first].into_iter().chain(late).chain(rejected).chain(age).collect()
+}
+
+/// Returns name and phase of the groups.
+fn short_groups(reading: &Reading, width: usize) -> Vec<Line<'static>> {
+    let entry =
+        |group: &GroupReport| Line::from(vec![bold(group.name.clone()), " ".into(), phase_span(group.phase)]);
+    let entries = reading.report.groups.iter().map(entry).collect();
+    flowed(entries, width, 2, |count| format!("and {count} more groups"))
+}
+
+/// Formats a time in the unit that keeps it short.
+fn micros(time: f64) -> String {
+    match time {
+        1e6.. => format!("{} s", number(Some(time / 1e6), 1)),
+        1e4.. => format!("{} ms", number(Some(time / 1e3), 0)),
+        _ => format!("{} µs", number(Some(time), 0)),
     }
-    if group.is_often_late() {
-        line.push_span(warning(format!("  {} late", group.late)));
-    }
-    for (reason, count) in &group.rejected {
-        line.push_span(warning(format!("  {count} rejected: {reason}")));
-    }
-    line
 }
 
 fn phase_span(phase: &str) -> Span<'static> {
@@ -99,23 +124,32 @@ impl Stopped<'_> {
         wrapped(&text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
     }
 
-    /// Returns the advice and the lines to paste.
-    fn remedy(&self, reading: &Reading, width: usize) -> Vec<Line<'static>> {
-        let steps = &self.stop.steps;
-        let text = format!("  {}. Then paste, or press r:", steps.remedy);
-        let mut lines: Vec<Line<'static>> =
-            wrapped(&text, width, 2).into_iter().map(|line| line_of(&line, Style::new())).collect();
-        let motorctl = crate::advice::motorctl(&reading.report.instance);
-        let resets: Vec<String> = match self.is_all {
+    /// Returns the lines to paste.
+    fn resets(&self, motorctl: &str) -> Vec<String> {
+        match self.is_all {
             true => vec![format!("{motorctl} reset")],
             false => self.groups.iter().map(|group| format!("{motorctl} reset {group}")).collect(),
-        };
-        lines.extend(resets.into_iter().map(|reset| bold(format!("  {reset}")).into()));
-        lines
+        }
     }
 }
 
-/// Restores the indent of a remedy, which `wrapped` drops from the first line.
-fn line_of(text: &str, style: Style) -> Line<'static> {
-    Line::styled(format!("  {}", text.trim_start()), style)
+/// Returns the advice of the stops, each sentence once, and the lines to paste. What a trouble already advises is left out.
+fn remedies(stops: &[Stopped<'_>], reading: &Reading, width: usize) -> Vec<Line<'static>> {
+    let motorctl = crate::advice::motorctl(&reading.report.instance);
+    let mut advised: Vec<(String, Vec<String>)> = Vec::new();
+    for stop in stops {
+        let is_known = troubles::advise(reading, stop.stop.cause);
+        let remedy = if is_known { String::new() } else { format!("{}. ", stop.stop.steps.remedy) };
+        let resets = stop.resets(&motorctl);
+        match advised.iter_mut().find(|(known, _)| *known == remedy) {
+            Some((_, others)) => others.extend(resets),
+            None => advised.push((remedy, resets)),
+        }
+    }
+    let lines = advised.into_iter().flat_map(|(remedy, resets)| {
+        let text = wrapped(&format!("{remedy}Then paste, or press r:"), width.saturating_sub(2), 0);
+        let text = text.into_iter().map(|line| Line::from(format!("  {line}")));
+        text.chain(resets.into_iter().map(|reset| bold(format!("  {reset}")).into()))
+    });
+    lines.collect()
 }

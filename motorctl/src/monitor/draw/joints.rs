@@ -2,24 +2,35 @@
 
 use super::super::picture::Reading;
 use super::super::view::{Order, View};
-use super::text::{bold, dim, left, right};
+use super::text::{ALARM, WARNING, alarm, bold, dim, left, right};
 use crate::joint_report::JointReport;
 use motord_client::MotorMode;
 use motord_terminal::number;
-use ratatui::style::{Color, Style, Stylize};
+use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 
 /// Smallest width for every column.
 const WIDE: usize = 78;
 const NAME_MAX: usize = 16;
 
-/// Returns the heading, and the rows that pass the filter of `view`, in its order.
-pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'static>, Vec<Line<'static>>) {
+/// Returns the joints that pass the filter of `view`, in its order.
+pub(super) fn shown<'a>(reading: &'a Reading, view: &View) -> Vec<&'a JointReport> {
+    let joints = reading.report.joints.iter();
+    let mut shown: Vec<&JointReport> = joints.filter(|joint| passes(joint, &view.filter)).collect();
+    sort(&mut shown, view.order);
+    shown
+}
+
+/// Returns the heading, and the rows of `shown`.
+pub(super) fn table(
+    reading: &Reading,
+    shown: &[&JointReport],
+    view: &View,
+    width: usize,
+) -> (Line<'static>, Vec<Line<'static>>) {
     let joints = &reading.report.joints;
     let names = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0).clamp(5, NAME_MAX);
     let columns = Columns { names, bar: if width < WIDE { 8 } else { 12 }, is_wide: width >= WIDE };
-    let mut shown: Vec<&JointReport> = joints.iter().filter(|joint| passes(joint, &view.filter)).collect();
-    sort(&mut shown, view.order);
     let mut heading = columns.heading();
     // A narrow heading has no room for notes and row numbers.
     if columns.is_wide {
@@ -28,7 +39,12 @@ pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'stat
     if view.order != Order::Trouble {
         heading.push_span(dim(format!("  by {}", view.order.name())));
     }
-    (heading, shown.into_iter().map(|joint| columns.row(joint)).collect())
+    let mut rows: Vec<Line<'static>> = shown.iter().map(|joint| columns.row(joint)).collect();
+    let cursor = shown.iter().position(|joint| Some(joint.name.as_str()) == view.selection.cursor());
+    if let Some(name) = cursor.and_then(|row| rows[row].spans.first_mut()) {
+        name.style = name.style.reversed();
+    }
+    (heading, rows)
 }
 
 fn passes(joint: &JointReport, filter: &str) -> bool {
@@ -133,24 +149,20 @@ fn bar(joint: &JointReport, width: usize) -> [Span<'static>; 3] {
         return [dim(format!("├{}┤", line(inner))), nothing(), nothing()];
     };
     if fraction < 0.0 {
-        return [Span::from("◀").fg(Color::Red).bold(), dim(format!("{}┤", line(inner))), nothing()];
+        return [alarm("◀"), dim(format!("{}┤", line(inner))), nothing()];
     }
     if fraction > 1.0 {
-        return [dim(format!("├{}", line(inner))), Span::from("▶").fg(Color::Red).bold(), nothing()];
+        return [dim(format!("├{}", line(inner))), alarm("▶"), nothing()];
     }
     let place = ((fraction * inner as f64) as usize).min(inner.saturating_sub(1));
-    [
-        dim(format!("├{}", line(place))),
-        Span::from("●").bold(),
-        dim(format!("{}┤", line(inner.saturating_sub(place + 1)))),
-    ]
+    [dim(format!("├{}", line(place))), bold("●"), dim(format!("{}┤", line(inner.saturating_sub(place + 1))))]
 }
 
 fn mode_style(mode: &str) -> Style {
     if mode == MotorMode::Fault.name() || mode == MotorMode::Offline.name() {
-        Style::new().bold().fg(Color::Red)
+        ALARM
     } else if mode == MotorMode::Active.name() {
-        Style::new().fg(Color::Green)
+        Style::new().bold()
     } else {
         Style::new()
     }
@@ -166,21 +178,19 @@ fn age(joint: &JointReport) -> String {
 }
 
 fn age_style(joint: &JointReport) -> Style {
-    if joint.age_cycles == 0 { Style::new() } else { Style::new().fg(Color::Yellow) }
+    if joint.age_cycles == 0 { Style::new() } else { WARNING }
 }
 
 /// Returns the notes, worst first: the end of a row may not fit.
 fn notes(joint: &JointReport, is_wide: bool) -> Vec<Span<'static>> {
-    let red = Style::new().bold().fg(Color::Red);
-    let yellow = Style::new().fg(Color::Yellow);
-    let mut notes: Vec<(String, Style)> = joint.faults.iter().map(|fault| (fault.clone(), red)).collect();
+    let mut notes: Vec<(String, Style)> = joint.faults.iter().map(|fault| (fault.clone(), ALARM)).collect();
     if fraction(joint).is_some_and(|fraction| !(0.0..=1.0).contains(&fraction)) {
-        notes.push(("outside limits".to_owned(), red));
+        notes.push(("outside limits".to_owned(), ALARM));
     }
     if !is_wide && joint.age_cycles > 0 {
-        notes.push((format!("age {}", age(joint)), yellow));
+        notes.push((format!("age {}", age(joint)), WARNING));
     }
-    notes.extend(joint.limits.iter().map(|limit| ((*limit).to_owned(), yellow)));
+    notes.extend(joint.limits.iter().map(|limit| ((*limit).to_owned(), WARNING)));
     let counters = [
         ("missed", joint.missed),
         ("late", joint.late),

@@ -2,6 +2,7 @@
 //! robot.
 
 mod buses;
+mod curves;
 mod frame;
 mod groups;
 mod imus;
@@ -16,8 +17,14 @@ use super::view::{Page, View};
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
+use ratatui::style::{Color, Modifier};
 use ratatui::text::Line;
+use std::ops::Range;
 use text::{bold, dim};
+
+/// Rows that stops and troubles leave to the rest of a small screen: the first line, four of the joints, two of buses and
+/// latencies, and the keys.
+const OTHERS: usize = 8;
 
 /// Smallest terminal, in rows and columns. A smaller one shows a note.
 const HEIGHT_MIN: u16 = 8;
@@ -40,13 +47,13 @@ const HELP: &[&str] = &[
     "Tab 1 2 3 joints, buses, latencies",
     "s S       another order of the joints",
     "/         show only joints, buses or modes with this text",
-    "arrows, PgUp, PgDn, Home, End: scroll.   q: quit",
-    "",
+    "↑ ↓ PgUp PgDn Home End: scroll.   q: quit",
+    "← → c C   the joints of the curves, on a large terminal",
+    "+ - l     their time; a scale that includes the limits",
     "position  the mark stands within the limits of the joint",
     "torque    N·m, and its part of the limit",
     "age       age of the state, in cycles",
-    "notes     faults, limits that changed the setpoint, replies",
-    "          that were missed, late or implausible",
+    "notes     faults, limits that acted, counts of bad replies",
     "bus %     part of the time that the bus is busy, at most",
     "latency   since the start; the curve: the last readings",
 ];
@@ -54,12 +61,31 @@ const HELP: &[&str] = &[
 /// Draws everything, and records in `view` what fitted.
 pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, notice: &Notice) {
     let area = frame.area();
-    let lines = lines(area.width.into(), area.height.into(), picture, view, notice);
+    let Rows { lines, curves } = lines(area.width.into(), area.height.into(), picture, view, notice);
     let buffer = frame.buffer_mut();
     for (line, y) in lines.iter().zip(area.y..area.bottom()) {
         buffer.set_line(area.x, y, line, area.width);
     }
+    let mut rows = area.rows().skip(curves.start).take(curves.len());
+    if let Some(first) = rows.next() {
+        let height = rows.count() as u16 + 1;
+        curves::draw(buffer, Rect { height, ..first }, picture, &view.selection);
+    }
     scrub(buffer, area);
+    if view.is_colourless {
+        remove_colours(buffer, area);
+    }
+}
+
+/// Shows cells with a background in reverse video instead, and removes all colours.
+fn remove_colours(buffer: &mut Buffer, area: Rect) {
+    for position in area.positions() {
+        let cell = &mut buffer[position];
+        if cell.bg != Color::Reset {
+            cell.modifier.insert(Modifier::REVERSED);
+        }
+        (cell.fg, cell.bg) = (Color::Reset, Color::Reset);
+    }
 }
 
 /// Replaces control characters and characters that reorder text by `?`: names come from other
@@ -79,13 +105,21 @@ fn is_obeyed(letter: char) -> bool {
         || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
-fn lines(
-    width: usize,
-    height: usize,
-    picture: &Picture,
-    view: &mut View,
-    notice: &Notice,
-) -> Vec<Line<'static>> {
+/// The rows of the screen or of a page, and those of them that the curves take.
+#[derive(Default)]
+struct Rows {
+    lines: Vec<Line<'static>>,
+    curves: Range<usize>,
+}
+
+impl From<Vec<Line<'static>>> for Rows {
+    fn from(lines: Vec<Line<'static>>) -> Self {
+        Self { lines, curves: 0..0 }
+    }
+}
+
+fn lines(width: usize, height: usize, picture: &Picture, view: &mut View, notice: &Notice) -> Rows {
+    let mut curves = 0..0;
     let mut lines = frame::head(picture, width);
     let mut foot = frame::foot(view, picture, notice, width);
     let mut left = height.saturating_sub(lines.len() + foot.len());
@@ -94,16 +128,18 @@ fn lines(
         left = left.saturating_sub(1);
     }
     if let Some(reading) = &picture.reading {
-        let above = groups::lines(reading, width, (height / 2).min(left));
+        let above = groups::lines(reading, width, (height / 2).max(height.saturating_sub(OTHERS)).min(left));
         left = left.saturating_sub(above.len());
         lines.extend(above);
-        lines.extend(page(reading, picture, view, width, left));
+        let page = page(reading, picture, view, width, left);
+        curves = page.curves.start + lines.len()..page.curves.end + lines.len();
+        lines.extend(page.lines);
     } else if view.page == Page::Help {
         lines.extend(help(picture));
     }
     lines.resize(height.saturating_sub(foot.len()), Line::default());
     lines.append(&mut foot);
-    lines
+    Rows { lines, curves }
 }
 
 fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
@@ -112,38 +148,34 @@ fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
 }
 
 /// Returns the chosen page in `height` lines.
-fn page(
-    reading: &Reading,
-    picture: &Picture,
-    view: &mut View,
-    width: usize,
-    height: usize,
-) -> Vec<Line<'static>> {
-    match view.page {
-        Page::Joints => joints_page(reading, picture, view, width, height),
-        Page::Buses => scrolled(view, height, buses::table(reading, picture)),
-        Page::Latencies => scrolled(view, height, latencies::table(reading)),
-        Page::Help => scrolled(view, height, (bold(" keys and columns").into(), help(picture).collect())),
-    }
+fn page(reading: &Reading, picture: &Picture, view: &mut View, width: usize, height: usize) -> Rows {
+    let table = match view.page {
+        Page::Joints => return joints_page(reading, picture, view, width, height),
+        Page::Buses => buses::table(reading, picture),
+        Page::Latencies => latencies::table(reading),
+        Page::Help => (bold(" keys and columns").into(), help(picture).collect()),
+    };
+    scrolled(view, height, table).into()
 }
 
-/// Returns the joints, with buses and latencies in at most half of the lines.
-fn joints_page(
-    reading: &Reading,
-    picture: &Picture,
-    view: &mut View,
-    width: usize,
-    height: usize,
-) -> Vec<Line<'static>> {
+/// Returns the joints, then free rows with curves, then IMUs, buses and latencies in at most half of the lines.
+fn joints_page(reading: &Reading, picture: &Picture, view: &mut View, width: usize, height: usize) -> Rows {
     let mut below = imus::lines(reading, width, (height / 6).max(1));
     below.extend(buses::lines(reading, picture, width, (height / 5).max(2)));
     below.extend(latencies::lines(reading, picture, width, if height < 10 { 1 } else { 2 }));
     below.truncate(height / 2);
     let above = height - below.len();
-    let mut lines = scrolled(view, above, joints::table(reading, &*view, width));
+    let shown = joints::shown(reading, view);
+    let free = above.saturating_sub(shown.len() + 1);
+    let rows = if curves::are_shown(width, free) { free } else { 0 };
+    let names = shown.iter().filter(|_| rows > 0).map(|joint| joint.name.clone());
+    view.selection.know_rows(names.collect());
+    let table = joints::table(reading, &shown, view, width);
+    let mut lines = scrolled(view, above, table);
+    let curves = lines.len()..lines.len() + rows;
     lines.resize(above, Line::default());
     lines.append(&mut below);
-    lines
+    Rows { lines, curves }
 }
 
 /// Returns a heading and the rows that fit below it. The heading shows the row numbers if there are

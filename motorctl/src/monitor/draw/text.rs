@@ -6,19 +6,30 @@ use std::time::Duration;
 
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
+/// The style of an alarm.
+///
+/// Red and magenta are the colours of the usual palettes that are legible on a dark and on a light background. A word, a mark
+/// or a number always says the same as the colour.
+pub(super) const ALARM: Style = Style::new().bold().fg(Color::Red);
+/// The style of a warning.
+pub(super) const WARNING: Style = Style::new().fg(Color::Magenta);
+
 /// Returns an alarm.
 pub(super) fn alarm(text: impl Into<String>) -> Span<'static> {
-    Span::from(text.into()).bold().fg(Color::Red)
+    Span::styled(text.into(), ALARM)
 }
+
+/// The style of an urgent alarm. It names both colours, so it depends on no background.
+pub(super) const BANNER: Style = Style::new().bold().fg(Color::White).bg(Color::Red);
 
 /// Returns an urgent alarm: a red line of `width` characters.
 pub(super) fn banner(text: &str, width: usize) -> Line<'static> {
-    Span::from(format!("{text:<width$}")).bold().white().on_red().into()
+    Span::styled(format!("{text:<width$}"), BANNER).into()
 }
 
 /// Returns a warning.
 pub(super) fn warning(text: impl Into<String>) -> Span<'static> {
-    Span::from(text.into()).fg(Color::Yellow)
+    Span::styled(text.into(), WARNING)
 }
 
 /// A heading.

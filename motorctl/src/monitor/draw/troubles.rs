@@ -5,7 +5,7 @@ use super::super::picture::Reading;
 use super::text::{alarm, bold, wrapped};
 use crate::advice::motorctl;
 use crate::joint_report::JointReport;
-use crate::report::BusReport;
+use crate::report::{BusReport, RobotReport};
 use motord_client::{BusCondition, Cause, MotorMode};
 use ratatui::text::Line;
 
@@ -15,13 +15,12 @@ const NAMES_MAX: usize = 4;
 
 /// Returns the obstacles; none for a healthy robot.
 pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
-    let down: Vec<&BusReport> = reading.report.buses.iter().filter(|bus| remedy(bus).is_some()).collect();
-    let mut lines: Vec<Line<'static>> = down.iter().flat_map(|bus| of_bus(bus, width)).collect();
+    let down = reading.report.buses.iter().filter(|bus| remedy(bus).is_some());
+    let mut lines: Vec<Line<'static>> = down.flat_map(|bus| of_bus(bus, width)).collect();
     lines.extend(faults(reading, width));
     let offline = reading.report.joints.iter().filter(|joint| joint.mode == MotorMode::Offline.name());
-    // A motor on a bus that is down cannot answer. The bus is listed already.
     let silent: Vec<&str> = offline
-        .filter(|joint| down.iter().all(|bus| bus.name != joint.bus))
+        .filter(|joint| !is_on_bus_that_is_down(reading, joint))
         .map(|joint| joint.name.as_str())
         .collect();
     if !silent.is_empty() {
@@ -30,6 +29,24 @@ pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
         lines.extend(sentence(&format!("{} {verb} not answer. {help}.", listed(&silent)), width));
     }
     lines
+}
+
+/// Returns whether the lines include the advice for a stop of `cause`.
+pub(super) fn advise(reading: &Reading, cause: &str) -> bool {
+    let RobotReport { buses, joints, .. } = &reading.report;
+    let is = |known: Cause| cause == known.name();
+    let has_bus = |remedy_of: Cause| buses.iter().any(|bus| remedy(bus) == Some(remedy_of.advice()));
+    let is_offline = |joint: &JointReport| joint.mode == MotorMode::Offline.name();
+    is(Cause::BusOff) && has_bus(Cause::BusOff)
+        || is(Cause::BusGone) && has_bus(Cause::BusGone)
+        || is(Cause::MotorLost)
+            && joints.iter().any(|joint| is_offline(joint) && !is_on_bus_that_is_down(reading, joint))
+        || is(Cause::MotorFault) && joints.iter().any(|joint| joint.mode == MotorMode::Fault.name())
+}
+
+/// A motor on a bus that is down cannot answer. The bus is listed already.
+fn is_on_bus_that_is_down(reading: &Reading, joint: &JointReport) -> bool {
+    reading.report.buses.iter().any(|bus| bus.name == joint.bus && remedy(bus).is_some())
 }
 
 fn remedy(bus: &BusReport) -> Option<&'static str> {
