@@ -118,9 +118,9 @@ enum Command {
     },
     /// Show the robot on the whole terminal, with keys to stop, disable and reset it.
     ///
-    /// SPACE requests an emergency stop immediately; `?` explains the other keys. The monitor also
-    /// works over ssh and across restarts of the daemon. Without a terminal use `status` or
-    /// `watch`.
+    /// SPACE requests an emergency stop immediately; `?` explains the other keys. A large terminal also shows curves of position,
+    /// velocity and torque, with limits, stops and faults. The monitor also works over ssh and across restarts of the daemon.
+    /// Without a terminal use `status` or `watch`. `NO_COLOR` removes its colours.
     #[command(after_help = "Examples:\n  motorctl monitor\n  motorctl --instance arm monitor --hz 4")]
     Monitor {
         /// Refreshes per second, 0.1 to 100.
@@ -178,12 +178,12 @@ enum Command {
         after_help = "Examples:\n  motorctl replay run.mcap\n  motorctl replay run.mcap --from 0.5 --speed 0.1"
     )]
     Replay(monitor::ReplayArguments),
-    /// Draw joints of a recording: position, velocity and torque, with setpoints and applied commands, as an SVG.
+    /// Draw joints of a recording: position, velocity and torque, with setpoints and applied commands, as an SVG or a PNG.
     ///
     /// `setpoint` is the owner's request, `applied` the command after all limits, `reported` the
     /// motor's answer.
     #[command(
-        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap --with run.mcap fl-knee >both.svg"
+        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap --with run.mcap fl-knee --png both.png"
     )]
     Plot(recorder::PlotArguments),
     /// Hold joints softly where they are, or move them along a small sine: the first motion of a robot.

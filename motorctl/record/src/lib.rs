@@ -11,6 +11,7 @@
 
 #![forbid(unsafe_code)]
 
+mod bitmap;
 mod disk;
 mod failure;
 mod flight;

@@ -1,14 +1,14 @@
-//! Curves over time as an SVG: a row for each joint, a panel for each quantity, and a line for each stop and fault.
+//! Curves over time as an SVG or a PNG: a row for each joint, a panel for each quantity, and a line for each stop and fault.
 
+use crate::bitmap::{self, Bitmap};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::{
-    BLACK, ChartBuilder, ChartContext, Circle, DrawingArea, EmptyElement, IntoDrawingArea, LineSeries,
-    PathElement, RGBColor, SVGBackend, SeriesLabelPosition, Text, WHITE,
+    BLACK, ChartBuilder, ChartContext, Circle, DrawingArea, DrawingBackend, EmptyElement, IntoDrawingArea,
+    LineSeries, PathElement, RGBColor, SVGBackend, SeriesLabelPosition, Text, WHITE,
 };
 use plotters::style::{Color, FontTransform, IntoFont};
-use std::error::Error;
 use std::ops::Range;
 
 /// The size of a panel.
@@ -17,9 +17,13 @@ const PANEL: (u32, u32) = (480, 260);
 const STEPS_MAX: usize = 1024;
 /// From the palette of Okabe and Ito, for people with a colour vision deficiency, with the dashes that distinguish them in black and
 /// white.
-const STYLES: [(RGBColor, &str); 3] =
-    [(RGBColor(230, 159, 0), "2 2"), (RGBColor(0, 158, 115), "7 3"), (RGBColor(0, 114, 178), "")];
-const MARK: (RGBColor, &str) = (RGBColor(204, 0, 0), "1 3");
+const STYLES: [(RGBColor, &[u32]); 3] =
+    [(RGBColor(230, 159, 0), &[2, 2]), (RGBColor(0, 158, 115), &[7, 3]), (RGBColor(0, 114, 178), &[])];
+const MARK: (RGBColor, &[u32]) = (RGBColor(204, 0, 0), &[1, 3]);
+/// Pixels of a PNG for each pixel of an SVG, which has no fixed size.
+const PNG_SCALE: u32 = 2;
+/// Largest number of pixels of a PNG: 16 joints in 8 recordings.
+const PNG_PIXELS_MAX: u64 = 200_000_000;
 
 /// The lowest and the highest value of some cycles, at the time of the first of them.
 #[derive(Debug, Clone, Copy)]
@@ -155,96 +159,166 @@ fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 /// # Errors
 ///
 /// The error of the drawing library.
-pub(crate) fn draw(rows: &[Row]) -> Result<String, String> {
-    let panels = rows.iter().flat_map(|row| &row.panels);
-    let times = panels.flat_map(Panel::points).map(|(time, _)| time);
-    let (begin, end) = extremes(times).unwrap_or((0.0, 1.0));
-    let times = begin..end.max(begin + 1e-3);
+pub(crate) fn svg(rows: &[Row]) -> Result<String, String> {
     let mut svg = String::new();
-    draw_rows(&mut svg, rows, &times).map_err(|error| error.to_string())?;
+    draw(SVGBackend::with_string(&mut svg, size(rows, 1)), rows, 1)?;
     Ok(dashed(svg))
 }
 
-/// Adds the dashes of each colour: the drawing library knows none.
-fn dashed(svg: String) -> String {
-    STYLES.iter().chain([&MARK]).filter(|(_, dashes)| !dashes.is_empty()).fold(
-        svg,
-        |svg, (colour, dashes)| {
-            let stroke = format!("stroke=\"#{:02X}{:02X}{:02X}\"", colour.0, colour.1, colour.2);
-            svg.replace(&stroke, &format!("{stroke} stroke-dasharray=\"{dashes}\""))
-        },
-    )
+/// Draws the rows as a PNG.
+///
+/// # Errors
+///
+/// The picture would be too large, or the error of the encoder.
+pub(crate) fn png(rows: &[Row]) -> Result<Vec<u8>, String> {
+    let size = size(rows, PNG_SCALE);
+    let count = u64::from(size.0) * u64::from(size.1);
+    if count > PNG_PIXELS_MAX {
+        return Err(format!(
+            "{} x {} pixels are too many for a PNG: name fewer joints, or use --svg",
+            size.0, size.1
+        ));
+    }
+    let mut pixels = vec![255; 3 * count as usize];
+    draw(Bitmap::new(&mut pixels, size, dashes, PNG_SCALE), rows, PNG_SCALE)?;
+    bitmap::encode(&pixels, size)
 }
 
-fn draw_rows(svg: &mut String, rows: &[Row], times: &Range<f64>) -> Result<(), Box<dyn Error>> {
+fn size(rows: &[Row], scale: u32) -> (u32, u32) {
     let columns = rows.iter().map(|row| row.panels.len()).max().unwrap_or(0);
-    let size = (PANEL.0 * u32::try_from(columns)?, PANEL.1 * u32::try_from(rows.len())?);
-    let area = SVGBackend::with_string(svg, size).into_drawing_area();
-    area.fill(&WHITE)?;
+    let pixels =
+        |panels: usize, size: u32| u32::try_from(panels).unwrap_or(u32::MAX).saturating_mul(size * scale);
+    (pixels(columns, PANEL.0), pixels(rows.len(), PANEL.1))
+}
+
+fn styles() -> impl Iterator<Item = (RGBColor, &'static [u32])> {
+    STYLES.into_iter().chain([MARK])
+}
+
+/// Returns the dashes of a colour: the drawing library knows none.
+fn dashes((red, green, blue): (u8, u8, u8)) -> &'static [u32] {
+    let mut styles = styles().filter(|(colour, _)| *colour == RGBColor(red, green, blue));
+    styles.next().map_or(&[], |(_, dashes)| dashes)
+}
+
+/// Adds the dashes of each colour.
+fn dashed(svg: String) -> String {
+    styles().filter(|(_, dashes)| !dashes.is_empty()).fold(svg, |svg, (colour, dashes)| {
+        let stroke = format!("stroke=\"#{:02X}{:02X}{:02X}\"", colour.0, colour.1, colour.2);
+        let dashes: Vec<String> = dashes.iter().map(u32::to_string).collect();
+        svg.replace(&stroke, &format!("{stroke} stroke-dasharray=\"{}\"", dashes.join(" ")))
+    })
+}
+
+fn draw<B: DrawingBackend>(backend: B, rows: &[Row], scale: u32) -> Result<(), String> {
+    let all = rows.iter().flat_map(|row| &row.panels);
+    let (begin, end) = extremes(all.flat_map(Panel::points).map(|(time, _)| time)).unwrap_or((0.0, 1.0));
+    let times = begin..end.max(begin + 1e-3);
+    let columns = rows.iter().map(|row| row.panels.len()).max().unwrap_or(0);
+    let area = backend.into_drawing_area();
+    area.fill(&WHITE).map_err(text_of)?;
     let panels = rows.iter().flat_map(|row| row.panels.iter().map(|panel| (panel, &row.marks[..])));
     for (index, ((panel, marks), area)) in panels.zip(area.split_evenly((rows.len(), columns))).enumerate() {
-        draw_panel(&area, panel, marks, times.clone(), index == 0)?;
+        let style = Style { scale, times: times.clone(), has_legend: index == 0 };
+        style.draw_panel(&area, panel, marks)?;
     }
-    Ok(area.present()?)
+    area.present().map_err(text_of)
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Chart<'a, 'b> = ChartContext<'b, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+fn text_of(error: impl ToString) -> String {
+    error.to_string()
+}
 
-fn draw_panel(
-    area: &Area<'_>,
-    panel: &Panel,
-    marks: &[Mark],
+type Area<B> = DrawingArea<B, Shift>;
+type Chart<'b, B> = ChartContext<'b, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// The look of a panel.
+struct Style {
+    scale: u32,
     times: Range<f64>,
     has_legend: bool,
-) -> Result<(), Box<dyn Error>> {
-    let mut chart = ChartBuilder::on(area)
-        .margin(8)
-        .x_label_area_size(28)
-        .y_label_area_size(52)
-        .caption(&panel.title, ("sans-serif", 15))
-        .build_cartesian_2d(times.clone(), panel.values())
-        .map_err(|error| error.to_string())?;
-    let mesh = chart.configure_mesh().x_labels(6).y_labels(6).x_desc("s").draw();
-    mesh.map_err(|error| error.to_string())?;
-    for mark in marks.iter().filter(|mark| times.contains(&mark.time)) {
-        draw_mark(&mut chart, mark, panel.values())?;
-    }
-    for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
-        draw_curve(&mut chart, curve, colour)?;
-    }
-    if has_legend {
-        let mut labels = chart.configure_series_labels();
-        let labels = labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE);
-        labels.border_style(BLACK).legend_area_size(34).draw().map_err(|error| error.to_string())?;
-    }
-    Ok(())
 }
 
-/// Draws the parts of a curve; a part of one value is a point.
-fn draw_curve(chart: &mut Chart<'_, '_>, curve: &Curve, colour: RGBColor) -> Result<(), String> {
-    for part in curve.parts() {
-        match part[..] {
-            [point] => chart.draw_series([Circle::new(point, 1, colour.filled())]),
-            _ => chart.draw_series(LineSeries::new(part, colour.stroke_width(1))),
+impl Style {
+    fn font(&self, size: u32) -> (&'static str, u32) {
+        ("sans-serif", size * self.scale)
+    }
+
+    fn draw_panel<B: DrawingBackend>(
+        &self,
+        area: &Area<B>,
+        panel: &Panel,
+        marks: &[Mark],
+    ) -> Result<(), String> {
+        let mut chart = ChartBuilder::on(area)
+            .margin(8 * self.scale)
+            .x_label_area_size(28 * self.scale)
+            .y_label_area_size(52 * self.scale)
+            .caption(&panel.title, self.font(15))
+            .build_cartesian_2d(self.times.clone(), panel.values())
+            .map_err(text_of)?;
+        let mut mesh = chart.configure_mesh();
+        let mesh = mesh
+            .x_labels(6)
+            .y_labels(6)
+            .x_desc("s")
+            .label_style(self.font(11))
+            .axis_desc_style(self.font(11));
+        mesh.draw().map_err(text_of)?;
+        for mark in marks.iter().filter(|mark| self.times.contains(&mark.time)) {
+            self.draw_mark(&mut chart, mark, panel.values())?;
         }
-        .map_err(|error| error.to_string())?;
+        for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
+            self.draw_curve(&mut chart, curve, colour)?;
+        }
+        if self.has_legend {
+            let mut labels = chart.configure_series_labels();
+            let labels = labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE);
+            let labels =
+                labels.border_style(BLACK).label_font(self.font(11)).legend_area_size(34 * self.scale);
+            labels.draw().map_err(text_of)?;
+        }
+        Ok(())
     }
-    let named = chart.draw_series(LineSeries::new([], colour)).map_err(|error| error.to_string())?;
-    named
-        .label(curve.name)
-        .legend(move |(x, y)| PathElement::new([(x, y), (x + 28, y)], colour.stroke_width(2)));
-    Ok(())
-}
 
-/// Draws a line over the whole height, and its name along it.
-fn draw_mark(chart: &mut Chart<'_, '_>, mark: &Mark, values: Range<f64>) -> Result<(), String> {
-    let line = PathElement::new([(mark.time, values.start), (mark.time, values.end)], MARK.0.stroke_width(1));
-    chart.draw_series([line]).map_err(|error| error.to_string())?;
-    let style = ("sans-serif", 10).into_font().transform(FontTransform::Rotate90).color(&MARK.0);
-    let name = EmptyElement::at((mark.time, values.end)) + Text::new(mark.name.clone(), (-4, 2), style);
-    chart.draw_series([name]).map_err(|error| error.to_string())?;
-    Ok(())
+    /// Draws the parts of a curve; a part of one value is a point.
+    fn draw_curve<B: DrawingBackend>(
+        &self,
+        chart: &mut Chart<'_, B>,
+        curve: &Curve,
+        colour: RGBColor,
+    ) -> Result<(), String> {
+        let scale = self.scale;
+        for part in curve.parts() {
+            match part[..] {
+                [point] => chart.draw_series([Circle::new(point, scale, colour.filled())]),
+                _ => chart.draw_series(LineSeries::new(part, colour.stroke_width(scale))),
+            }
+            .map_err(text_of)?;
+        }
+        let named = chart.draw_series(LineSeries::new([], colour)).map_err(text_of)?;
+        let length = (28 * scale) as i32;
+        named.label(curve.name).legend(move |(x, y)| {
+            PathElement::new([(x, y), (x + length, y)], colour.stroke_width(2 * scale))
+        });
+        Ok(())
+    }
+
+    /// Draws a line over the whole height, and its name along it.
+    fn draw_mark<B: DrawingBackend>(
+        &self,
+        chart: &mut Chart<'_, B>,
+        mark: &Mark,
+        values: Range<f64>,
+    ) -> Result<(), String> {
+        let ends = [(mark.time, values.start), (mark.time, values.end)];
+        chart.draw_series([PathElement::new(ends, MARK.0.stroke_width(self.scale))]).map_err(text_of)?;
+        let style = self.font(10).into_font().transform(FontTransform::Rotate90).color(&MARK.0);
+        let beside = (-4 * self.scale as i32, 2 * self.scale as i32);
+        let name = EmptyElement::at((mark.time, values.end)) + Text::new(mark.name.clone(), beside, style);
+        chart.draw_series([name]).map_err(text_of)?;
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -286,7 +360,7 @@ mod tests {
             curve.take(1.0, Some(1.0));
         }
         let marks = vec![Mark { time: 0.5, name: "stop".to_owned() }];
-        let svg = draw(&[Row { panels: vec![panel], marks }]).unwrap();
+        let svg = svg(&[Row { panels: vec![panel], marks }]).unwrap();
         for dashes in ["2 2", "7 3", "1 3"] {
             assert!(svg.contains(&format!("stroke-dasharray=\"{dashes}\"")), "{dashes}");
         }
@@ -302,7 +376,7 @@ mod tests {
             panel[0].curves[2].take(time, Some(1.0));
         }
         let marks = vec![Mark { time: 0.6, name: "legs is stopped: motor-lost (knee)".to_owned() }];
-        let svg = draw(&[Row { panels: panel.into(), marks }]).unwrap();
+        let svg = svg(&[Row { panels: panel.into(), marks }]).unwrap();
         for text in [
             "<svg",
             "knee &lt;b&gt;: velocity, rad/s",

@@ -26,9 +26,12 @@ pub struct PlotArguments {
     /// Another recording, whose joints are drawn below those of the first; can be given several times.
     #[arg(long, value_name = "FILE")]
     with: Vec<PathBuf>,
-    /// The picture; `-` is the standard output.
+    /// The picture as an SVG; `-` is the standard output.
     #[arg(long, value_name = "FILE", default_value = "-")]
     svg: PathBuf,
+    /// The picture as a PNG instead; `-` is the standard output.
+    #[arg(long, value_name = "FILE", conflicts_with = "svg")]
+    png: Option<PathBuf>,
     /// Start at this time after the first cycle, s.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_time)]
     from: f64,
@@ -54,11 +57,13 @@ pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
     if rows.iter().flat_map(|row| &row.panels).all(Panel::is_empty) {
         return Err(RecorderFailure::Empty);
     }
-    let svg = picture::draw(&rows).map_err(RecorderFailure::Picture)?;
-    match arguments.svg.as_os_str() == "-" {
-        true => Ok(io::stdout().lock().write_all(svg.as_bytes())?),
-        false => std::fs::write(&arguments.svg, svg)
-            .map_err(|error| RecorderFailure::unwritable(&arguments.svg, error)),
+    let (file, picture) = match &arguments.png {
+        Some(file) => (file, picture::png(&rows).map_err(RecorderFailure::Picture)?),
+        None => (&arguments.svg, picture::svg(&rows).map_err(RecorderFailure::Picture)?.into_bytes()),
+    };
+    match file.as_os_str() == "-" {
+        true => Ok(io::stdout().lock().write_all(&picture)?),
+        false => std::fs::write(file, picture).map_err(|error| RecorderFailure::unwritable(file, error)),
     }
 }
 

@@ -41,6 +41,8 @@ fn recording_holds_every_cycle_and_is_drawn() {
         "{}",
         said(&picture)
     );
+    let picture = daemon.motorctl(&["plot", path, "fl-knee", "fl-hip", "--with", path, "--png", "-"]);
+    assert!(picture.stdout.starts_with(b"\x89PNG") && picture.status.success(), "{}", said(&picture));
     let unknown = daemon.motorctl(&["plot", path, "elbow"]);
     assert!(status(&unknown) == 64 && said(&unknown).contains("fl-knee"), "{}", said(&unknown));
 
