@@ -1,10 +1,9 @@
 //! The IMUs: a summary below the joints.
 
 use super::super::picture::Reading;
-use super::text::{bold, flowed};
+use super::text::{alarm, bold, flowed, warning};
 use crate::imu_report::ImuReport;
 use motord_terminal::number;
-use ratatui::style::{Color, Stylize};
 use ratatui::text::{Line, Span};
 
 /// Returns at most `most` lines; lost IMUs first. None for a robot without IMUs.
@@ -20,7 +19,7 @@ pub(super) fn lines(reading: &Reading, width: usize, most: usize) -> Vec<Line<'s
 fn entry(imu: &ImuReport) -> Line<'static> {
     let mut line = Line::from(vec![bold(imu.name.clone()), Span::raw(" ")]);
     if imu.lost {
-        line.push_span(Span::from("lost").bold().fg(Color::Red));
+        line.push_span(alarm("lost"));
         line.push_span(Span::raw(" "));
     }
     let [roll, pitch, yaw] = [0, 1, 2]
@@ -29,7 +28,7 @@ fn entry(imu: &ImuReport) -> Line<'static> {
     line.push_span(Span::raw(format!("roll {roll}° pitch {pitch}° yaw {yaw}° {rate} rad/s {age} ms old")));
     for (name, count) in [("missing", imu.missing), ("rejected", imu.rejected)] {
         if count > 0 {
-            line.push_span(Span::from(format!(" {name} {count}")).fg(Color::Yellow));
+            line.push_span(warning(format!(" {name} {count}")));
         }
     }
     line
