@@ -165,7 +165,7 @@ fn unheard_stop_and_pasted_text_are_shown() {
     let screens = moment("not-heard", &SMALL, &picture(stopped()), &notice);
     assert_has(
         &screens,
-        &["may still move: cut the power. rr-hip, rr-thigh, rr-knee", "Pasted text was ignored."],
+        &["may still move, so cut the power: rr-hip, rr-thigh, rr-knee", "Pasted text was ignored."],
     );
 }
 
