@@ -397,6 +397,7 @@ impl Motor {
     }
 
     /// Returns the ids of all frames that it receives.
+    #[cfg(feature = "bridge")]
     pub(crate) fn addresses(&self) -> impl Iterator<Item = FrameId> {
         [self.address()].into_iter().chain(self.register_requests())
     }
