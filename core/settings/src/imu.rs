@@ -4,9 +4,7 @@
 //! sensor's heading is zero.
 
 use motord_bus::Duration;
-
-/// Largest difference of the norm of an orientation from 1.
-const NORM_TOLERANCE: f64 = 0.01;
+use motord_protocol::imu::Quaternion;
 
 /// `[[imu]]`.
 #[derive(Debug, Clone)]
@@ -80,68 +78,42 @@ impl ImuSample {
     /// is not 0.99 to 1.01. A temperature that is not finite is left out.
     #[must_use]
     pub fn checked(&self) -> Option<Self> {
+        let orientation = Quaternion::new(self.orientation).ok()?.parts();
         let mut values = self.angular_velocity.iter().chain(&self.acceleration);
-        let orientation = self.orientation.map(f64::from);
-        let norm = orientation.iter().map(|value| value * value).sum::<f64>().sqrt();
-        let is_sound = values.all(|value| value.is_finite()) && (norm - 1.0).abs() <= NORM_TOLERANCE;
-        is_sound.then(|| Self {
-            orientation: orientation.map(|value| (value / norm) as f32),
-            temperature: self.temperature.filter(|value| value.is_finite()),
-            ..*self
-        })
+        let temperature = self.temperature.filter(|value| value.is_finite());
+        values.all(|value| value.is_finite()).then_some(Self { orientation, temperature, ..*self })
     }
 }
 
 /// The rotation from the frame of the sensor to that of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mount([f64; 4]);
+pub struct Mount(Quaternion);
 
 impl Mount {
     /// The sensor has the axes of the body.
-    pub const ALIGNED: Self = Self([1.0, 0.0, 0.0, 0.0]);
+    pub const ALIGNED: Self = Self(Quaternion { w: 1.0, x: 0.0, y: 0.0, z: 0.0 });
 
     /// The sensor is turned against the body by `roll`, `pitch` and `yaw`, rad, about x, y and z of the body, in this order.
     #[must_use]
     pub fn from_roll_pitch_yaw([roll, pitch, yaw]: [f64; 3]) -> Self {
         let turn = |angle: f64, axis: usize| {
-            let mut turn = [(angle / 2.0).cos(), 0.0, 0.0, 0.0];
-            turn[1 + axis] = (angle / 2.0).sin();
-            turn
+            let mut parts = [(angle / 2.0).cos() as f32, 0.0, 0.0, 0.0];
+            parts[1 + axis] = (angle / 2.0).sin() as f32;
+            Quaternion::from(parts)
         };
-        Self(product(turn(yaw, 2), product(turn(pitch, 1), turn(roll, 0))))
+        Self(turn(yaw, 2).after(turn(pitch, 1)).after(turn(roll, 0)))
     }
 
     /// Returns the sample of a sensor in the frame of the body.
     #[must_use]
     pub fn to_body(&self, sample: &ImuSample) -> ImuSample {
-        let orientation = product(sample.orientation.map(f64::from), conjugate(self.0));
         ImuSample {
-            orientation: orientation.map(|value| value as f32),
-            angular_velocity: self.turned(sample.angular_velocity),
-            acceleration: self.turned(sample.acceleration),
+            orientation: Quaternion::from(sample.orientation).after(self.0.inverse()).parts(),
+            angular_velocity: self.0.rotate(sample.angular_velocity),
+            acceleration: self.0.rotate(sample.acceleration),
             temperature: sample.temperature,
         }
     }
-
-    fn turned(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
-        let vector = [0.0, x.into(), y.into(), z.into()];
-        let [_, turned @ ..] = product(product(self.0, vector), conjugate(self.0));
-        turned.map(|value| value as f32)
-    }
-}
-
-/// The product of two quaternions w, x, y, z: the rotation `b`, then `a`.
-fn product([aw, ax, ay, az]: [f64; 4], [bw, bx, by, bz]: [f64; 4]) -> [f64; 4] {
-    [
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    ]
-}
-
-fn conjugate([w, x, y, z]: [f64; 4]) -> [f64; 4] {
-    [w, -x, -y, -z]
 }
 
 #[cfg(test)]
@@ -195,8 +167,8 @@ mod tests {
             ..ImuSample::LEVEL
         };
         assert_near(&roll_pitch_yaw(&turned_left().to_body(&level)), &[0.0; 3]);
-        let about_x = [f64::cos(0.15), f64::sin(0.15), 0.0, 0.0];
-        let tilted = product(level.orientation.map(f64::from), about_x).map(|value| value as f32);
+        let about_x = Quaternion::from([f32::cos(0.15), f32::sin(0.15), 0.0, 0.0]);
+        let tilted = Quaternion::from(level.orientation).after(about_x).parts();
         let body = turned_left().to_body(&ImuSample { orientation: tilted, ..level });
         assert_near(&roll_pitch_yaw(&body), &[0.0, 0.3, 0.0]);
     }

@@ -75,12 +75,17 @@ impl Quaternion {
         }
     }
 
+    /// Returns the opposite rotation.
+    #[must_use]
+    pub const fn inverse(self) -> Self {
+        Self { w: self.w, x: -self.x, y: -self.y, z: -self.z }
+    }
+
     /// Returns the vector `from` after the rotation.
     #[must_use]
     pub fn rotate(self, from: [f32; 3]) -> [f32; 3] {
         let vector = Self { w: 0.0, x: from[0], y: from[1], z: from[2] };
-        let inverse = Self { w: self.w, x: -self.x, y: -self.y, z: -self.z };
-        let rotated = self.after(vector).after(inverse);
+        let rotated = self.after(vector).after(self.inverse());
         [rotated.x, rotated.y, rotated.z]
     }
 }
