@@ -255,7 +255,7 @@ enum Command {
         /// The name. Without it the command lists all names.
         name: Option<String>,
     },
-    /// Inject a fault into a simulated motor or bus, to test a controller.
+    /// Inject a fault into a simulated motor, bus or IMU, to test a controller.
     ///
     /// Only an instance with simulated buses accepts faults, such as that of
     /// config/quadruped-simulated.toml.

@@ -1,4 +1,4 @@
-//! `motorctl sim`: faults for simulated motors and buses, in a running daemon.
+//! `motorctl sim`: faults for simulated motors, buses and IMUs, in a running daemon.
 
 use crate::advice::motorctl;
 use crate::failure::Failure;
@@ -11,7 +11,7 @@ use std::io::{self, Write};
 /// The options of `motorctl sim`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Sim {
-    /// Name of a motor or a bus.
+    /// Name of a motor, a bus or an IMU.
     target: String,
     /// The fault, see below. `ok` ends all faults of the target.
     fault: String,
@@ -38,7 +38,7 @@ pub(crate) fn after_help() -> String {
     format!(
         "Examples:\n  motorctl sim fl-knee off\n  motorctl sim fl-knee ok --json\n  motorctl sim fl-knee fault over-voltage\n  motorctl sim fl-knee ok\n  \
          motorctl sim front-left bus-off\n  motorctl sim front-left ok\n\nFaults of a motor or a bus:\n{}\nFaults of a \
-         motor:\n{}\nFaults of a bus:\n{}\nFaults that a drive may raise, by name, as far as its vendor has them:\n  {}",
+         motor:\n{}\nFaults of a bus:\n{}\nFaults of an IMU:\n  ok, off, gone, stuck, garbage, delayed, intermittent\n\nFaults that a drive may raise, by name, as far as its vendor has them:\n  {}",
         Verb::list(&[FaultTarget::Any]),
         Verb::list(&[FaultTarget::Motor]),
         Verb::list(&[FaultTarget::Bus]),

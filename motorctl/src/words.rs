@@ -19,7 +19,7 @@ const INSTANCE: &str = "instance";
 enum Kind {
     Groups,
     Joints,
-    /// Joints and buses.
+    /// Joints, buses and IMUs.
     Targets,
     Instances,
     Pages,
@@ -64,7 +64,10 @@ fn known(kind: Kind, instance: &str) -> Vec<String> {
             let joints = robot.joints.iter().map(|joint| joint.name.clone());
             match kind {
                 Kind::Groups => robot.groups.iter().map(|group| group.name.clone()).collect(),
-                Kind::Targets => joints.chain(robot.buses.iter().cloned()).collect(),
+                Kind::Targets => {
+                    let imus = robot.imus.iter().map(|imu| imu.name.clone());
+                    joints.chain(robot.buses.iter().cloned()).chain(imus).collect()
+                }
                 _ => joints.collect(),
             }
         }

@@ -1,4 +1,4 @@
-//! Lines that ask for a fault of a simulated motor or bus, with answers for people.
+//! Lines that ask for a fault of a simulated motor, bus or IMU, with answers for people.
 
 use motord_bus::Duration;
 use motord_configuration::suggestion;
