@@ -1,4 +1,4 @@
-//! Settings that are allowed and seldom meant: each is a warning with its line and the remedy.
+//! Settings that are permitted but are often mistakes: each causes a warning with its line and the remedy.
 
 use crate::document::{damaged, judge, warnings, with_serial};
 use motord_configuration::{Problem, Wrong};

@@ -140,7 +140,7 @@ fn terminal_prompts_with_defaults_for_empty_answers() {
     assert_eq!((loaded.settings.motors.len(), loaded.settings.buses.len()), (6, 2));
 }
 
-/// Goal: whoever starts `motord init` on a terminal has a file afterwards, and loses none.
+/// Goal: `motord init` on a terminal writes a file, and overwrites none without asking.
 /// Method: a terminal on all three streams, twice in one directory; then the same into a pipe.
 #[test]
 fn terminal_without_file_asks_for_one() {

@@ -84,7 +84,7 @@ fn only_daemon_elsewhere_is_stopped() {
     assert!(said.contains("MOTORD_RUNTIME_DIR=/") && said.contains("motorctl reset`"), "{said}");
 }
 
-/// Goal: whoever names the wrong instance in a hurry has the right line, and the one that stops everything.
+/// Goal: an operator who names the wrong instance sees the line of each running instance, and the line that stops all.
 #[test]
 fn wrong_instance_prints_lines_that_stop() {
     let Some(output) = alone("start other arm; motorctl --instance leg estop") else { return };

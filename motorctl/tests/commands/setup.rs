@@ -96,7 +96,7 @@ fn silent_motors_are_counted_and_named() {
     assert!(said.contains("\n2 do not answer: knee (id 3), hip (id 4)\n"), "{said}");
 }
 
-/// Goal: two motors with one id are told from a motor without power.
+/// Goal: `setup` distinguishes two motors with one id from a motor without power.
 /// Method: both receive each request and answer at once, so that the line carries damaged bytes.
 #[test]
 fn two_motors_with_one_id_are_suspected() {

@@ -74,7 +74,7 @@ pub(super) fn earlier(text: &str, offset: usize, name: &str) -> Option<usize> {
         line.starts_with('[') && table.rsplit('.').next() == Some(name)
     };
     let own = own.trim_start();
-    // Only a table below another may be a key, too.
+    // `[a.b]` and a key `b` in `[a]` have the same name; `[a]` and a key do not.
     let (of_key, of_table) = (!own.starts_with('[') || own.contains('.'), own.starts_with('['));
     let found = |line: &&str| (of_key && is_key_of(line)) || (of_table && is_table(line.trim_start()));
     before.iter().rposition(|line| found(&line.trim_start())).map(|index| index + 1)

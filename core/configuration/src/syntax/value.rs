@@ -32,7 +32,7 @@ fn of_conflict(line: &Line<'_>) -> Option<String> {
     is_mark.then(|| "is a mark of a merge conflict; choose one side, and delete the marks".to_owned())
 }
 
-/// A letter that looks like a space, or that nobody sees.
+/// Explains an invisible letter, or one that looks like a space.
 fn of_letter(line: &Line<'_>) -> Option<String> {
     let letter = line.rest.chars().next()?;
     let is_seen = letter.is_ascii_graphic()
