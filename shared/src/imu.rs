@@ -11,138 +11,89 @@ pub const IMU_VALID: u32 = 1 << 1;
 /// the first sample.
 pub const IMU_LOST: u32 = 1 << 2;
 
-plain! {
-    /// One IMU in a cycle. [`FIELDS`](Self::FIELDS) describes the fields.
-    pub struct ImuState {
-        /// Orientation: the unit quaternion w, x, y, z that turns a vector of the body into the world, whose z points up.
-        pub orientation: [f32; 4],
-        /// Angular velocity of the body, in its frame, rad/s.
-        pub angular_velocity: [f32; 3],
-        /// Specific force on the body, in its frame, m/s²: at rest 9.81 upwards.
-        pub acceleration: [f32; 3],
-        /// Temperature of the sensor, °C; NaN when it is not reported.
-        pub temperature: f32,
+macro_rules! optional {
+    () => {
+        None
+    };
+    ($value:expr) => {
+        Some($value)
+    };
+}
+
+/// Declares the message and the descriptions of its fields, in the order of the memory. `proto` numbers are never reused.
+macro_rules! define {
+    (
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ty, $kind:expr $(, unit $unit:literal)?
+            $(, json $json:ident)? $(, proto $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bit:ident, proto $flag_number:literal;)+ }
+    ) => {
+        plain! {
+            /// One IMU in a cycle. Values that are not known are NaN. [`FIELDS`](Self::FIELDS) describes the fields.
+            pub struct ImuState {
+                $(#[doc = $doc] $(#[doc = concat!("\n\nUnit: ", $unit, ".")])? pub $name: $type,)+
+            }
+        }
+
+        impl ImuState {
+            /// All fields and flags, in the order of the memory.
+            pub const FIELDS: &'static [Field] = &[
+                $(Field {
+                    name: stringify!($name),
+                    doc: $doc.trim_ascii(),
+                    unit: concat!("" $(, $unit)?),
+                    kind: $kind,
+                    offset: core::mem::offset_of!(Self, $name),
+                    json: optional!($(stringify!($json))?),
+                    proto: optional!($((stringify!($name), $number))?),
+                },)+
+                $(Field {
+                    name: stringify!($flag),
+                    doc: $flag_doc.trim_ascii(),
+                    unit: "",
+                    kind: Kind::Flag($bit),
+                    offset: core::mem::offset_of!(Self, flags),
+                    json: Some(stringify!($flag)),
+                    proto: Some((stringify!($flag), $flag_number)),
+                },)+
+            ];
+        }
+    };
+}
+
+define! {
+    fields {
+        /// Orientation of the body in the world, whose z points up: a unit quaternion w, x, y, z.
+        orientation: [f32; 4], Kind::Vector(4), json orientation, proto 3;
+        /// Angular velocity of the body, in its frame.
+        angular_velocity: [f32; 3], Kind::Vector(3), unit "rad/s", json angular_velocity, proto 4;
+        /// Specific force on the body, in its frame: at rest 9.81 upwards.
+        acceleration: [f32; 3], Kind::Vector(3), unit "m/s²", json acceleration, proto 5;
+        /// Temperature of the sensor.
+        temperature: f32, Kind::Optional, unit "°C", json temperature_celsius, proto 6;
         /// `IMU_*` flags.
-        pub flags: u32,
-        /// Samples that the device took and motord did not receive, modulo 2³².
-        pub missing: u32,
-        /// Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion; modulo 2³².
-        pub rejected: u32,
+        flags: u32, Kind::Flags;
+        /// Samples that the device took and motord did not receive.
+        missing: u32, Kind::Count, json missing, proto 10;
+        /// Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion.
+        rejected: u32, Kind::Count, json rejected, proto 11;
         /// Samples received since the daemon started.
-        pub sequence: u64,
-        /// Time when the sample was received, ns of `CLOCK_MONOTONIC`; 0 before the first.
-        pub receive_ns: u64,
+        sequence: u64, Kind::Total, json sequence, proto 2;
+        /// Time when the sample was received.
+        receive_ns: u64, Kind::Time, unit "ns", proto 12;
+    }
+    flags {
+        /// A sample was received since the previous states were published.
+        fresh: IMU_FRESH, proto 7;
+        /// At least one sample was received since the daemon started.
+        valid: IMU_VALID, proto 8;
+        /// No sample for longer than `lost-after-ms`, or the device is disconnected. True until the first sample.
+        lost: IMU_LOST, proto 9;
     }
 }
 
-/// Describes a field of `ImuState`.
-macro_rules! field {
-    ($name:ident, $doc:literal, $unit:literal, $kind:expr, $json:expr, $proto:expr) => {
-        Field {
-            name: stringify!($name),
-            doc: $doc,
-            unit: $unit,
-            kind: $kind,
-            offset: core::mem::offset_of!(ImuState, $name),
-            json: $json,
-            proto: $proto,
-        }
-    };
-}
-
-/// Describes a flag of `ImuState`.
-macro_rules! flag {
-    ($name:literal, $doc:literal, $bit:expr, $number:literal) => {
-        Field {
-            name: $name,
-            doc: $doc,
-            unit: "",
-            kind: Kind::Flag($bit),
-            offset: core::mem::offset_of!(ImuState, flags),
-            json: Some($name),
-            proto: Some(($name, $number)),
-        }
-    };
-}
-
 impl ImuState {
-    /// All fields and flags, in the order of the memory.
-    pub const FIELDS: &'static [Field] = &[
-        field!(
-            orientation,
-            "Orientation of the body in the world, whose z points up: a unit quaternion w, x, y, z.",
-            "",
-            Kind::Vector(4),
-            Some("orientation"),
-            Some(("orientation", 3))
-        ),
-        field!(
-            angular_velocity,
-            "Angular velocity of the body, in its frame.",
-            "rad/s",
-            Kind::Vector(3),
-            Some("angular_velocity"),
-            Some(("angular_velocity", 4))
-        ),
-        field!(
-            acceleration,
-            "Specific force on the body, in its frame: at rest 9.81 upwards.",
-            "m/s²",
-            Kind::Vector(3),
-            Some("acceleration"),
-            Some(("acceleration", 5))
-        ),
-        field!(
-            temperature,
-            "Temperature of the sensor.",
-            "°C",
-            Kind::Optional,
-            Some("temperature_celsius"),
-            Some(("temperature", 6))
-        ),
-        field!(flags, "`IMU_*` flags.", "", Kind::Flags, None, None),
-        field!(
-            missing,
-            "Samples that the device took and motord did not receive.",
-            "",
-            Kind::Count,
-            Some("missing"),
-            Some(("missing", 10))
-        ),
-        field!(
-            rejected,
-            "Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion.",
-            "",
-            Kind::Count,
-            Some("rejected"),
-            Some(("rejected", 11))
-        ),
-        field!(
-            sequence,
-            "Samples received since the daemon started.",
-            "",
-            Kind::Total,
-            Some("sequence"),
-            Some(("sequence", 2))
-        ),
-        field!(
-            receive_ns,
-            "Time when the sample was received.",
-            "ns",
-            Kind::Time,
-            None,
-            Some(("receive_ns", 12))
-        ),
-        flag!("fresh", "A sample was received since the previous states were published.", IMU_FRESH, 7),
-        flag!("valid", "At least one sample was received since the daemon started.", IMU_VALID, 8),
-        flag!(
-            "lost",
-            "No sample for longer than `lost-after-ms`, or the device is disconnected. True until the first sample.",
-            IMU_LOST,
-            9
-        ),
-    ];
-
     /// The state before the first sample: nothing is known.
     pub const UNKNOWN: Self = Self {
         orientation: [f32::NAN; 4],
