@@ -182,6 +182,18 @@ pub enum Wrong {
     #[error("{lost_ms} ms is less than 2 samples of {sample_ms} ms; give it at least {} ms", 2.0 * sample_ms)]
     LostWithinSamples { lost_ms: f64, sample_ms: f64 },
 
+    #[error("does not belong to an IMU of type `{kind}`; remove it, or change the type")]
+    NotOfThisImu { kind: &'static str },
+    #[error("{baud} bit/s is no rate of this device; give one of {known}")]
+    ImuBaud { baud: u32, known: String },
+    #[error(
+        "{rate_hz} samples per second of {bytes} bytes need {needed:.0} bit/s, and the line has {baud}; at most {rate_hz_max} Hz: \
+         lower it here and in the device, or raise the baud rate of both"
+    )]
+    ImuLineFull { rate_hz: f64, bytes: usize, needed: f64, baud: u32, rate_hz_max: f64 },
+    #[error("{name:?} is used by {other} already; a serial line carries one device: give each its own")]
+    ImuDeviceTaken { name: String, other: String },
+
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
     InterfaceName { name: String },

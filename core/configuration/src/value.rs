@@ -1,6 +1,7 @@
 //! The types of values: their names, and how they are read.
 
 use motord_protocol::MotorProtocol;
+use motord_protocol::imu::SerialProtocol;
 use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -275,10 +276,15 @@ impl Choice for BusType {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ImuType {
     Simulated,
+    Serial(SerialProtocol),
 }
 
 impl Choice for ImuType {
-    const WORDS: &'static [(&'static str, Self)] = &[("simulated", Self::Simulated)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("simulated", Self::Simulated),
+        (SerialProtocol::Hipnuc.name(), Self::Serial(SerialProtocol::Hipnuc)),
+        (SerialProtocol::Xsens.name(), Self::Serial(SerialProtocol::Xsens)),
+    ];
 }
 
 impl Choice for WhenLost {

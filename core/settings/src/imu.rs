@@ -4,7 +4,7 @@
 //! sensor's heading is zero.
 
 use motord_bus::Duration;
-use motord_protocol::imu::Quaternion;
+use motord_protocol::imu::{Quaternion, SerialProtocol};
 
 /// `[[imu]]`.
 #[derive(Debug, Clone)]
@@ -28,6 +28,50 @@ pub struct ImuSettings {
 pub enum ImuSource {
     /// Simulated inside the daemon.
     Simulated(ImuSimulation),
+    /// A device on a serial line.
+    Serial(ImuSerial),
+}
+
+impl ImuSource {
+    /// The word for its type in the configuration.
+    #[must_use]
+    pub const fn type_name(&self) -> &'static str {
+        match self {
+            Self::Simulated(_) => "simulated",
+            Self::Serial(serial) => serial.protocol.name(),
+        }
+    }
+
+    /// The serial line of the device, if it has one.
+    #[must_use]
+    pub const fn serial(&self) -> Option<&ImuSerial> {
+        if let Self::Serial(serial) = self { Some(serial) } else { None }
+    }
+}
+
+/// A device on a serial line, which sends samples without a request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ImuSerial {
+    /// Its protocol.
+    pub protocol: SerialProtocol,
+    /// Path of the device, such as `/dev/ttyUSB0`.
+    pub device: String,
+    /// Bit/s.
+    pub baud: u32,
+}
+
+impl ImuSerial {
+    /// Bytes in a second at this rate, at least.
+    #[must_use]
+    pub fn bytes_per_second(&self, rate_hz: f64) -> f64 {
+        rate_hz * self.protocol.sample_len() as f64
+    }
+
+    /// Part of the line that these bytes take, 1 for all of it.
+    #[must_use]
+    pub fn utilisation(&self, rate_hz: f64) -> f64 {
+        rate_hz / self.protocol.rate_hz_max(self.baud)
+    }
 }
 
 /// `[imu.simulation]`: the errors of a simulated IMU.

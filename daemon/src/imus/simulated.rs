@@ -45,7 +45,8 @@ impl SimulatedImus {
     /// Takes the simulated ones of `imus`, with their ends of the cycle. `None` when there is none.
     #[must_use]
     pub fn of(imus: &[ImuSettings], inputs: Vec<Input<ImuReading>>, start: Instant) -> Option<Self> {
-        let sources: Vec<_> = imus.iter().zip(inputs).map(|(imu, input)| source(imu, input, start)).collect();
+        let sources: Vec<_> =
+            imus.iter().zip(inputs).filter_map(|(imu, input)| source(imu, input, start)).collect();
         (!sources.is_empty()).then(|| Self(Arc::new(Mutex::new(sources))))
     }
 
@@ -74,15 +75,16 @@ impl SimulatedImus {
     }
 }
 
-fn source(settings: &ImuSettings, input: Input<ImuReading>, start: Instant) -> Source {
-    let ImuSource::Simulated(errors) = &settings.source;
-    Source {
+/// `None` for a device.
+fn source(settings: &ImuSettings, input: Input<ImuReading>, start: Instant) -> Option<Source> {
+    let ImuSource::Simulated(errors) = &settings.source else { return None };
+    Some(Source {
         name: settings.name.clone(),
         device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed),
         writer: Writer::new(input, settings.mount),
         period: Duration::from_secs_f64(1.0 / settings.rate_hz),
         due: start,
-    }
+    })
 }
 
 fn converted(values: &motord_simulator::ImuValues) -> ImuSample {

@@ -6,6 +6,7 @@ mod arming;
 mod document;
 mod doubts;
 mod ids;
+mod imus;
 mod init;
 mod ipc_schedule;
 mod messages;

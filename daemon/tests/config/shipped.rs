@@ -42,7 +42,8 @@ fn simulated_quadruped_plan_is_three_quarters_per_bus() {
         })
     };
     let buses = ["front-left", "front-right", "rear-left", "rear-right"].map(bus);
-    assert_eq!(report, serde_json::json!({ "errors": [], "warnings": [], "buses": buses }));
+    let imus = [serde_json::json!({ "name": "base", "type": "simulated", "rate_hz": 500.0 })];
+    assert_eq!(report, serde_json::json!({ "errors": [], "warnings": [], "buses": buses, "imus": imus }));
 }
 
 #[test]

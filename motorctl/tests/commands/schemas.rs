@@ -205,7 +205,7 @@ fn bus_commands_print_what_schemas_state() {
 fn check_output_matches_schema_when_sound_or_refused() {
     let directory = TempDir::new().unwrap();
     let serial = config()
-        .replace("[[bus]]", "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '/dev/ttyUSB0'\n[[bus]]");
+        .replace("[[bus]]", "[[imu]]\nname = 'base'\ntype = 'xsens'\ndevice = '/dev/ttyUSB1'\n[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '/dev/ttyUSB0'\n[[bus]]");
     let too_fast = config().replace("rate-hz = 100", "rate-hz = 4000");
     for (config, is_sound) in
         [(serial.as_str(), true), (&config(), true), (&too_fast, false), ("rate = 1", false)]

@@ -91,8 +91,8 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
     }
 }
 
-/// A text that this type of bus needs.
-fn required<'e>(
+/// A text that this type of bus or IMU needs.
+pub(super) fn required<'e>(
     entry: &'e Entry<Option<String>>,
     hint: &'static str,
     findings: &mut Findings<'_>,
@@ -139,7 +139,12 @@ fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<
     Some(name.to_owned())
 }
 
-fn device(path: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
+/// Checks that it is an absolute path. A missing device is only a warning, because it may be connected later.
+pub(super) fn device(
+    path: &str,
+    entry: &Entry<Option<String>>,
+    findings: &mut Findings<'_>,
+) -> Option<String> {
     if !Path::new(path).is_absolute() || path.contains('\0') {
         findings.error(entry.at, Wrong::DevicePath { path: path.to_owned() });
         return None;

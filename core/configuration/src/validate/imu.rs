@@ -1,62 +1,149 @@
 //! `[[imu]]`: the sources of orientation and acceleration.
 
-use motord_settings::imu::{ImuSettings, ImuSimulation, ImuSource, Mount};
+use motord_bus::Identity;
+use motord_protocol::imu::{BITS_PER_BYTE, SerialProtocol};
+use motord_settings::imu::{ImuSerial, ImuSettings, ImuSimulation, ImuSource, Mount};
 use motord_shared::limits::IMUS_MAX;
 
+use super::bus;
 use super::time::{micros, millis};
 use crate::document::ImuTables;
 use crate::entry::Item;
 use crate::file::fnv1a;
 use crate::findings::Findings;
+use crate::keys;
 use crate::problem::Wrong;
-use crate::value::ImuType;
+use crate::value::{Choice, ImuType};
 
 /// Samples after which it is lost, by default; and at least this time.
 const LOST_SAMPLES: f64 = 3.0;
 const LOST_LEAST_MS: f64 = 5.0;
+/// Samples per second of a simulated IMU, by default.
+const SIMULATED_RATE_HZ: f64 = 200.0;
 
 /// All IMUs, in the order of the file; `None` for one that cannot be built.
-pub(super) fn imus(items: &[Item<ImuTables>], findings: &mut Findings<'_>) -> Vec<Option<ImuSettings>> {
+pub(super) fn imus(
+    items: &[Item<ImuTables>],
+    buses: &[Item<keys::Bus>],
+    findings: &mut Findings<'_>,
+) -> Vec<Option<ImuSettings>> {
     if let Some(beyond) = items.get(IMUS_MAX) {
         findings.error(beyond.at, Wrong::TooMany { max: IMUS_MAX });
     }
     let names = items.iter().map(|imu| &imu.keys.keys.name);
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "IMU" });
+    refuse_taken_devices(items, buses, findings);
     items.iter().map(|imu| self::imu(&imu.keys, findings)).collect()
+}
+
+/// Reports a device that a bus or an earlier IMU uses, also under another name.
+fn refuse_taken_devices(items: &[Item<ImuTables>], buses: &[Item<keys::Bus>], findings: &mut Findings<'_>) {
+    let owner =
+        |what: &str, name: &Option<String>| format!("{what} {:?}", name.as_deref().unwrap_or_default());
+    let mut taken: Vec<(&str, String)> = Vec::new();
+    for Item { keys, .. } in buses {
+        let device = keys.device.value.as_deref();
+        taken.extend(device.map(|device| (device, owner("bus", &keys.name.value))));
+    }
+    for Item { keys: ImuTables { keys, .. }, .. } in items {
+        let Some(device) = keys.device.value.as_deref() else { continue };
+        match taken.iter().find(|(other, _)| is_same_device(device, other)) {
+            Some((_, other)) => {
+                let (name, other) = (device.to_owned(), other.clone());
+                findings.error(keys.device.at, Wrong::ImuDeviceTaken { name, other });
+            }
+            None => taken.push((device, owner("IMU", &keys.name.value))),
+        }
+    }
+}
+
+/// Returns whether both paths lead to one device. A device that is not there has one name.
+fn is_same_device(one: &str, other: &str) -> bool {
+    one == other
+        || Identity::of_device(one).is_some_and(|identity| Some(identity) == Identity::of_device(other))
 }
 
 fn imu(tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSettings> {
     let keys = &tables.keys;
     let name = findings.name(&keys.name);
-    let sample_ms = 1e3 / keys.rate_hz.value;
+    let rate_hz = keys.rate_hz.value.unwrap_or_else(|| default_rate_hz(keys.kind.value));
+    let sample_ms = 1e3 / rate_hz;
     let lost_ms =
         keys.lost_after_ms.value.unwrap_or_else(|| f64::max(LOST_SAMPLES * sample_ms, LOST_LEAST_MS));
     if lost_ms < 2.0 * sample_ms {
         findings.error(keys.lost_after_ms.at, Wrong::LostWithinSamples { lost_ms, sample_ms });
     }
-    let source = source(keys.kind.value?, tables);
+    let source = source(keys.kind.value?, rate_hz, tables, findings);
     Some(ImuSettings {
         name: name?,
-        source,
-        rate_hz: keys.rate_hz.value,
+        source: source?,
+        rate_hz,
         mount: Mount::from_roll_pitch_yaw(keys.mount_rpy_deg.value.map(f64::to_radians)),
         lost_after: millis(lost_ms),
         when_lost: keys.when_lost.value,
     })
 }
 
-fn source(kind: ImuType, tables: &ImuTables) -> ImuSource {
+fn default_rate_hz(kind: Option<ImuType>) -> f64 {
+    match kind {
+        Some(ImuType::Serial(protocol)) => protocol.rate_hz_default().into(),
+        Some(ImuType::Simulated) | None => SIMULATED_RATE_HZ,
+    }
+}
+
+fn source(kind: ImuType, rate_hz: f64, tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSource> {
+    refuse_keys_of_other_types(kind, tables, findings);
     let ImuTables { keys, simulation } = tables;
     match kind {
         ImuType::Simulated => {
             // Two IMUs of one file have different names, so their noise differs.
             let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
-            ImuSource::Simulated(ImuSimulation {
+            Some(ImuSource::Simulated(ImuSimulation {
                 noise: simulation.noise_rad_s.value,
                 bias: simulation.bias_rad_s.value,
                 delay: micros(simulation.delay_us.value),
                 seed: simulation.seed.value.map_or_else(from_name, i64::cast_unsigned),
-            })
+            }))
         }
+        ImuType::Serial(protocol) => serial(protocol, rate_hz, keys, findings).map(ImuSource::Serial),
     }
+}
+
+/// Reports keys of another type: the type is wrong, or the key has no effect.
+fn refuse_keys_of_other_types(kind: ImuType, tables: &ImuTables, findings: &mut Findings<'_>) {
+    let ImuTables { keys, simulation } = tables;
+    let (is_serial, is_simulated) = (matches!(kind, ImuType::Serial(_)), kind == ImuType::Simulated);
+    let owners = [
+        (keys.device.is_written, keys.device.at, is_serial),
+        (keys.baud.is_written, keys.baud.at, is_serial),
+        (simulation.noise_rad_s.is_written, simulation.noise_rad_s.at, is_simulated),
+        (simulation.bias_rad_s.is_written, simulation.bias_rad_s.at, is_simulated),
+        (simulation.delay_us.is_written, simulation.delay_us.at, is_simulated),
+        (simulation.seed.is_written, simulation.seed.at, is_simulated),
+    ];
+    for (_, at, _) in owners.into_iter().filter(|(is_written, _, is_own)| *is_written && !is_own) {
+        findings.error(at, Wrong::NotOfThisImu { kind: kind.word() });
+    }
+}
+
+fn serial(
+    protocol: SerialProtocol,
+    rate_hz: f64,
+    keys: &keys::Imu,
+    findings: &mut Findings<'_>,
+) -> Option<ImuSerial> {
+    let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
+    let device = bus::required(&keys.device, hint, findings)
+        .and_then(|device| bus::device(device, &keys.device, findings));
+    let baud = keys.baud.value.map_or_else(|| protocol.baud_default(), |baud| baud as u32);
+    if !protocol.bauds().contains(&baud) {
+        let known: Vec<_> = protocol.bauds().iter().map(ToString::to_string).collect();
+        findings.error(keys.baud.at, Wrong::ImuBaud { baud, known: known.join(", ") });
+    } else if rate_hz > protocol.rate_hz_max(baud) {
+        let bytes = protocol.sample_len();
+        let needed = rate_hz * f64::from(bytes as u32 * BITS_PER_BYTE);
+        let rate_hz_max = protocol.rate_hz_max(baud).floor();
+        findings.error(keys.rate_hz.at, Wrong::ImuLineFull { rate_hz, bytes, needed, baud, rate_hz_max });
+    }
+    Some(ImuSerial { protocol, device: device?, baud })
 }

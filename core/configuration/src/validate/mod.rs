@@ -44,7 +44,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
-    let imus = imu::imus(&document.imus, findings);
+    let imus = imu::imus(&document.imus, &document.buses, findings);
     motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);

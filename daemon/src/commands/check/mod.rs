@@ -1,5 +1,6 @@
 //! `motord check`: judges a configuration and prints the plan of its buses, without opening any.
 
+mod imus;
 mod joints;
 
 use std::io::{self, Write};
@@ -14,6 +15,7 @@ use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_terminal::printable;
 
+use imus::ImuReport;
 use joints::JointReport;
 
 /// The exit status of a configuration that is refused.
@@ -75,6 +77,7 @@ struct Report<'a> {
     errors: Vec<String>,
     warnings: Vec<String>,
     buses: Vec<BusReport<'a>>,
+    imus: Vec<ImuReport<'a>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     joints: Option<Vec<JointReport<'a>>>,
 }
@@ -138,12 +141,14 @@ impl<'a> Report<'a> {
                 errors: Vec::new(),
                 warnings: lines(&loaded.warnings),
                 buses: bus_reports(&loaded.settings),
+                imus: imus::reports(&loaded.settings.imus),
                 joints: joints.then(|| joints::reports(loaded)),
             },
             Err(error) => Self {
                 errors: lines(&error.problems),
                 warnings: Vec::new(),
                 buses: error.refused.as_deref().map_or_else(Vec::new, bus_reports),
+                imus: error.refused.as_deref().map_or_else(Vec::new, |it| imus::reports(&it.imus)),
                 joints: None,
             },
         }
@@ -220,7 +225,8 @@ fn print_plan(file: &str, settings: &Settings, out: &mut impl Write) -> io::Resu
             "{name:<width$}  {motors:>6}  {worst:>8.1} % {unstuffed:>8.1} % {poll:>9.1} %  {highest:>7}  {verdict}"
         )?;
     }
-    write!(out, "{LEGEND}")
+    write!(out, "{LEGEND}")?;
+    imus::print(&settings.imus, out)
 }
 
 fn verdict(bus: &BusReport<'_>) -> String {

@@ -7,6 +7,8 @@
 //! | [`damiao`] | Damiao DM-IMU-L1, CAN | one reply for each quantity |
 //! | [`xsens`] | Xsens MTi, serial | one MTData2 message |
 //!
+//! [`SerialProtocol`] and [`SerialDecoder`] are those on a serial line as one type.
+//!
 //! `docs/imu-protocols.md` lists each field with its unit, its scale and its source. None of the
 //! facts was confirmed on hardware.
 //!
@@ -28,6 +30,7 @@ mod measured;
 mod request;
 mod sample;
 mod sequence;
+mod stream;
 mod window;
 pub mod xsens;
 
@@ -36,3 +39,4 @@ pub use measured::Measured;
 pub use request::CanRequest;
 pub use sample::{DeviceTime, Quaternion, Sample};
 pub use sequence::Parts;
+pub use stream::{BITS_PER_BYTE, SerialDecoder, SerialProtocol};

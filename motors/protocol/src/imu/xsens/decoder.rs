@@ -8,6 +8,9 @@ use crate::imu::window::Window;
 /// Bytes of the longest message.
 pub const MESSAGE_LEN_MAX: usize = AROUND + DATA_LEN_MAX;
 
+/// Bytes of the shortest message with quaternion, acceleration and rate of turn, in `f32`.
+pub const SAMPLE_LEN_MIN: usize = AROUND + (3 + 16) + 2 * (3 + 12);
+
 /// Bytes before and after the data.
 const AROUND: usize = 5;
 const HEADER_LEN: usize = 4;

@@ -40,4 +40,4 @@ pub mod command;
 mod decoder;
 mod item;
 
-pub use decoder::{Decoder, MESSAGE_LEN_MAX, encode};
+pub use decoder::{Decoder, MESSAGE_LEN_MAX, SAMPLE_LEN_MIN, encode};
