@@ -6,6 +6,7 @@ use motord::commands::init::{InitError, Options};
 use motord::host::log::Log;
 use motord::run_error::RunError;
 use motord_deadman::DeadmanError;
+use motord_deadman::answers::listen_on;
 use motord_deadman::interfaces::open_interface;
 use motord_deadman::safe_stop::{SafeStopError, safe_stop};
 use motord_terminal::{Pages, exit_status, printable};
@@ -21,7 +22,7 @@ use tracing_subscriber::filter::LevelFilter;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check robot.toml             judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run robot.toml               run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman robot.toml           damp and stop the motors when that daemon dies or stalls\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check robot.toml             judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run robot.toml               run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman robot.toml           damp and stop the motors when that daemon dies or stalls\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused, 80 safe-stop was sent, but motors do not answer."
 )]
 struct Arguments {
     /// The least important lines of the log: error, warn, info or debug. Every change of every motor is debug.
@@ -49,6 +50,9 @@ enum Command {
     },
     /// Damp and stop every motor on a CAN interface or serial port once, when no daemon runs. Waits for a dead man's switch that is
     /// at it.
+    ///
+    /// Motors on a CAN interface must answer: if some do not, the command names them, and the exit status is 80. Cut the power then.
+    /// Answers on a serial line, and those to the dead man's switch, are not read.
     SafeStop {
         #[command(flatten)]
         config: ConfigFile,
@@ -130,9 +134,11 @@ fn main() -> ExitCode {
         Command::Deadman { config } => {
             logged(log, || motord_deadman::run(&config.path()), DeadmanError::exit_status)
         }
-        Command::SafeStop { config } => {
-            logged(log, || safe_stop(&config.path(), &mut open_interface), SafeStopError::exit_status)
-        }
+        Command::SafeStop { config } => logged(
+            log,
+            || safe_stop(&config.path(), &mut open_interface, &mut listen_on),
+            SafeStopError::exit_status,
+        ),
     }
 }
 

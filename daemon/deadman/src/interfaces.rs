@@ -39,6 +39,12 @@ impl Interface {
         };
         Ok(Self { name: frames.interface.clone(), holder, outlet, frames: checked })
     }
+
+    /// The interface, or the device of the port.
+    #[must_use]
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
 }
 
 /// Interfaces with the [`Stopper`] of their motors.

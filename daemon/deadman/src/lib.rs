@@ -14,8 +14,9 @@
 //! - [`switch`]: decides when to act, without I/O. [`server`]: supervises a daemon, and acts.
 //! - [`safe_frames`]: the frames. [`interfaces`]: sends them, by the [`Stopper`](motord_core::stopper::Stopper).
 //! - [`channel`]: the connection. [`registrar`]: the daemon's side.
-//! - [`safe_stop`]: the command that stops the motors once, when neither the daemon nor its switch did.
+//! - [`answers`]: whether the motors answer that command. [`safe_stop`]: the command that stops the motors once, when neither the daemon nor its switch did.
 
+pub mod answers;
 pub mod channel;
 pub mod heartbeat;
 pub mod interfaces;

@@ -1,5 +1,6 @@
 //! `motord safe-stop`: damps and stops every motor once, when neither the daemon nor its dead man's switch did.
 
+use crate::answers::{Answers, Listen};
 use crate::channel::{Answer, Channel, Request};
 use crate::interfaces::{Interface, Interfaces, Open};
 use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
@@ -25,9 +26,12 @@ pub enum SafeStopError {
     /// The configuration is refused: the motors are unknown.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// These interfaces were left out; the motors on all others were commanded to stop.
-    #[error("not told to stop: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    LeftOut(Vec<LeftOut>),
+    /// These interfaces were left out; the motors on all others were commanded to stop. Those with these names did not answer.
+    #[error("not told to stop: {}{}", reasons(.0), also_silent(.1))]
+    LeftOut(Vec<LeftOut>, Vec<String>),
+    /// Every motor was commanded to stop, and these did not answer.
+    #[error("the stop was sent, {}", silent(.0))]
+    NotHeard(Vec<String>),
 }
 
 /// Why an interface was left out.
@@ -53,13 +57,31 @@ pub enum LeftOut {
     },
 }
 
+fn reasons(left_out: &[LeftOut]) -> String {
+    left_out.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+fn silent(motors: &[String]) -> String {
+    let motors = motors.join(", ");
+    format!("but these motors do not answer and may still move, so cut the power: {motors}")
+}
+
+fn also_silent(motors: &[String]) -> String {
+    if motors.is_empty() {
+        String::new()
+    } else {
+        format!("; on the others the stop was sent, {}", silent(motors))
+    }
+}
+
 impl SafeStopError {
     /// The exit status, by `sysexits.h`.
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) => exit_status::CONFIG,
-            Self::LeftOut(_) => exit_status::UNAVAILABLE,
+            Self::LeftOut(..) => exit_status::UNAVAILABLE,
+            Self::NotHeard(_) => exit_status::NOT_HEARD,
         }
     }
 }
@@ -67,19 +89,22 @@ impl SafeStopError {
 /// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds. Uses
 /// interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
-/// `open` opens an interface to send.
+/// `open` opens an interface to send, `listen` to receive the answers.
 ///
 /// # Errors
 ///
-/// The interfaces that were left out or refused, and why. The others are served.
-pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
+/// The interfaces that were left out or refused, and why. The others are served. The motors on CAN that did not answer.
+pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let frames = SafeFrames::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
     if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, frames.damp + PATIENCE))
     {
         tracing::info!("left to the dead man's switch");
-        return report(owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect());
+        return report(
+            owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect(),
+            Vec::new(),
+        );
     }
     // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
     let (mut opened, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
@@ -92,14 +117,27 @@ pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
             Err(reason) => left_out.push(reason),
         }
     }
+    let names: Vec<_> = opened.iter().map(|interface| interface.name().to_owned()).collect();
+    let mut answers = Answers::listen(&settings, &names, listen);
     let mut interfaces = Interfaces::new(opened, frames.damp.min(DAMP_MAX));
     interfaces.run(&mut Monotonic);
-    left_out.extend(interfaces.owed().into_iter().map(|interface| LeftOut::Refused { interface }));
-    report(left_out)
+    let refused = interfaces.owed();
+    // Motors of an interface that refuses frames were not commanded.
+    let silent = answers.silent(&refused);
+    left_out.extend(refused.into_iter().map(|interface| LeftOut::Refused { interface }));
+    if !answers.unchecked().is_empty() {
+        let motors = answers.unchecked().join(", ");
+        tracing::info!("commanded to stop; whether these motors answer was not checked: {motors}");
+    }
+    report(left_out, silent)
 }
 
-fn report(left_out: Vec<LeftOut>) -> Result<(), SafeStopError> {
-    if left_out.is_empty() { Ok(()) } else { Err(SafeStopError::LeftOut(left_out)) }
+fn report(left_out: Vec<LeftOut>, silent: Vec<String>) -> Result<(), SafeStopError> {
+    match (left_out.is_empty(), silent.is_empty()) {
+        (true, true) => Ok(()),
+        (true, false) => Err(SafeStopError::NotHeard(silent)),
+        (false, _) => Err(SafeStopError::LeftOut(left_out, silent)),
+    }
 }
 
 /// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served by then; `None`

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use crate::deadman::{Recorder, dead_with_a_jam};
-use motord_bus::BusLock;
+use motord_bus::{Arrival, Bus, BusLock, Content, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
@@ -39,6 +39,52 @@ pub(crate) fn can(interface: &str) -> String {
     format!("type = 'socketcan'\ninterface = '{interface}'")
 }
 
+/// An interface that cannot be read.
+fn deaf(_: &str) -> Option<Box<dyn Bus>> {
+    None
+}
+
+/// An interface on which answers with these ids arrive, once each.
+fn answers(ids: &'static [u16]) -> impl FnMut(&str) -> Option<Box<dyn Bus>> {
+    struct Answering(Vec<u16>);
+
+    impl Bus for Answering {
+        fn send(&mut self, _now: Instant, _frames: &[Frame]) -> Sent {
+            panic!("it is opened to receive")
+        }
+
+        fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+            let Some(id) = self.0.pop() else { return };
+            let frame = Frame::classic(FrameId::new(id).unwrap(), [0; 8]);
+            inbox.push(Arrival { at: now, content: Content::Frame(frame) }).unwrap();
+        }
+
+        fn readiness(&self) -> Readiness<'_> {
+            Readiness::Never
+        }
+    }
+    |_: &str| Some(Box::new(Answering(ids.to_vec())) as Box<dyn Bus>)
+}
+
+/// Goal: a motor without power is not taken for a stopped one.
+#[test]
+fn safe_stop_names_motors_that_do_not_answer() {
+    let directory = TempDir::new().unwrap();
+    let path = configuration(directory.path(), &can(&no_can("quiet")));
+    let (recorder, _sent) = channel();
+    let stop = |ids: &'static [u16]| {
+        safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder))), &mut answers(ids))
+    };
+    stop(&[0x102, 0x101]).unwrap();
+    let error = stop(&[0x101]).unwrap_err();
+    assert_eq!(
+        (error.to_string().as_str(), error.exit_status()),
+        ("the stop was sent, but these motors do not answer and may still move, so cut the power: jaw", 80)
+    );
+    let error = stop(&[]).unwrap_err().to_string();
+    assert!(error.ends_with("cut the power: hip, jaw"), "{error}");
+}
+
 /// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in
 /// the middle or at the given fraction of its code. Stop is its special frame. The native stop has
 /// a tail that is neutral in MIT.
@@ -62,7 +108,7 @@ fn a_safe_stop_damps_and_stops_once() {
     let directory = TempDir::new().unwrap();
     let (recorder, sent) = channel();
     let path = configuration(directory.path(), &can(&no_can("once")));
-    safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder)))).unwrap();
+    safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder))), &mut deaf).unwrap();
     let sent: Vec<u8> = sent.try_iter().map(|(_, frame)| frame.payload()[7]).collect();
     // The last bytes of damping and stop of the one motor, and of stop of the other.
     let (damped, stopped) = sent.split_at(sent.len() - 6);
@@ -75,7 +121,8 @@ fn safe_stop_reports_motors_without_frames() {
     let directory = TempDir::new().unwrap();
     let interface = no_can("jam");
     let path = configuration(directory.path(), &can(&interface));
-    let error = safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::jammed()))).unwrap_err();
+    let error =
+        safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::jammed())), &mut answers(&[])).unwrap_err();
     assert_eq!(error.to_string(), format!("not told to stop: {interface} refuses frames"));
 }
 
@@ -113,7 +160,7 @@ fn safe_stop_leaves_driven_interfaces_alone() {
     let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
     let path = configuration(directory.path(), &can(&interface));
     let sends = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { panic!("it opens the interface") };
-    let error = safe_stop(&path, &mut { sends }).unwrap_err().to_string();
+    let error = safe_stop(&path, &mut { sends }, &mut deaf).unwrap_err().to_string();
     let holder = std::process::id();
     assert!(error.contains(&format!("{interface} is in use by process {holder}")), "{error}");
 }
