@@ -1,9 +1,11 @@
 //! A connection to a daemon: states, claims and requests.
 
 use crate::claim::Claim;
-use crate::link::{ANSWER_TIMEOUT, Connection, Subject, View, locked};
+use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
+use crate::publisher::ImuPublisher;
 use crate::records::Records;
 use crate::stop::FirstWay;
+use crate::view::View;
 use crate::{Error, State};
 use motord_ports::instance::Attachment;
 use motord_ports::service::ServiceError;
@@ -110,6 +112,22 @@ impl Client {
     /// [`Error::UnknownJoint`], which lists the joints.
     pub fn joint_named(&self, name: &str) -> Result<usize, Error> {
         joint_of(&self.description(), name)
+    }
+
+    /// Returns the index of the IMU `name`, as [`imu`](Self::imu).
+    ///
+    /// # Errors
+    /// [`Error::UnknownImu`], which lists the IMUs.
+    pub fn imu_named(&self, name: &str) -> Result<usize, Error> {
+        imu_of(&self.description(), name)
+    }
+
+    /// Begins to publish the samples of the external IMU `name`.
+    ///
+    /// # Errors
+    /// [`Error::UnknownImu`], [`Error::NotExternal`]; [`Error::Service`] when every slot is taken.
+    pub fn publish_imu(&self, name: &str) -> Result<ImuPublisher, Error> {
+        ImuPublisher::new(Arc::clone(&self.link), name)
     }
 
     /// Returns the index of the group `name`, as [`group`](Self::group).
@@ -458,6 +476,12 @@ impl Client {
 fn joint_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
     let names = robot.joints.iter().map(|joint| &joint.name);
     let unknown = || Error::UnknownJoint { name: name.to_owned(), known: listed(names.clone()) };
+    position(names.clone(), name).ok_or_else(unknown)
+}
+
+pub(crate) fn imu_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
+    let names = robot.imus.iter().map(|imu| &imu.name);
+    let unknown = || Error::UnknownImu { name: name.to_owned(), known: listed(names.clone()) };
     position(names.clone(), name).ok_or_else(unknown)
 }
 

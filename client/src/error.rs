@@ -90,6 +90,38 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
+    /// There is no IMU of this name.
+    #[error("there is no IMU {name:?}; there are {known}")]
+    UnknownImu {
+        /// The name.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+    /// The IMU is not external.
+    #[error("IMU {imu} has type = {source_type:?}: only samples of type = \"external\" can be published")]
+    NotExternal {
+        /// The IMU.
+        imu: String,
+        /// Its type in the configuration.
+        source_type: String,
+    },
+    /// The daemon would reject the sample of an IMU.
+    #[error(
+        "the sample of IMU {imu} is not sent: a value is not finite, or its orientation is no unit quaternion"
+    )]
+    BadSample {
+        /// The IMU.
+        imu: String,
+    },
+    /// Another process publishes the samples of this IMU.
+    #[error("process {process} publishes IMU {imu}: end it first")]
+    OtherPublisher {
+        /// The IMU.
+        imu: String,
+        /// The other process.
+        process: u32,
+    },
     /// A group needs exactly one setpoint for each of its joints.
     #[error(
         "{received} setpoints for a group of {expected} joints: send one per joint, in the order of the group"
@@ -208,7 +240,11 @@ impl Error {
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
-            Self::UnknownGroup { .. } | Self::UnknownJoint { .. } => 64,
+            Self::UnknownGroup { .. }
+            | Self::UnknownJoint { .. }
+            | Self::UnknownImu { .. }
+            | Self::NotExternal { .. }
+            | Self::BadSample { .. } => 64,
             Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
@@ -233,6 +269,7 @@ impl Error {
             | Self::Restarted
             | Self::NotHeard { .. }
             | Self::ClaimLost { .. }
+            | Self::OtherPublisher { .. }
             | Self::NotReached { .. }
             | Self::NoAnswer { .. }
             | Self::NotStopped { .. } => true,
@@ -246,6 +283,9 @@ impl Error {
             | Self::Permission { .. }
             | Self::UnknownGroup { .. }
             | Self::UnknownJoint { .. }
+            | Self::UnknownImu { .. }
+            | Self::NotExternal { .. }
+            | Self::BadSample { .. }
             | Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }

@@ -27,8 +27,11 @@ pub struct Imu {
     pub missing: u32,
     /// Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion; modulo 2³².
     pub rejected: u32,
-    /// Time when the sample was received, ns of `CLOCK_MONOTONIC`; 0 before the first.
+    /// Time when the sample was received, or measured by the publisher of an external IMU, ns of `CLOCK_MONOTONIC`; 0 before
+    /// the first.
     pub receive_ns: u64,
+    /// See `ImuMessage::publisher`.
+    pub(crate) publisher: u64,
 }
 
 impl Imu {
@@ -101,6 +104,7 @@ impl From<&ImuState> for Imu {
             rejected,
             sequence,
             receive_ns,
+            publisher,
         } = *imu;
         Self {
             orientation,
@@ -114,6 +118,7 @@ impl From<&ImuState> for Imu {
             missing,
             rejected,
             receive_ns,
+            publisher,
         }
     }
 }

@@ -138,10 +138,12 @@ mod injection;
 mod joint;
 mod link;
 mod members;
+mod publisher;
 mod records;
 mod setpoint;
 mod state;
 mod stop;
+mod view;
 
 pub use claim::Claim;
 pub use client::Client;
@@ -164,6 +166,7 @@ pub use motord_shared::{
     Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, StateMessage,
     joint_state,
 };
+pub use publisher::{ImuPublisher, ImuSample};
 pub use records::Records;
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};

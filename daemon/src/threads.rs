@@ -22,7 +22,7 @@ use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::BusWatch;
 use crate::emergency_stop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
-use crate::imus::SimulatedImus;
+use crate::imus::{ExternalImus, SimulatedImus, Sources};
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Records, Schedule};
@@ -30,8 +30,7 @@ use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Housekeeping, Recorder};
-use motord_bus::{Duration, Monotonic, clock};
-use motord_core::control::ImuReading;
+use motord_bus::{Duration, Instant, Monotonic, clock};
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
@@ -52,7 +51,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{Builder, JoinHandle};
-use triple_buffer::Input;
 
 /// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
 /// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
@@ -152,7 +150,12 @@ impl Daemon {
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }
-        let imus = start_imus(&settings, &orders, std::mem::take(&mut ends.imus))?;
+        let inputs = std::mem::take(&mut ends.imus);
+        let start_time = clock::monotonic();
+        let Sources { simulated, external } = Sources::of(&settings.imus, inputs, start_time, boot_id);
+        if let Some(imus) = simulated.clone() {
+            start_imus(&settings, &orders, imus, start_time)?;
+        }
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
         let (owners, deaths) = owners().map_err(io::Error::from)?;
@@ -160,7 +163,7 @@ impl Daemon {
         let (questions, answers) = telemetry::questions();
         let askers = questions.askers.clone();
 
-        let ipc = start_ipc(&settings, lock, &orders, (ipc_end, owners), questions, boot_id)?;
+        let ipc = start_ipc(&settings, lock, &orders, (ipc_end, owners, external), questions, boot_id)?;
         start_owners(&settings, &orders, deaths, Arc::clone(&counters))?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
@@ -182,7 +185,7 @@ impl Daemon {
         start_registrar(&settings, lock.instance(), &orders, pulse, Arc::clone(&counters))?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
-            start_simulation(lock, &orders, injectors.with_imus(imus))?;
+            start_simulation(lock, &orders, injectors.with_imus(simulated))?;
         }
         Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost })
     }
@@ -281,7 +284,7 @@ fn start_ipc(
     settings: &Settings,
     lock: &Arc<InstanceLock>,
     orders: &Arc<Orders>,
-    (end, owners): (ipc::CycleEnd, Owners),
+    (end, owners, imus): (ipc::CycleEnd, Owners, Option<ExternalImus>),
     questions: telemetry::Questions,
     boot_id: u64,
 ) -> Result<JoinHandle<()>, RunError> {
@@ -294,8 +297,12 @@ fn start_ipc(
     let joints = settings.groups.iter().map(|group| group.motors.clone()).collect();
     let thread = start("ipc", orders, move || {
         // The ports cannot be sent to another thread.
-        let ports = match DaemonPorts::open(&lock) {
-            Ok(ports) => ports,
+        let ports = DaemonPorts::open(&lock).and_then(|ports| {
+            let receiver = imus.is_some().then(|| ports.open_imus(&lock)).transpose()?;
+            Ok((ports, receiver.zip(imus)))
+        });
+        let (ports, imus) = match ports {
+            Ok(opened) => opened,
             Err(error) => return report(&opened, Err(error)),
         };
         if let Some(damage) = ports.damage() {
@@ -311,6 +318,9 @@ fn start_ipc(
         let records = Records::new(joints);
         let cycle = (end, Some(owners));
         let mut thread = IpcThread::new(ports, cycle, questions, description, ipc.mode, schedule, records);
+        if let Some((receiver, imus)) = imus {
+            thread = thread.with_imus(receiver, imus);
+        }
         // The files of the ports are closed after the last cycle: to give back their memory takes longer than the robot may be
         // without damping.
         outlive_the_cycle("ipc", &given, || thread.run(|| given.are(Orders::END)));
@@ -467,17 +477,16 @@ fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
 fn start_imus(
     settings: &Settings,
     orders: &Arc<Orders>,
-    inputs: Vec<Input<ImuReading>>,
-) -> Result<Option<SimulatedImus>, RunError> {
-    let start_time = clock::monotonic();
-    let Some(imus) = SimulatedImus::of(&settings.imus, inputs, start_time) else { return Ok(None) };
-    let (running, given) = (imus.clone(), Arc::clone(orders));
+    imus: SimulatedImus,
+    start_time: Instant,
+) -> Result<(), RunError> {
+    let given = Arc::clone(orders);
     let request = below_the_cycle(settings);
     let _detached = start("imus", orders, move || {
         let _refused_like_the_cycle = prepare_thread(request);
-        running.run(start_time, || given.are(Orders::END));
+        imus.run(start_time, || given.are(Orders::END));
     })?;
-    Ok(Some(imus))
+    Ok(())
 }
 
 /// Detached: the thread waits for requesters, and ends with the process.

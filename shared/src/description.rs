@@ -144,6 +144,8 @@ pub struct ImuDescription {
     pub name: String,
     /// Samples per second.
     pub rate_hz: f64,
+    /// `type` in the configuration.
+    pub source: String,
 }
 
 /// Counters and latencies since the daemon started, or since their last reset.

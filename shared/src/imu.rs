@@ -82,6 +82,8 @@ define! {
         sequence: u64, Kind::Total, json sequence, proto 2;
         /// Time when the sample was received.
         receive_ns: u64, Kind::Time, unit "ns", proto 12;
+        /// The publisher of an external IMU whose samples are used: see `ImuMessage`; 0 for none.
+        publisher: u64, Kind::Total;
     }
     flags {
         /// A sample was received since the previous states were published.
@@ -105,6 +107,7 @@ impl ImuState {
         rejected: 0,
         sequence: 0,
         receive_ns: 0,
+        publisher: 0,
     };
 }
 
@@ -125,12 +128,13 @@ mod tests {
             ("rejected", 52, ("u32", 1)),
             ("sequence", 56, ("u64", 1)),
             ("receive_ns", 64, ("u64", 1)),
+            ("publisher", 72, ("u64", 1)),
             ("fresh", 44, ("u32", 1)),
             ("valid", 44, ("u32", 1)),
             ("lost", 44, ("u32", 1)),
         ];
         let found: Vec<_> =
             ImuState::FIELDS.iter().map(|field| (field.name, field.offset, field.kind.memory())).collect();
-        assert_eq!((found.as_slice(), size_of::<ImuState>()), (&layout[..], 72));
+        assert_eq!((found.as_slice(), size_of::<ImuState>()), (&layout[..], 80));
     }
 }

@@ -311,6 +311,39 @@ impl CycleRecord {
 }
 
 plain! {
+    /// A sample of an external IMU, in the frame of the sensor.
+    pub struct ImuMessage {
+        /// See `StateMessage::boot_id`, of the daemon whose description contains the index `imu`.
+        pub boot_id: u64,
+        /// The publisher: its process id in the bits 63..32, and a random number. Only the samples of one publisher are
+        /// used; another one may begin when none of its samples was used for `lost-after-ms`.
+        pub publisher: u64,
+        /// Must increase with every sample of a publisher. A gap counts as missing samples.
+        pub sequence: u64,
+        /// Time of the measurement, ns of `CLOCK_MONOTONIC`. Must increase.
+        pub time_ns: u64,
+        /// Index of the IMU.
+        pub imu: u32,
+        /// Keeps the layout free of implicit padding.
+        pub reserved: u32,
+        /// Orientation of the sensor in the world: a unit quaternion w, x, y, z.
+        pub orientation: [f32; 4],
+        /// Angular velocity, rad/s.
+        pub angular_velocity: [f32; 3],
+        /// Specific force, m/s².
+        pub acceleration: [f32; 3],
+        /// Temperature, °C; NaN for none.
+        pub temperature: f32,
+        /// Keeps the layout free of implicit padding.
+        pub padding: u32,
+    }
+}
+
+impl Message for ImuMessage {
+    const TYPE_NAME: &'static str = "motord.Imu.v1";
+}
+
+plain! {
     /// An administrative request.
     pub struct AdminRequest {
         /// The [`Lease`](crate::Lease) of the owner; 0 in a request of an operator or a watcher.
@@ -415,6 +448,7 @@ const _: () = {
     );
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
+    assert!(size_of::<ImuMessage>() == 88);
     assert!(size_of::<CycleRecord>() == 16 + size_of::<StateMessage>() + 64 * 24);
     assert!(size_of::<AdminRequest>() == 40 && size_of::<AdminReply>() == 16);
     assert!(size_of::<AdminAnswer>() == 24 + ANSWER_BYTES_MAX);

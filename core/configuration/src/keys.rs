@@ -262,13 +262,13 @@ sections! {
     Imu "imu" {
         "name" name: Option<String>, "" = required("every [[imu]] needs a name, such as base"),
             "Its name.";
-        "type" kind: Option<ImuType>, "" = required("give hipnuc-serial, xsens or simulated"),
-            "`hipnuc-serial`: HiPNUC on a serial line, 0x91 frames. `xsens`: Xsens MTi on a serial line, MTData2. `simulated`: simulated inside the daemon. [Wiring and settings](imu.md).";
+        "type" kind: Option<ImuType>, "" = required("give hipnuc-serial, xsens, external or simulated"),
+            "`hipnuc-serial`: HiPNUC on a serial line, 0x91 frames. `xsens`: Xsens MTi on a serial line, MTData2. `external`: published by another process. `simulated`: simulated inside the daemon. [Wiring and settings](imu.md).";
         "device" device: Option<String>, "" = follows("required for `hipnuc-serial` and `xsens`").words("an absolute path"),
             "Such as `/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0`. No bus and no other IMU may use it.";
         "baud" baud: Option<i64>, "bit/s" = follows("115200").within(9_600.0, 4_000_000.0),
             "8N1, as the device is set; for `hipnuc-serial` (115200, 460800, 921600) and `xsens`.";
-        "rate-hz" rate_hz: Option<f64>, "Hz" = follows("100; `simulated`: 200").within(1.0, 2000.0),
+        "rate-hz" rate_hz: Option<f64>, "Hz" = follows("100; `external`, `simulated`: 200").within(1.0, 2000.0),
             "Samples per second, as the device is set. On a serial line refused where the baud rate cannot carry them: at 115200 baud 140 Hz of `hipnuc-serial`, 213 Hz of `xsens` with the fewest outputs.";
         "mount-rpy-deg" mount_rpy_deg: [f64; 3], "°" = is([0.0; 3]).words("roll, pitch, yaw, each -360 to 360"),
             "Mount of the sensor on the body: turns of the sensor about the axes of the body, first x (forward), then y (left), then z (up).";

@@ -277,11 +277,13 @@ impl Choice for BusType {
 pub(super) enum ImuType {
     Simulated,
     Serial(SerialProtocol),
+    External,
 }
 
 impl Choice for ImuType {
     const WORDS: &'static [(&'static str, Self)] = &[
         ("simulated", Self::Simulated),
+        ("external", Self::External),
         (SerialProtocol::Hipnuc.name(), Self::Serial(SerialProtocol::Hipnuc)),
         (SerialProtocol::Xsens.name(), Self::Serial(SerialProtocol::Xsens)),
     ];

@@ -30,6 +30,8 @@ pub enum ImuSource {
     Simulated(ImuSimulation),
     /// A device on a serial line.
     Serial(ImuSerial),
+    /// Published by another process.
+    External,
 }
 
 impl ImuSource {
@@ -39,6 +41,7 @@ impl ImuSource {
         match self {
             Self::Simulated(_) => "simulated",
             Self::Serial(serial) => serial.protocol.name(),
+            Self::External => "external",
         }
     }
 

@@ -22,6 +22,8 @@ pub struct ImuReading {
     pub rejected: u32,
     /// The device is connected.
     pub is_connected: bool,
+    /// The publisher of an external IMU; 0 for none.
+    pub publisher: u64,
 }
 
 impl Default for ImuReading {
@@ -33,6 +35,7 @@ impl Default for ImuReading {
             missing: 0,
             rejected: 0,
             is_connected: false,
+            publisher: 0,
         }
     }
 }
@@ -79,10 +82,10 @@ impl Imu {
     }
 
     fn report(&self) -> ImuState {
-        let ImuReading { sample, received, sequence, missing, rejected, .. } = self.reading;
+        let ImuReading { sample, received, sequence, missing, rejected, publisher, .. } = self.reading;
         let lost = if self.is_lost { IMU_LOST } else { 0 };
         if sequence == 0 {
-            return ImuState { missing, rejected, flags: lost, ..ImuState::UNKNOWN };
+            return ImuState { missing, rejected, flags: lost, publisher, ..ImuState::UNKNOWN };
         }
         let fresh = if sequence == self.published { 0 } else { IMU_FRESH };
         ImuState {
@@ -95,6 +98,7 @@ impl Imu {
             rejected,
             sequence,
             receive_ns: received.as_nanos(),
+            publisher,
         }
     }
 }

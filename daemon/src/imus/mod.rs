@@ -4,14 +4,47 @@
 //!   source ──sample──▶ checked, turned into the frame of the body ──wait-free buffer──▶ cycle
 //! ```
 
+mod external;
 mod simulated;
 
+pub use external::ExternalImus;
 pub use simulated::SimulatedImus;
 
 use motord_bus::Instant;
 use motord_core::control::ImuReading;
-use motord_core::imu::{ImuSample, Mount};
+use motord_core::imu::{ImuSample, ImuSettings, ImuSource, Mount};
 use triple_buffer::Input;
+
+/// The IMUs of a robot, by source.
+#[derive(Default)]
+pub struct Sources {
+    /// The simulated ones.
+    pub simulated: Option<SimulatedImus>,
+    /// Those that other processes publish.
+    pub external: Option<ExternalImus>,
+}
+
+impl Sources {
+    /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`; `boot_id` is that of the daemon.
+    #[must_use]
+    pub fn of(imus: &[ImuSettings], inputs: Vec<Input<ImuReading>>, start: Instant, boot_id: u64) -> Self {
+        let (mut simulated, mut external) = (Vec::new(), Vec::new());
+        for ((index, imu), input) in imus.iter().enumerate().zip(inputs) {
+            let writer = Writer::new(input, imu.mount);
+            match &imu.source {
+                ImuSource::Simulated(errors) => {
+                    simulated.push(simulated::Source::new(imu, errors, writer, start))
+                }
+                ImuSource::Serial(_) => {}
+                ImuSource::External => external.push(external::Source::new(index, imu, writer)),
+            }
+        }
+        Self {
+            simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated)),
+            external: (!external.is_empty()).then(|| ExternalImus::new(external, boot_id)),
+        }
+    }
+}
 
 /// The writing end of one IMU.
 struct Writer {
@@ -26,24 +59,38 @@ impl Writer {
     }
 
     /// Passes a sample, in the frame of the sensor, that was received at `received`. One that is not sound is counted
-    /// instead. Wait-free.
-    fn sample(&mut self, sample: &ImuSample, received: Instant) {
+    /// instead, and this returns false. Wait-free.
+    fn sample(&mut self, sample: &ImuSample, received: Instant) -> bool {
         self.reading.is_connected = true;
-        match sample.checked() {
+        let sound = sample.checked();
+        match &sound {
             Some(sound) => {
-                self.reading.sample = self.mount.to_body(&sound);
+                self.reading.sample = self.mount.to_body(sound);
                 self.reading.received = received;
                 self.reading.sequence += 1;
             }
             None => self.reading.rejected = self.reading.rejected.wrapping_add(1),
         }
         self.input.write(self.reading);
+        sound.is_some()
     }
 
-    /// Records that a sample that the device took was not received. Wait-free.
-    fn missed(&mut self) {
-        self.reading.missing = self.reading.missing.wrapping_add(1);
+    /// Records that this number of samples that the device took was not received. Wait-free.
+    fn missed(&mut self, samples: u32) {
+        self.reading.missing = self.reading.missing.wrapping_add(samples);
         self.input.write(self.reading);
+    }
+
+    /// Records a sample that is not passed. Wait-free.
+    fn rejected(&mut self) {
+        self.reading.rejected = self.reading.rejected.wrapping_add(1);
+        self.input.write(self.reading);
+    }
+
+    /// Passes with the next sample the publisher that it is from, and the number of its samples that were missing before.
+    const fn published(&mut self, publisher: u64, missing: u32) {
+        self.reading.publisher = publisher;
+        self.reading.missing = self.reading.missing.wrapping_add(missing);
     }
 
     /// Records that the device is disconnected. Wait-free.
@@ -65,7 +112,7 @@ mod tests {
         let [first, second] = [1, 2].map(Instant::from_nanos);
         writer.sample(&ImuSample::LEVEL, first);
         writer.sample(&ImuSample { acceleration: [f32::NAN; 3], ..ImuSample::LEVEL }, second);
-        writer.missed();
+        writer.missed(1);
         let expected = ImuReading {
             sample: ImuSample::LEVEL,
             received: first,
@@ -73,6 +120,7 @@ mod tests {
             missing: 1,
             rejected: 1,
             is_connected: true,
+            publisher: 0,
         };
         assert_eq!(*output.read(), expected);
         writer.disconnected();

@@ -2,17 +2,15 @@
 
 use super::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
-use motord_core::control::ImuReading;
-use motord_core::imu::{ImuSample, ImuSettings, ImuSource};
+use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, InjectError};
 use std::sync::{Arc, Mutex, PoisonError};
-use triple_buffer::Input;
 
 /// Longest sleep, so that the thread sees that the daemon ends.
 const TURN: Duration = Duration::from_millis(50);
 
 /// A simulated IMU and its next sample.
-struct Source {
+pub(super) struct Source {
     name: String,
     device: Imu,
     writer: Writer,
@@ -21,17 +19,29 @@ struct Source {
 }
 
 impl Source {
+    pub(super) fn new(imu: &ImuSettings, errors: &ImuSimulation, writer: Writer, start: Instant) -> Self {
+        Self {
+            name: imu.name.clone(),
+            device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed),
+            writer,
+            period: Duration::from_secs_f64(1.0 / imu.rate_hz),
+            due: start,
+        }
+    }
+
     /// Passes the sample that is due.
     fn deliver(&mut self, start: Instant, now: Instant) {
         match self.device.sample(self.due.since(start)) {
-            ImuOutput::Sample(values) => self.writer.sample(&converted(&values), now),
-            ImuOutput::Nothing => self.writer.missed(),
+            ImuOutput::Sample(values) => {
+                let _counted = self.writer.sample(&converted(&values), now);
+            }
+            ImuOutput::Nothing => self.writer.missed(1),
             ImuOutput::Gone => self.writer.disconnected(),
         }
         self.due = self.due + self.period;
         // After a stall the samples in between are lost.
         while self.due < now {
-            self.writer.missed();
+            self.writer.missed(1);
             self.due = self.due + self.period;
         }
     }
@@ -42,12 +52,8 @@ impl Source {
 pub struct SimulatedImus(Arc<Mutex<Vec<Source>>>);
 
 impl SimulatedImus {
-    /// Takes the simulated ones of `imus`, with their ends of the cycle. `None` when there is none.
-    #[must_use]
-    pub fn of(imus: &[ImuSettings], inputs: Vec<Input<ImuReading>>, start: Instant) -> Option<Self> {
-        let sources: Vec<_> =
-            imus.iter().zip(inputs).filter_map(|(imu, input)| source(imu, input, start)).collect();
-        (!sources.is_empty()).then(|| Self(Arc::new(Mutex::new(sources))))
+    pub(super) fn new(sources: Vec<Source>) -> Self {
+        Self(Arc::new(Mutex::new(sources)))
     }
 
     /// Gives an IMU a fault. `None` when none of them has this name.
@@ -73,18 +79,6 @@ impl SimulatedImus {
             clock.sleep_until(next.min(now + TURN));
         }
     }
-}
-
-/// `None` for a device.
-fn source(settings: &ImuSettings, input: Input<ImuReading>, start: Instant) -> Option<Source> {
-    let ImuSource::Simulated(errors) = &settings.source else { return None };
-    Some(Source {
-        name: settings.name.clone(),
-        device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed),
-        writer: Writer::new(input, settings.mount),
-        period: Duration::from_secs_f64(1.0 / settings.rate_hz),
-        due: start,
-    })
 }
 
 fn converted(values: &motord_simulator::ImuValues) -> ImuSample {

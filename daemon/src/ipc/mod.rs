@@ -9,11 +9,12 @@ mod pending;
 mod records;
 mod schedule;
 
+use crate::imus::ExternalImus;
 use crate::telemetry::Questions;
 use motord_bus::clock;
 use motord_core::cycle::{Counters, Ends, History, REQUESTS_MAX, Supply};
 use motord_core::settings::IpcMode;
-use motord_ports::{DaemonPorts, Request};
+use motord_ports::{DaemonPorts, ImuReceiver, Request};
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
@@ -82,6 +83,7 @@ pub struct IpcThread {
     /// `None` where owners are not watched: there only an owner's silence shows that it has ended.
     owners: Option<Owners>,
     records: Records,
+    imus: Option<(ImuReceiver, ExternalImus)>,
 }
 
 impl IpcThread {
@@ -109,7 +111,14 @@ impl IpcThread {
             schedule,
             owners,
             records,
+            imus: None,
         }
+    }
+
+    /// Takes the samples of external IMUs as well.
+    #[must_use]
+    pub fn with_imus(self, receiver: ImuReceiver, imus: ExternalImus) -> Self {
+        Self { imus: Some((receiver, imus)), ..self }
     }
 
     /// Runs until `stop` returns true.
@@ -140,6 +149,7 @@ impl IpcThread {
     fn relay(&mut self) {
         let has_published = self.publish_states();
         self.fetch_setpoints();
+        self.fetch_imu_samples();
         if has_published {
             self.ports.prepare();
         }
@@ -183,6 +193,13 @@ impl IpcThread {
             }
         });
         self.count(taken.is_err());
+    }
+
+    fn fetch_imu_samples(&mut self) {
+        let Some((receiver, imus)) = &mut self.imus else { return };
+        let (now, mut unknown) = (clock::monotonic(), false);
+        let taken = receiver.take(|message| unknown |= !imus.receive(message, now));
+        self.count(taken.is_err() || unknown);
     }
 
     /// Returns whether there were new ones.

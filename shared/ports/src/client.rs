@@ -5,6 +5,7 @@
 
 use crate::futex::{Slept, Waiter};
 use crate::iceoryx::{Lent, Payload, copied, read};
+use crate::imu::ImuSender;
 use crate::instance::Attachment;
 use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
@@ -198,6 +199,16 @@ impl ClientPorts {
         let port = builder.backpressure_strategy(BackpressureStrategy::DiscardData).create();
         let port = port.map_err(|error| self.explain(Part::Setpoint.failed()(error)))?;
         Ok(SetpointPort { port })
+    }
+
+    /// Returns a port for the samples of external IMUs.
+    ///
+    /// # Errors
+    /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot.
+    pub fn imu_sender(&self) -> Result<ImuSender, ServiceError> {
+        let service = service::imu(&locked(&self.node), self.attachment.instance()).open();
+        let sender = ImuSender::new(&service.map_err(Part::Imu.failed())?);
+        sender.map_err(|error| self.explain(error))
     }
 
     /// Names a full file system as the cause of an error.

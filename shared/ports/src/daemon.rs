@@ -5,6 +5,7 @@
 
 use crate::futex::Waker;
 use crate::iceoryx::{Lent, Payload, answered, copied, read};
+use crate::imu::ImuReceiver;
 use crate::instance::{Instance, InstanceLock};
 use crate::instance_error::InstanceError;
 use crate::mutex::locked;
@@ -48,7 +49,7 @@ pub struct DaemonPorts {
     cycle: Notifier<Service>,
     admin: Server<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
     damage: Option<ServiceError>,
-    _node: Node<Service>,
+    node: Node<Service>,
 }
 
 impl DaemonPorts {
@@ -112,7 +113,7 @@ impl DaemonPorts {
                 .create()
                 .map_err(Part::Admin.failed())?,
             damage: None,
-            _node: node,
+            node,
         })
     }
 
@@ -121,6 +122,15 @@ impl DaemonPorts {
     #[must_use]
     pub fn damage(&self) -> Option<ServiceError> {
         self.damage
+    }
+
+    /// Opens the service for the samples of external IMUs of the instance of `lock`. Opening takes milliseconds.
+    ///
+    /// # Errors
+    /// The reason why it could not be opened.
+    pub fn open_imus(&self, lock: &InstanceLock) -> Result<ImuReceiver, ServiceError> {
+        let service = service::imu(&self.node, lock.instance()).open_or_create();
+        ImuReceiver::new(&service.map_err(Part::Imu.failed())?)
     }
 
     /// Sends `state` to every watcher, and replaces an older one that it has not read. Never

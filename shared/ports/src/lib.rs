@@ -22,6 +22,7 @@ mod futex;
 mod housekeeper;
 #[allow(unsafe_code, reason = "iceoryx2 has no other way")]
 mod iceoryx;
+mod imu;
 pub mod injection;
 pub mod instance;
 mod instance_error;
@@ -41,6 +42,7 @@ pub use client::{ClientPorts, Question, RecordPort, SetpointPort};
 pub use daemon::{DaemonPorts, Request};
 pub use housekeeper::Housekeeper;
 pub use iceoryx::Payload;
+pub use imu::{ImuReceiver, ImuSender};
 pub use instance::{Attachment, Instance, InstanceError, InstanceLock};
 pub use peer::Impostor;
 pub use presence::Presence;

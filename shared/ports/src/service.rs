@@ -1,10 +1,11 @@
-//! The five iceoryx2 services of an instance, with all their limits.
+//! The iceoryx2 services of an instance, with all their limits.
 //!
 //! | service | pattern | daemon | client |
 //! |---|---|---|---|
 //! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
 //! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while a recorder is connected | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
+//! | `motord/<instance>/imu` | publish-subscribe | reads every sample; only with an external IMU | publishes |
 //! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ClientPorts::sleep) |
 //! | `motord/<instance>/admin` | request-response | answers | requests |
 //!
@@ -38,9 +39,12 @@ use iceoryx2_cal::shared_memory::file::Memory;
 use iceoryx2_cal::shm_allocator::bump_allocator::BumpAllocator;
 use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
 use motord_shared::limits::{
-    ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT, WATCHERS_MAX,
+    ADMINS_MAX, CONTROLLERS_MAX, IMU_PUBLISHERS_MAX, IMU_SAMPLES_KEPT, RECORDERS_MAX, RECORDS_KEPT,
+    REQUESTS_PER_CLIENT, WATCHERS_MAX,
 };
-use motord_shared::message::{AdminAnswer, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
+use motord_shared::message::{
+    AdminAnswer, AdminRequest, CycleRecord, ImuMessage, SetpointMessage, StateMessage,
+};
 use nix::errno::Errno;
 use std::ffi::OsStr;
 use std::fmt::Debug;
@@ -88,7 +92,7 @@ impl iceoryx2::service::Service for FileService {
 
 impl iceoryx2::service::internal::ServiceInternal<FileService> for FileService {}
 
-/// One of the five services, or their common part.
+/// One of the services, or their common part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// The registration of each process.
@@ -99,6 +103,8 @@ pub enum Part {
     Record,
     /// `motord/<instance>/setpoint`.
     Setpoint,
+    /// `motord/<instance>/imu`.
+    Imu,
     /// `motord/<instance>/cycle`.
     Cycle,
     /// `motord/<instance>/admin`.
@@ -114,6 +120,7 @@ impl Part {
             Self::State => "state",
             Self::Record => "record",
             Self::Setpoint => "setpoint",
+            Self::Imu => "imu",
             Self::Cycle => "cycle",
             Self::Admin => "admin",
         }
@@ -421,6 +428,22 @@ pub(crate) fn setpoint(
         .max_nodes(NODES_MAX)
 }
 
+/// The service for the samples of external IMUs.
+pub(crate) fn imu(
+    node: &Node<Service>,
+    instance: &Instance,
+) -> publish_subscribe::Builder<Payload<ImuMessage>, (), Service> {
+    builder(node, instance, Part::Imu)
+        .publish_subscribe::<Payload<ImuMessage>>()
+        .enable_safe_overflow(true)
+        .history_size(0)
+        .subscriber_max_buffer_size(IMU_SAMPLES_KEPT)
+        .subscriber_max_borrowed_samples(1)
+        .max_publishers(IMU_PUBLISHERS_MAX)
+        .max_subscribers(1)
+        .max_nodes(NODES_MAX)
+}
+
 pub(crate) fn cycle(node: &Node<Service>, instance: &Instance) -> event::Builder<Service> {
     builder(node, instance, Part::Cycle)
         .event()
@@ -458,7 +481,7 @@ pub(crate) fn admin(
 #[must_use]
 pub fn layout(instance: &Instance, part: Part) -> Option<String> {
     let pattern = match part {
-        Part::State | Part::Record | Part::Setpoint => MessagingPattern::PublishSubscribe,
+        Part::State | Part::Record | Part::Setpoint | Part::Imu => MessagingPattern::PublishSubscribe,
         Part::Admin => MessagingPattern::RequestResponse,
         Part::Node | Part::Cycle => return None,
     };

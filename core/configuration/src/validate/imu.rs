@@ -18,8 +18,8 @@ use crate::value::{Choice, ImuType};
 /// Samples after which it is lost, by default; and at least this time.
 const LOST_SAMPLES: f64 = 3.0;
 const LOST_LEAST_MS: f64 = 5.0;
-/// Samples per second of a simulated IMU, by default.
-const SIMULATED_RATE_HZ: f64 = 200.0;
+/// Samples per second of an IMU without a serial line, by default.
+const OTHER_RATE_HZ: f64 = 200.0;
 
 /// All IMUs, in the order of the file; `None` for one that cannot be built.
 pub(super) fn imus(
@@ -87,7 +87,7 @@ fn imu(tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSettings> {
 fn default_rate_hz(kind: Option<ImuType>) -> f64 {
     match kind {
         Some(ImuType::Serial(protocol)) => protocol.rate_hz_default().into(),
-        Some(ImuType::Simulated) | None => SIMULATED_RATE_HZ,
+        Some(ImuType::Simulated | ImuType::External) | None => OTHER_RATE_HZ,
     }
 }
 
@@ -106,6 +106,7 @@ fn source(kind: ImuType, rate_hz: f64, tables: &ImuTables, findings: &mut Findin
             }))
         }
         ImuType::Serial(protocol) => serial(protocol, rate_hz, keys, findings).map(ImuSource::Serial),
+        ImuType::External => Some(ImuSource::External),
     }
 }
 
