@@ -2,7 +2,7 @@
 
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
-use crate::publisher::ImuPublisher;
+use crate::publisher::{ImuPublisher, imu_of};
 use crate::records::Records;
 use crate::stop::FirstWay;
 use crate::view::View;
@@ -476,12 +476,6 @@ impl Client {
 fn joint_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
     let names = robot.joints.iter().map(|joint| &joint.name);
     let unknown = || Error::UnknownJoint { name: name.to_owned(), known: listed(names.clone()) };
-    position(names.clone(), name).ok_or_else(unknown)
-}
-
-pub(crate) fn imu_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
-    let names = robot.imus.iter().map(|imu| &imu.name);
-    let unknown = || Error::UnknownImu { name: name.to_owned(), known: listed(names.clone()) };
     position(names.clone(), name).ok_or_else(unknown)
 }
 

@@ -1,6 +1,5 @@
 //! Publishing the samples of an external IMU.
 
-use crate::client::imu_of;
 use crate::error::Error;
 use crate::link::Connection;
 use motord_ports::{ImuSender, clock};
@@ -97,6 +96,16 @@ impl ImuPublisher {
             Err(Error::OtherPublisher { imu: self.name.clone(), process })
         })
     }
+}
+
+/// Returns the index of the IMU `name`.
+pub(crate) fn imu_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
+    let unknown = || {
+        let names: Vec<_> = robot.imus.iter().map(|imu| imu.name.as_str()).collect();
+        let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        Error::UnknownImu { name: name.to_owned(), known }
+    };
+    robot.imus.iter().position(|imu| imu.name == name).ok_or_else(unknown)
 }
 
 /// Returns the index of the external IMU `name`.

@@ -22,7 +22,7 @@ use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::BusWatch;
 use crate::emergency_stop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
-use crate::imus::{ExternalImus, SimulatedImus, Sources};
+use crate::imus::{ExternalImus, Sources};
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Records, Schedule};
@@ -30,7 +30,8 @@ use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Housekeeping, Recorder};
-use motord_bus::{Duration, Instant, Monotonic, clock};
+use motord_bus::{Duration, Monotonic, clock};
+use motord_core::control::ImuReading;
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
@@ -51,6 +52,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{Builder, JoinHandle};
+use triple_buffer::Input;
 
 /// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
 /// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
@@ -150,12 +152,8 @@ impl Daemon {
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }
-        let inputs = std::mem::take(&mut ends.imus);
-        let start_time = clock::monotonic();
-        let Sources { simulated, external } = Sources::of(&settings.imus, inputs, start_time, boot_id);
-        if let Some(imus) = simulated.clone() {
-            start_imus(&settings, &orders, imus, start_time)?;
-        }
+        let Sources { simulated, external } =
+            start_imus(&settings, &orders, std::mem::take(&mut ends.imus), boot_id)?;
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
         let (owners, deaths) = owners().map_err(io::Error::from)?;
@@ -477,16 +475,20 @@ fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
 fn start_imus(
     settings: &Settings,
     orders: &Arc<Orders>,
-    imus: SimulatedImus,
-    start_time: Instant,
-) -> Result<(), RunError> {
-    let given = Arc::clone(orders);
-    let request = below_the_cycle(settings);
-    let _detached = start("imus", orders, move || {
-        let _refused_like_the_cycle = prepare_thread(request);
-        imus.run(start_time, || given.are(Orders::END));
-    })?;
-    Ok(())
+    inputs: Vec<Input<ImuReading>>,
+    boot_id: u64,
+) -> Result<Sources, RunError> {
+    let start_time = clock::monotonic();
+    let sources = Sources::of(&settings.imus, inputs, start_time, boot_id);
+    if let Some(running) = sources.simulated.clone() {
+        let given = Arc::clone(orders);
+        let request = below_the_cycle(settings);
+        let _detached = start("imus", orders, move || {
+            let _refused_like_the_cycle = prepare_thread(request);
+            running.run(start_time, || given.are(Orders::END));
+        })?;
+    }
+    Ok(sources)
 }
 
 /// Detached: the thread waits for requesters, and ends with the process.

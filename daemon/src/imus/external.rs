@@ -1,6 +1,6 @@
 //! External IMUs: other processes publish their samples.
 
-use super::Writer;
+use super::writer::Writer;
 use motord_bus::{Duration, Instant};
 use motord_core::imu::{ImuSample, ImuSettings};
 use motord_shared::message::ImuMessage;

@@ -6,13 +6,15 @@
 
 mod external;
 mod simulated;
+mod writer;
 
 pub use external::ExternalImus;
 pub use simulated::SimulatedImus;
+use writer::Writer;
 
 use motord_bus::Instant;
 use motord_core::control::ImuReading;
-use motord_core::imu::{ImuSample, ImuSettings, ImuSource, Mount};
+use motord_core::imu::{ImuSettings, ImuSource};
 use triple_buffer::Input;
 
 /// The IMUs of a robot, by source.
@@ -43,87 +45,5 @@ impl Sources {
             simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated)),
             external: (!external.is_empty()).then(|| ExternalImus::new(external, boot_id)),
         }
-    }
-}
-
-/// The writing end of one IMU.
-struct Writer {
-    input: Input<ImuReading>,
-    mount: Mount,
-    reading: ImuReading,
-}
-
-impl Writer {
-    fn new(input: Input<ImuReading>, mount: Mount) -> Self {
-        Self { input, mount, reading: ImuReading::default() }
-    }
-
-    /// Passes a sample, in the frame of the sensor, that was received at `received`. One that is not sound is counted
-    /// instead, and this returns false. Wait-free.
-    fn sample(&mut self, sample: &ImuSample, received: Instant) -> bool {
-        self.reading.is_connected = true;
-        let sound = sample.checked();
-        match &sound {
-            Some(sound) => {
-                self.reading.sample = self.mount.to_body(sound);
-                self.reading.received = received;
-                self.reading.sequence += 1;
-            }
-            None => self.reading.rejected = self.reading.rejected.wrapping_add(1),
-        }
-        self.input.write(self.reading);
-        sound.is_some()
-    }
-
-    /// Records that this number of samples that the device took was not received. Wait-free.
-    fn missed(&mut self, samples: u32) {
-        self.reading.missing = self.reading.missing.wrapping_add(samples);
-        self.input.write(self.reading);
-    }
-
-    /// Records a sample that is not passed. Wait-free.
-    fn rejected(&mut self) {
-        self.reading.rejected = self.reading.rejected.wrapping_add(1);
-        self.input.write(self.reading);
-    }
-
-    /// Passes with the next sample the publisher that it is from, and the number of its samples that were missing before.
-    const fn published(&mut self, publisher: u64, missing: u32) {
-        self.reading.publisher = publisher;
-        self.reading.missing = self.reading.missing.wrapping_add(missing);
-    }
-
-    /// Records that the device is disconnected. Wait-free.
-    fn disconnected(&mut self) {
-        self.reading.is_connected = false;
-        self.input.write(self.reading);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use triple_buffer::TripleBuffer;
-
-    #[test]
-    fn unsound_sample_is_counted_and_never_passed() {
-        let (input, mut output) = TripleBuffer::new(&ImuReading::default()).split();
-        let mut writer = Writer::new(input, Mount::ALIGNED);
-        let [first, second] = [1, 2].map(Instant::from_nanos);
-        writer.sample(&ImuSample::LEVEL, first);
-        writer.sample(&ImuSample { acceleration: [f32::NAN; 3], ..ImuSample::LEVEL }, second);
-        writer.missed(1);
-        let expected = ImuReading {
-            sample: ImuSample::LEVEL,
-            received: first,
-            sequence: 1,
-            missing: 1,
-            rejected: 1,
-            is_connected: true,
-            publisher: 0,
-        };
-        assert_eq!(*output.read(), expected);
-        writer.disconnected();
-        assert_eq!(*output.read(), ImuReading { is_connected: false, ..expected });
     }
 }

@@ -1,6 +1,6 @@
 //! Simulated IMUs: one thread gives the samples of all of them.
 
-use super::Writer;
+use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
 use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, InjectError};

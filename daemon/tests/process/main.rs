@@ -2,6 +2,7 @@
 
 mod deadman;
 mod deadman_serial;
+mod external_imu;
 mod faults_process;
 mod impostors;
 mod log;

@@ -10,7 +10,7 @@ const ROOMS: &[&str] = &["shared", "motors", "core", "client", "daemon", "motorc
 
 /// The imports that only the tests of a crate have.
 const TEST_IMPORTS: &[(&str, &[&str])] = &[
-    ("motord", &["motord-checker", "motord-harness"]),
+    ("motord", &["motord-checker", "motord-client", "motord-harness"]),
     ("motord-bus", &["motord-bus"]),
     ("motord-client", &["iceoryx2"]),
     ("motord-commissioning", &["motord-checker", "motord-simulator"]),

@@ -24,7 +24,7 @@ const DAEMON: Rows = &[
     ("commands", &["arming", "buses", "host", "run_error", "threads"]),
     ("host", &[]),
     ("imus", &[]),
-    ("ipc", &["telemetry"]),
+    ("ipc", &["imus", "telemetry"]),
     ("run_error", &["buses"]),
     ("simulation", &["buses"]),
     ("housekeeping", &[]),

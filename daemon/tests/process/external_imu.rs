@@ -1,0 +1,217 @@
+//! External IMUs: the real daemon, and publishers that are processes of their own.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_client::{Client, Error, Imu, ImuSample};
+use motord_ports::{ClientPorts, Instance};
+use motord_shared::message::ImuMessage;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const CONFIG: &str = r#"
+[daemon]
+instance = "robot"
+[cycle]
+rate-hz = 500
+max-lateness-ms = 1000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+[[imu]]
+name = "spare"
+type = "simulated"
+[[imu]]
+name = "base"
+type = "external"
+rate-hz = 1000
+mount-rpy-deg = [0, 0, 90]
+lost-after-ms = 200
+when-lost = "stop"
+"#;
+
+/// Longer than a busy machine stalls.
+const PATIENCE: Duration = Duration::from_secs(30);
+const LOST_AFTER: Duration = Duration::from_millis(200);
+/// Variable for a process that publishes samples until it is killed: its runtime directory.
+const PUBLISH: &str = "MOTORD_TEST_PUBLISH_IMU";
+
+/// A daemon with an external IMU, killed when it is dropped.
+struct Daemon {
+    process: Child,
+    place: TempDir,
+}
+
+impl Daemon {
+    fn start(place: TempDir) -> Self {
+        let path = place.path().join("robot.toml");
+        std::fs::write(&path, CONFIG).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", place.path());
+        Self { process: command.stderr(Stdio::null()).spawn().unwrap(), place }
+    }
+
+    fn restart(mut self) -> Self {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+        let place = std::mem::replace(&mut self.place, TempDir::new().unwrap());
+        Self::start(place)
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ended = self.process.kill();
+        let _reaped = self.process.wait();
+    }
+}
+
+fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(found) = found() {
+            return found;
+        }
+        assert!(begun.elapsed() < PATIENCE, "{what} within {PATIENCE:?}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+fn connect(place: &Path) -> Client {
+    until("a daemon", || Client::connect_in(place, "robot").ok())
+}
+
+/// The newest state of the external IMU.
+fn base(client: &Client) -> Option<Imu> {
+    let state = client.wait(Duration::from_millis(100)).ok()?;
+    state.imu(client.imu("base")?)
+}
+
+/// The nose is turned to the left by 90°: the heading of a sensor whose x points left is 180°.
+fn sample() -> ImuSample {
+    ImuSample {
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        angular_velocity: [1.0, 0.0, 0.0],
+        acceleration: [0.0, 0.0, 9.81],
+        temperature: Some(30.0),
+        time_ns: 0,
+    }
+}
+
+/// Publishes at 1 kHz in another process, until it is killed.
+fn publisher(place: &Path) -> Child {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["external_imu::publishing_process", "--exact", "--nocapture"]).env(PUBLISH, place);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// Not a test: the process of [`publisher`].
+#[test]
+fn publishing_process() {
+    let Some(place) = std::env::var_os(PUBLISH) else { return };
+    let client = connect(Path::new(&place));
+    let mut publisher = client.publish_imu("base").unwrap();
+    loop {
+        let _between_daemons = publisher.send(&sample());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+fn kill_now(mut process: Child) {
+    kill(Pid::from_raw(process.id().cast_signed()), Signal::SIGKILL).unwrap();
+    process.wait().unwrap();
+}
+
+/// Goal: samples are in the state through the mount, a killed publisher is lost after `lost-after-ms`, the next one takes
+/// over, and one survives a restart of the daemon.
+#[test]
+fn external_imu_follows_its_publishers() {
+    let daemon = Daemon::start(TempDir::new().unwrap());
+    let client = connect(daemon.place.path());
+    assert!(until("a state", || base(&client)).lost);
+    let first = publisher(daemon.place.path());
+    let imu = until("a sample", || base(&client).filter(|imu| imu.fresh));
+    let [roll, pitch, yaw] = imu.roll_pitch_yaw().unwrap();
+    assert!(roll.abs() < 1e-3 && pitch.abs() < 1e-3 && (yaw - std::f32::consts::FRAC_PI_2).abs() < 1e-3);
+    let [x, y, _] = imu.angular_velocity().unwrap();
+    assert!(x.abs() < 1e-6 && (y - 1.0).abs() < 1e-6, "the sensor's x is the body's y");
+    assert_eq!((imu.temperature, imu.rejected), (Some(30.0), 0));
+
+    let mut second = client.publish_imu("base").unwrap();
+    let other = until("a refusal", || second.send(&sample()).err());
+    assert_eq!(other, Error::OtherPublisher { imu: "base".into(), process: first.id() });
+
+    kill_now(first);
+    let lost = until("the loss", || base(&client).filter(|imu| imu.lost));
+    let state = client.wait(PATIENCE).unwrap();
+    let silent = Duration::from_nanos(state.tick_ns() - lost.receive_ns);
+    assert!(silent > LOST_AFTER, "{silent:?}");
+    until("the next publisher", || {
+        let _other_for_a_cycle = second.send(&sample());
+        second.is_used().then_some(())
+    });
+    drop(second);
+
+    let third = publisher(daemon.place.path());
+    until("the loss", || base(&client).filter(|imu| imu.lost));
+    until("the third publisher", || base(&client).filter(|imu| imu.fresh));
+    let daemon = daemon.restart();
+    let client = connect(daemon.place.path());
+    until("samples after the restart", || base(&client).filter(|imu| imu.fresh && !imu.lost));
+    kill_now(third);
+}
+
+/// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.
+#[test]
+fn hostile_publisher_changes_nothing_else() {
+    let daemon = Daemon::start(TempDir::new().unwrap());
+    let client = connect(daemon.place.path());
+    let owner = publisher(daemon.place.path());
+    until("a sample", || base(&client).filter(|imu| imu.fresh));
+    let before = client.wait(PATIENCE).unwrap();
+    let attachment = Instance::below(daemon.place.path(), "robot").unwrap().attach().unwrap().unwrap();
+    let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
+    let mut random = 1_u64;
+    for turn in 0..40_000_u32 {
+        // A generator of Marsaglia's xorshift.
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        let value = f32::from_bits((random >> 16) as u32);
+        let message = ImuMessage {
+            boot_id: if turn % 2 == 0 { client.description().boot_id } else { random },
+            publisher: random,
+            sequence: random.rotate_left(9),
+            time_ns: before.tick_ns().wrapping_add(random >> 30),
+            imu: if turn % 8 < 6 { 1 } else { (random >> 60) as u32 },
+            reserved: turn,
+            orientation: [value; 4],
+            angular_velocity: [value; 3],
+            acceleration: [value; 3],
+            temperature: value,
+            padding: turn,
+        };
+        port.send(&message).unwrap();
+        if turn % 100 == 0 {
+            let imu = base(&client).unwrap();
+            let down = imu.acceleration().unwrap()[2];
+            assert!((down - 9.81).abs() < 1e-3, "{imu:?}");
+        }
+    }
+    let after = client.wait(PATIENCE).unwrap();
+    let imu = base(&client).unwrap();
+    assert!(imu.rejected > 1000 && !imu.lost, "{imu:?}");
+    let others =
+        [&before, &after].map(|state| (state.imu(0).unwrap().rejected, state.joint(0).unwrap().missed));
+    assert_eq!(others[0], others[1], "rejected samples of the other IMU, missed replies");
+    kill_now(owner);
+}
