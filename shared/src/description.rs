@@ -191,6 +191,8 @@ pub struct Telemetry {
     pub control_latency_us: Percentiles,
     /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
+    /// From the receipt of the newest sample of an IMU to the publication of states with it, in the order of the description.
+    pub imus: Vec<Percentiles>,
     /// Owners and stops, in the order of the description.
     pub groups: Vec<GroupHistory>,
     /// Control latency by group, in the order of the description.

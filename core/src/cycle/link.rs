@@ -60,6 +60,8 @@ pub struct Record {
     pub missed_ticks: u64,
     /// Time from command to reply, ns, by joint; 0 without a reply in this cycle.
     pub reply_latency_ns: [u32; JOINTS_MAX],
+    /// Time from the receipt of its newest sample to the publication, ns, by IMU; 0 for one that is lost.
+    pub imu_age_ns: [u32; IMUS_MAX],
 }
 
 /// The polling for replies in a cycle.
@@ -74,7 +76,7 @@ pub struct Polled {
 }
 
 impl Record {
-    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints and groups.
+    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints, groups and IMUs.
     pub(super) fn of(
         wake: &Wake,
         transmitted: Instant,
@@ -95,6 +97,12 @@ impl Record {
         for (group, answered) in state.groups().iter().zip(&mut answered_cycle) {
             *answered = if group.used_cycle == wake.cycle { group.answered_cycle } else { 0 };
         }
+        let mut imu_age_ns = [0; IMUS_MAX];
+        for (imu, age) in state.imus().iter().zip(&mut imu_age_ns) {
+            let is_known = imu.flags & message::IMU_LOST == 0;
+            let past_ns = published.as_nanos().saturating_sub(imu.receive_ns);
+            *age = if is_known { u32::try_from(past_ns).unwrap_or(u32::MAX) } else { 0 };
+        }
         Self {
             cycle: wake.cycle,
             scheduled: wake.scheduled,
@@ -109,6 +117,7 @@ impl Record {
             missed,
             missed_ticks: wake.missed_ticks,
             reply_latency_ns,
+            imu_age_ns,
         }
     }
 }

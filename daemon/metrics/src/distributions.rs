@@ -13,7 +13,8 @@
 //! | the others | none: for that tick nothing was sent, answered or published. It is counted as missed |
 
 use crate::encoded;
-use crate::histogram::{LATENCY_MAX_NS, histogram};
+use crate::histogram::{LATENCY_MAX_NS, coarse_histogram, histogram};
+use crate::names::Names;
 use hdrhistogram::Histogram;
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
@@ -38,6 +39,8 @@ pub struct Distributions {
     delivery: Histogram<u64>,
     polled: Histogram<u64>,
     joints: Vec<Histogram<u64>>,
+    /// Two significant digits: the age spreads over a period.
+    imus: Vec<Histogram<u64>>,
     control: Vec<Control>,
     publications: Publications,
     /// The age of the setpoints in use at the beginning of the last cycle.
@@ -94,6 +97,7 @@ impl Distributions {
             control: (0..groups).map(|_| control()).collect(),
             publications: Publications([(0, Instant::ZERO); Publications::KEPT]),
             joints: (0..joints).map(|_| histogram()).collect(),
+            imus: Vec::new(),
             aged: None,
             missed_replies: (0, 0),
             dropped_before: 0,
@@ -101,9 +105,15 @@ impl Distributions {
         }
     }
 
+    /// Adds the histograms of this number of IMUs. Allocates them.
+    #[must_use]
+    pub fn with_imus(self, imus: usize) -> Self {
+        Self { imus: (0..imus).map(|_| coarse_histogram()).collect(), ..self }
+    }
+
     /// Clears all histograms. `dropped` samples were lost since the daemon started.
     pub fn reset(&mut self, dropped: u64) {
-        let fresh = Self::new(self.joints.len(), self.control.len(), self.period);
+        let fresh = Self::new(self.joints.len(), self.control.len(), self.period).with_imus(self.imus.len());
         let last = std::mem::replace(self, fresh);
         self.totals.resets = last.totals.resets + 1;
         (self.publications, self.aged) = (last.publications, last.aged);
@@ -111,7 +121,7 @@ impl Distributions {
         self.dropped_before = dropped;
     }
 
-    /// Records the measurements of a cycle. Does not allocate; bounded by joints and groups, and after a stall by
+    /// Records the measurements of a cycle. Does not allocate; bounded by joints, groups and IMUs, and after a stall by
     /// the ticks of 10 s.
     pub fn record(&mut self, record: &Record) {
         self.totals.cycles += 1;
@@ -138,6 +148,8 @@ impl Distributions {
                 self.reply.saturating_record(u64::from(latency));
             }
         }
+        let ages = self.imus.iter_mut().zip(&record.imu_age_ns).filter(|(_, age)| **age > 0);
+        ages.for_each(|(imu, &age)| imu.saturating_record(u64::from(age)));
     }
 
     /// Records the time from the publication of a cycle's states to the clients, ns.
@@ -213,14 +225,15 @@ impl Distributions {
             control_latency_us: percentiles(&self.all_control()),
             control: self.control.iter().map(Control::latency).collect(),
             joints: self.joints.iter().map(percentiles).collect(),
+            imus: self.imus.iter().map(percentiles).collect(),
             ..self.totals.clone()
         }
     }
 
-    /// Returns as many histograms as fit into one answer, from number `from` on. The joints and groups have these
-    /// names.
+    /// Returns as many histograms as fit into one answer, from number `from` on.
     #[must_use]
-    pub fn histograms(&self, from: usize, joints: &[String], groups: &[String]) -> Histograms {
+    pub fn histograms(&self, from: usize, names: &Names) -> Histograms {
+        let Names { joints, groups, imus, .. } = names;
         let robot = self.robot().into_iter().map(|(name, histogram)| (name.to_owned(), histogram));
         let named = |quantity, name: &String| format!("{quantity}/{name}");
         let groups = self.by_group().zip(groups);
@@ -228,7 +241,9 @@ impl Distributions {
             groups.map(|(histogram, name)| (named("control_latency", name), Cow::Borrowed(histogram)));
         let joints = self.by_joint().zip(joints);
         let joints = joints.map(|(histogram, name)| (named("reply_latency", name), Cow::Borrowed(histogram)));
-        encoded::page(from, self.totals.resets, robot.chain(groups).chain(joints))
+        let imus = self.by_imu().zip(imus);
+        let imus = imus.map(|(histogram, name)| (named("imu_age", name), Cow::Borrowed(histogram)));
+        encoded::page(from, self.totals.resets, robot.chain(groups).chain(imus).chain(joints))
     }
 
     /// The histograms of the whole robot, by the members of [`Telemetry`] without their unit.
@@ -254,6 +269,11 @@ impl Distributions {
     /// The reply latencies, in the order of the joints.
     pub(crate) fn by_joint(&self) -> impl Iterator<Item = &Histogram<u64>> {
         self.joints.iter()
+    }
+
+    /// The ages of samples, in the order of the IMUs.
+    pub(crate) fn by_imu(&self) -> impl Iterator<Item = &Histogram<u64>> {
+        self.imus.iter()
     }
 
     /// Cycles since the start or the last reset.
@@ -288,7 +308,7 @@ fn percentiles(histogram: &Histogram<u64>) -> Percentiles {
 mod tests {
     use super::*;
     use motord_core::cycle::Polled;
-    use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
+    use motord_shared::limits::{GROUPS_MAX, IMUS_MAX, JOINTS_MAX};
 
     const PERIOD: Duration = Duration::from_millis(1);
 
@@ -309,7 +329,23 @@ mod tests {
             missed: 0,
             missed_ticks: 0,
             reply_latency_ns: [0; JOINTS_MAX],
+            imu_age_ns: [0; IMUS_MAX],
         }
+    }
+
+    #[test]
+    fn imu_age_counts_while_samples_arrive() {
+        let mut distributions = Distributions::new(1, 1, PERIOD).with_imus(2);
+        for age in [500_000, 1_500_000, 0] {
+            let mut record = record(1, 0);
+            record.imu_age_ns[1] = age;
+            distributions.record(&record);
+        }
+        let [lost, base] = distributions.telemetry(0).imus.try_into().unwrap();
+        assert_eq!((lost.count, base.count), (0, 2));
+        assert!((base.p50 - 500.0).abs() < 10.0 && (base.max - 1500.0).abs() < 20.0, "{base:?}");
+        distributions.reset(0);
+        assert_eq!(distributions.telemetry(0).imus, [Percentiles::default(); 2]);
     }
 
     #[test]

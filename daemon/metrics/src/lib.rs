@@ -13,9 +13,11 @@ mod hosts;
 mod http;
 mod latest;
 mod metrics;
+mod names;
 mod outputs;
 mod textfile;
 
 pub use distributions::Distributions;
-pub use metrics::{Metrics, Names};
+pub use metrics::Metrics;
+pub use names::Names;
 pub use outputs::{Outputs, Wanted};

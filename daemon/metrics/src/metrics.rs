@@ -1,11 +1,11 @@
 //! The metrics of the robot in the text format of Prometheus.
 
 use crate::distributions::Distributions;
+use crate::names::Names;
 use hdrhistogram::Histogram as Distribution;
 use motord_core::control::Event;
-use motord_core::settings::Settings;
-use motord_shared::message::GroupState;
-use motord_shared::{Cause, Phase, Rejection, StateMessage};
+use motord_shared::message::{GroupState, IMU_LOST};
+use motord_shared::{Cause, ImuState, Phase, Rejection, StateMessage};
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, Metric, MetricFamily, MetricType};
 
@@ -31,29 +31,6 @@ const BOUNDS_NS: [u64; 19] = [
     500_000_000,
     1_000_000_000,
 ];
-
-/// Names of the parts of the robot, in the order of the configuration.
-#[derive(Debug, Clone, Default)]
-pub struct Names {
-    /// Names of joints and their motors.
-    pub joints: Vec<String>,
-    /// Names of groups.
-    pub groups: Vec<String>,
-    /// Names of buses.
-    pub buses: Vec<String>,
-}
-
-impl Names {
-    /// Returns the names of a configuration.
-    #[must_use]
-    pub fn of(settings: &Settings) -> Self {
-        Self {
-            joints: settings.motors.iter().map(|motor| motor.name.clone()).collect(),
-            groups: settings.groups.iter().map(|group| group.name.clone()).collect(),
-            buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
-        }
-    }
-}
 
 /// Counters that exist only in the metrics, and the names of the robot's parts.
 #[derive(Debug)]
@@ -89,6 +66,7 @@ impl Metrics {
         let mut families = self.latencies(distributions);
         families.extend(self.counters(state));
         families.push(self.states(state));
+        families.extend(self.imus(state));
         families.extend([
             counter(
                 "motord_tick_missed_total",
@@ -152,12 +130,18 @@ impl Metrics {
             "From the publication of states to the cycle that first used the setpoint that answers them.",
             control.map(|(name, values)| (vec![("group", name.as_str())], values)),
         ));
+        let ages = self.names.imus.iter().zip(distributions.by_imu());
+        families.push(histograms(
+            "motord_imu_age_seconds",
+            "From the receipt of the newest sample to the publication of states with it.",
+            ages.map(|(name, values)| (vec![("imu", name.as_str())], values)),
+        ));
         families
     }
 
     /// Counters of the state count modulo 2³²; a counter of Prometheus may restart at zero.
     fn counters(&self, state: &StateMessage) -> Vec<MetricFamily> {
-        let Names { joints, groups, buses } = &self.names;
+        let Names { joints, groups, buses, .. } = &self.names;
         let motors = joints.iter().zip(state.joints());
         let missed = motors.clone().map(|(name, joint)| (labels([("motor", name)]), u64::from(joint.missed)));
         let foreign =
@@ -186,6 +170,37 @@ impl Metrics {
                 rejected,
             ),
             counter("motord_safe_stop_total", "Stops of groups for a cause.", stops),
+        ]
+    }
+
+    fn imus(&self, state: &StateMessage) -> [MetricFamily; 4] {
+        let imus = || self.names.imus.iter().zip(state.imus());
+        let lost = imus().map(|(name, imu)| {
+            let mut gauge = Gauge::default();
+            gauge.set_value(f64::from(u8::from(imu.flags & IMU_LOST != 0)));
+            let mut metric = Metric::from_label(pairs(labels([("imu", name)])));
+            metric.set_gauge(gauge);
+            metric
+        });
+        let counted = |name, help, count: fn(&ImuState) -> u64| {
+            counter(name, help, imus().map(|(name, imu)| (labels([("imu", name)]), count(imu))))
+        };
+        [
+            family(
+                "motord_imu_lost",
+                "1 for an IMU that is lost, 0 for the others.",
+                MetricType::GAUGE,
+                lost,
+            ),
+            counted("motord_imu_samples_total", "Samples received.", |imu| imu.sequence),
+            counted(
+                "motord_imu_missing_samples_total",
+                "Samples that the device took and motord did not receive.",
+                |imu| imu.missing.into(),
+            ),
+            counted("motord_imu_rejected_samples_total", "Samples that are damaged or not sound.", |imu| {
+                imu.rejected.into()
+            }),
         ]
     }
 
@@ -292,6 +307,7 @@ mod tests {
             joints: names(&["hip", "knee"]),
             groups: names(&["leg"]),
             buses: names(&["front"]),
+            imus: names(&["base"]),
         })
     }
 
@@ -354,6 +370,23 @@ mod tests {
             samples("# TYPE motord_tick_lateness_seconds"),
             ["# TYPE motord_tick_lateness_seconds histogram"]
         );
+    }
+
+    #[test]
+    fn metrics_of_an_imu_bear_its_name() {
+        let mut state = StateMessage { imu_count: 1, ..Default::default() };
+        state.imus[0] = ImuState { sequence: 7, missing: 2, rejected: 3, ..ImuState::UNKNOWN };
+        let distributions = Distributions::new(2, 1, Duration::from_millis(1)).with_imus(1);
+        let text = metrics().text(&distributions, &state, 0);
+        for line in [
+            "motord_imu_lost{imu=\"base\"} 1",
+            "motord_imu_samples_total{imu=\"base\"} 7",
+            "motord_imu_missing_samples_total{imu=\"base\"} 2",
+            "motord_imu_rejected_samples_total{imu=\"base\"} 3",
+            "motord_imu_age_seconds_count{imu=\"base\"} 0",
+        ] {
+            assert!(text.contains(&format!("{line}\n")), "{line} in {text}");
+        }
     }
 
     #[test]

@@ -34,7 +34,8 @@ impl Measurements {
         Self {
             records,
             counters,
-            distributions: Distributions::new(motors, groups, settings.cycle.period),
+            distributions: Distributions::new(motors, groups, settings.cycle.period)
+                .with_imus(settings.imus.len()),
             metrics: Metrics::new(Names::of(settings)),
             outputs,
         }
@@ -57,8 +58,7 @@ impl Measurements {
 
     /// The answer to a question for the histograms, from the one with number `from` on.
     pub(super) fn histograms(&self, from: usize) -> String {
-        let Names { joints, groups, .. } = self.metrics.names();
-        json(&self.distributions.histograms(from, joints, groups))
+        json(&self.distributions.histograms(from, self.metrics.names()))
     }
 
     /// The answer to a question for telemetry.

@@ -77,6 +77,7 @@ impl Interval {
             cycles: counted.cycles.clone(),
         });
         let joints = robot.joints.iter().map(|joint| of(&format!("reply_latency/{}", joint.name)));
+        let imus = robot.imus.iter().map(|imu| of(&format!("imu_age/{}", imu.name)));
         Telemetry {
             wake_latency_us: of("wake_latency"),
             transmit_us: of("transmit"),
@@ -89,6 +90,7 @@ impl Interval {
             control_latency_us: of("control_latency"),
             control: control.collect(),
             joints: joints.collect(),
+            imus: imus.collect(),
             ..self.counters.clone()
         }
     }

@@ -38,6 +38,14 @@ fn named<'a>(
     robot.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
 }
 
+/// Returns the ages of the samples of the IMUs by name.
+fn imus<'a>(
+    robot: &'a RobotDescription,
+    telemetry: &'a Telemetry,
+) -> impl Iterator<Item = (&'a str, Percentiles)> {
+    robot.imus.iter().map(|imu| imu.name.as_str()).zip(telemetry.imus.iter().copied())
+}
+
 /// Returns the control latencies of the groups by name.
 fn controlled<'a>(
     robot: &'a RobotDescription,
@@ -73,6 +81,8 @@ pub(crate) fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     object.as_object_mut().and_then(|object| object.remove("groups"));
     object["instance"] = json!(robot.instance);
     object["joints"] = json!(joints);
+    let imus = imus(robot, telemetry).map(|(name, age)| json!({ "name": name, "age_us": age }));
+    object["imus"] = imus.collect();
     let controlled = controlled(robot, telemetry).map(|(name, latency)| {
         json!({ "name": name, "control_latency_us": latency.control_latency_us, "cycles": latency.cycles })
     });
@@ -99,6 +109,11 @@ pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &T
     percentiles(&rows).write(out, palette)?;
     writeln!(out, "\nsetpoints by the cycle that used them, after that of the states they answer")?;
     control_table(robot, telemetry).write(out, palette)?;
+    let imus: Vec<_> = imus(robot, telemetry).collect();
+    if !imus.is_empty() {
+        writeln!(out, "\nage of the newest sample of each IMU in the states")?;
+        percentiles(&imus).write(out, palette)?;
+    }
     writeln!(out, "\nreply latency by joint")?;
     let joints: Vec<_> = named(robot, telemetry).collect();
     percentiles(&joints).write(out, palette)?;

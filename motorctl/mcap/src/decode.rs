@@ -98,6 +98,8 @@ pub(crate) fn imu(imu: &motord::Imu) -> ImuState {
         rejected: imu.rejected,
         sequence: imu.sequence,
         receive_ns: imu.receive_ns,
+        // Of use to publishers only.
+        publisher: 0,
     }
 }
 

@@ -24,7 +24,7 @@ fn robot() -> RobotDescription {
         joints: vec![joint("hip"), joint("knee")],
         groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
         buses: vec!["can".into()],
-        imus: vec![ImuDescription { name: "base".into(), rate_hz: 500.0 }],
+        imus: vec![ImuDescription { name: "base".into(), rate_hz: 500.0, ..Default::default() }],
         ..RobotDescription::default()
     }
 }
@@ -45,6 +45,7 @@ fn imu(cycle: u64) -> ImuState {
         rejected: 5,
         sequence,
         receive_ns: sequence * 2_000_000,
+        publisher: 0,
     }
 }
 
