@@ -9,6 +9,7 @@
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | receives emergency stops on their socket |
 //! | `motord-imus` | simulated IMUs; only where there is one |
+//! | `motord-imu-line` | an IMU on a serial line; one for each |
 //! | `motord-reconnector` | reopens buses that disconnected |
 //! | `motord-simulation` | receives faults for simulated buses; only where no bus is real |
 //!
@@ -152,7 +153,7 @@ impl Daemon {
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }
-        let Sources { simulated, external } =
+        let Sources { simulated, external, .. } =
             start_imus(&settings, &orders, std::mem::take(&mut ends.imus), boot_id)?;
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
@@ -479,16 +480,30 @@ fn start_imus(
     boot_id: u64,
 ) -> Result<Sources, RunError> {
     let start_time = clock::monotonic();
-    let sources = Sources::of(&settings.imus, inputs, start_time, boot_id);
+    let mut sources = Sources::of(&settings.imus, inputs, start_time, boot_id);
     if let Some(running) = sources.simulated.clone() {
-        let given = Arc::clone(orders);
-        let request = below_the_cycle(settings);
-        let _detached = start("imus", orders, move || {
-            let _refused_like_the_cycle = prepare_thread(request);
-            running.run(start_time, || given.are(Orders::END));
-        })?;
+        start_imu(settings, orders, "imus", move |stop| running.run(start_time, stop))?;
+    }
+    for imu in std::mem::take(&mut sources.serial) {
+        start_imu(settings, orders, "imu-line", move |stop| imu.run(stop))?;
     }
     Ok(sources)
+}
+
+/// Detached, as above.
+fn start_imu(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    thread: &'static str,
+    run: impl FnOnce(&dyn Fn() -> bool) + Send + 'static,
+) -> Result<(), RunError> {
+    let given = Arc::clone(orders);
+    let request = below_the_cycle(settings);
+    let _detached = start(thread, orders, move || {
+        let _refused_like_the_cycle = prepare_thread(request);
+        run(&|| given.are(Orders::END));
+    })?;
+    Ok(())
 }
 
 /// Detached: the thread waits for requesters, and ends with the process.

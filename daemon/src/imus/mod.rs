@@ -5,10 +5,14 @@
 //! ```
 
 mod external;
+mod gaps;
+mod serial;
 mod simulated;
+mod voice;
 mod writer;
 
 pub use external::ExternalImus;
+pub use serial::SerialImu;
 pub use simulated::SimulatedImus;
 use writer::Writer;
 
@@ -22,6 +26,8 @@ use triple_buffer::Input;
 pub struct Sources {
     /// The simulated ones.
     pub simulated: Option<SimulatedImus>,
+    /// Those on serial lines. Each needs a thread, because to open a port can take longer than a sample of another IMU may wait.
+    pub serial: Vec<SerialImu>,
     /// Those that other processes publish.
     pub external: Option<ExternalImus>,
 }
@@ -30,19 +36,20 @@ impl Sources {
     /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`; `boot_id` is that of the daemon.
     #[must_use]
     pub fn of(imus: &[ImuSettings], inputs: Vec<Input<ImuReading>>, start: Instant, boot_id: u64) -> Self {
-        let (mut simulated, mut external) = (Vec::new(), Vec::new());
+        let (mut simulated, mut serial, mut external) = (Vec::new(), Vec::new(), Vec::new());
         for ((index, imu), input) in imus.iter().enumerate().zip(inputs) {
             let writer = Writer::new(input, imu.mount);
             match &imu.source {
                 ImuSource::Simulated(errors) => {
-                    simulated.push(simulated::Source::new(imu, errors, writer, start))
+                    simulated.push(simulated::Source::new(imu, errors, writer, start));
                 }
-                ImuSource::Serial(_) => {}
+                ImuSource::Serial(line) => serial.push(SerialImu::new(imu, line, writer)),
                 ImuSource::External => external.push(external::Source::new(index, imu, writer)),
             }
         }
         Self {
             simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated)),
+            serial,
             external: (!external.is_empty()).then(|| ExternalImus::new(external, boot_id)),
         }
     }

@@ -1,4 +1,4 @@
-//! What the IMUs cost: bytes on their serial lines.
+//! The bytes of the IMUs on their serial lines, and the part of the line that they take.
 
 use motord_core::imu::{ImuSerial, ImuSettings};
 use serde::Serialize;

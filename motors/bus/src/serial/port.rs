@@ -133,6 +133,16 @@ impl Port {
         Ok(Self { file, _lock: lock })
     }
 
+    /// Opens the port of a device that sends by itself, such as an IMU, as [`open`](Self::open) does: exclusive, and
+    /// without the bytes that wait.
+    ///
+    /// # Errors
+    ///
+    /// The first error found.
+    pub fn exclusive(device: &str, baud: u32) -> Result<Self, OpenError> {
+        Self::open(device, baud, Use::Exclusive)
+    }
+
     /// Returns `true` when the adapter was unplugged. Never blocks; one system call.
     pub(super) fn is_gone(&self) -> bool {
         let mut descriptors = [PollFd::new(self.file.as_fd(), PollFlags::empty())];

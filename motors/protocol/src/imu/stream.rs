@@ -65,6 +65,18 @@ impl SerialProtocol {
         }
     }
 
+    /// Returns the settings that a device needs so that each sample has orientation, angular velocity
+    /// and acceleration.
+    #[must_use]
+    pub const fn complete_samples(self) -> &'static str {
+        match self {
+            Self::Hipnuc => "0x91 frames (`LOG HI91 ONTIME 0.01`, then `SAVECONFIG`)",
+            Self::Xsens => {
+                "Quaternion (0x2010), Acceleration (0x4020) and Rate of Turn (0x8020) as outputs, all with one rate"
+            }
+        }
+    }
+
     /// Returns the highest rate of samples that a line of this baud rate carries, Hz.
     #[must_use]
     pub fn rate_hz_max(self, baud: u32) -> f64 {

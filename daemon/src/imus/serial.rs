@@ -1,0 +1,321 @@
+//! An IMU on a serial line: one thread reads its port, and opens it again after it was unplugged.
+
+use super::gaps::Gaps;
+use super::voice::Voice;
+use super::writer::Writer;
+use motord_bus::serial::{ByteStream as _, OpenError, Port};
+use motord_bus::{Duration, Instant, clock, wait};
+use motord_core::imu::{ImuSample, ImuSerial, ImuSettings};
+use motord_protocol::imu::{BITS_PER_BYTE, Quaternion, Sample, SampleError, SerialDecoder};
+use nix::errno::Errno;
+use std::collections::BTreeSet;
+
+/// Longest sleep, so that the thread sees that the daemon ends.
+const TURN: Duration = Duration::from_millis(50);
+/// Wait before a device that is not there is tried again.
+const REOPEN: Duration = Duration::from_millis(250);
+/// Bytes of one read: more than a line carries while the thread waits for a processor. Only a stream that is faster than the
+/// line can be fills it again and again.
+const READ_BYTES: usize = 1024;
+/// A stream that fills every read is read this many times as fast as its line can be.
+const FLOOD_FACTOR: u32 = 4;
+/// Bytes without a sample after which the baud rate or the type is wrong.
+const DUMB_BYTES: usize = 2000;
+
+/// Things that are logged once for each connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Remark {
+    /// Samples lack a quantity.
+    Incomplete,
+    /// Bytes arrive, and no samples.
+    NoSamples,
+}
+
+/// An IMU on a serial line.
+pub struct SerialImu {
+    name: String,
+    line: ImuSerial,
+    writer: Writer,
+    gaps: Gaps,
+    voice: Voice,
+    port: Option<Port>,
+    decoder: SerialDecoder,
+    /// Samples rejected since the last one that was passed.
+    rejected: u32,
+    /// Bytes received since the last sample.
+    without_sample: usize,
+    remarks: BTreeSet<Remark>,
+    /// The last reason for which the port was not opened, which is logged once.
+    failure: Option<OpenError>,
+}
+
+impl SerialImu {
+    pub(super) fn new(settings: &ImuSettings, line: &ImuSerial, writer: Writer) -> Self {
+        Self {
+            name: settings.name.clone(),
+            line: line.clone(),
+            writer,
+            gaps: Gaps::new(settings.rate_hz),
+            voice: Voice::new(clock::monotonic()),
+            port: None,
+            decoder: SerialDecoder::new(line.protocol),
+            rejected: 0,
+            without_sample: 0,
+            remarks: BTreeSet::new(),
+            failure: None,
+        }
+    }
+
+    /// Passes samples until `stop` returns true. Opens the port, and opens it again whenever it was unplugged.
+    pub fn run(mut self, stop: impl Fn() -> bool) {
+        let mut buffer = [0; READ_BYTES];
+        while !stop() {
+            let Some(port) = &self.port else {
+                self.connect();
+                continue;
+            };
+            let now = clock::monotonic();
+            if wait(&[port.readiness()], now, now + TURN).any() {
+                let read = port.read(&mut buffer);
+                let received = clock::monotonic();
+                self.take(read.map(|count| &buffer[..count]), received);
+            }
+        }
+    }
+
+    /// Opens the port, or waits for a while after a failure.
+    fn connect(&mut self) {
+        match Port::exclusive(&self.line.device, self.line.baud) {
+            Ok(port) => {
+                self.port = Some(port);
+                self.failure = None;
+                self.decoder = SerialDecoder::new(self.line.protocol);
+                self.gaps.restart();
+                self.rejected = 0;
+                self.without_sample = 0;
+                self.remarks.clear();
+                if self.voice.may_speak(clock::monotonic()) {
+                    let ImuSerial { device, baud, .. } = &self.line;
+                    tracing::info!(imu = self.name, device, baud, "opened its serial port");
+                }
+            }
+            Err(failure) => {
+                if self.failure.as_ref() != Some(&failure) && self.voice.may_speak(clock::monotonic()) {
+                    tracing::warn!(
+                        imu = self.name,
+                        see = "imu-lost",
+                        "{failure}; trying again every {} ms",
+                        REOPEN.as_millis()
+                    );
+                }
+                self.failure = Some(failure);
+                std::thread::sleep(REOPEN);
+            }
+        }
+    }
+
+    /// Handles the outcome of a read.
+    fn take(&mut self, read: Result<&[u8], Errno>, received: Instant) {
+        match read {
+            Ok([]) => self.disconnect(Errno::ENODEV),
+            Ok(bytes) => {
+                self.decode(bytes, received);
+                if bytes.len() == READ_BYTES {
+                    let bits = BITS_PER_BYTE * READ_BYTES as u32;
+                    std::thread::sleep(Duration::from_secs(1) * bits / self.line.baud / FLOOD_FACTOR);
+                }
+            }
+            Err(Errno::EAGAIN | Errno::EINTR) => {}
+            Err(errno) => self.disconnect(errno),
+        }
+    }
+
+    /// Closes the port, and reports the IMU as disconnected.
+    fn disconnect(&mut self, errno: Errno) {
+        self.writer.disconnected();
+        self.port = None;
+        if self.voice.may_speak(clock::monotonic()) {
+            let device = &self.line.device;
+            tracing::warn!(
+                imu = self.name,
+                device,
+                see = "imu-lost",
+                "its serial port is disconnected ({}); trying to open it again",
+                errno.desc()
+            );
+        }
+    }
+
+    /// Passes the samples among `bytes`. Bounded by the bytes; does not allocate, but for a remark.
+    fn decode(&mut self, bytes: &[u8], received: Instant) {
+        for byte in bytes {
+            match self.decoder.push(*byte) {
+                None => self.without_sample += 1,
+                Some(decoded) => self.judge(decoded, received),
+            }
+        }
+        if self.without_sample >= DUMB_BYTES && self.remarks.insert(Remark::NoSamples) {
+            self.warn_no_samples();
+        }
+    }
+
+    fn judge(&mut self, decoded: Result<Sample, SampleError>, received: Instant) {
+        match decoded.map(|sample| (sample, complete(&sample))) {
+            Ok((sample, Some(complete))) => {
+                let missing = self.gaps.before(&sample, received).saturating_sub(self.rejected);
+                if missing > 0 {
+                    self.writer.missed(missing);
+                }
+                let _counted = self.writer.sample(&complete, received);
+                self.without_sample = 0;
+                self.rejected = 0;
+            }
+            Ok((sample, None)) => {
+                self.reject();
+                self.without_sample = 0;
+                if self.remarks.insert(Remark::Incomplete) {
+                    self.warn_incomplete(&sample);
+                }
+            }
+            Err(_) => self.reject(),
+        }
+    }
+
+    fn reject(&mut self) {
+        self.writer.rejected();
+        self.rejected = self.rejected.saturating_add(1);
+    }
+
+    fn warn_incomplete(&self, sample: &Sample) {
+        let quantities = [
+            ("orientation", sample.orientation.is_none()),
+            ("angular velocity", sample.angular_velocity.is_none()),
+            ("acceleration", sample.acceleration.is_none()),
+        ];
+        let lacking = quantities.iter().filter(|(_, is_lacking)| *is_lacking).map(|(name, _)| *name);
+        tracing::warn!(
+            imu = self.name,
+            see = "imu-lost",
+            "its samples have no {}, and are rejected; set in the device: {}",
+            lacking.collect::<Vec<_>>().join(" and no "),
+            self.line.protocol.complete_samples()
+        );
+    }
+
+    fn warn_no_samples(&self) {
+        let ImuSerial { protocol, device, baud } = &self.line;
+        tracing::warn!(
+            imu = self.name,
+            see = "imu-lost",
+            "{device} delivers bytes that are no samples of type {} at {baud} bit/s; `motorctl imu find --device {device}` finds \
+             type and baud rate",
+            protocol.name()
+        );
+    }
+}
+
+/// The sample of the daemon; `None` when a quantity is missing.
+fn complete(sample: &Sample) -> Option<ImuSample> {
+    Some(ImuSample {
+        orientation: sample.orientation.map(Quaternion::parts)?,
+        angular_velocity: sample.angular_velocity?,
+        acceleration: sample.acceleration?,
+        temperature: sample.temperature_celsius,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_core::control::ImuReading;
+    use motord_core::imu::{ImuSource, Mount, WhenLost};
+    use motord_protocol::imu::{DeviceTime, SerialProtocol};
+    use triple_buffer::{Output, TripleBuffer};
+
+    fn imu(protocol: SerialProtocol) -> (SerialImu, Output<ImuReading>) {
+        let (input, output) = TripleBuffer::new(&ImuReading::default()).split();
+        let line = ImuSerial { protocol, device: "/dev/null".to_owned(), baud: 4_000_000 };
+        let settings = ImuSettings {
+            name: "base".to_owned(),
+            source: ImuSource::Serial(line.clone()),
+            rate_hz: 100.0,
+            mount: Mount::ALIGNED,
+            lost_after: Duration::from_millis(30),
+            when_lost: WhenLost::Report,
+        };
+        (SerialImu::new(&settings, &line, Writer::new(input, Mount::ALIGNED)), output)
+    }
+
+    fn sample(number: u16) -> Sample {
+        Sample {
+            orientation: Some(Quaternion::from([1.0, 0.0, 0.0, 0.0])),
+            angular_velocity: Some([f32::from(number), 0.0, 0.0]),
+            acceleration: Some([0.0, 0.0, 9.8]),
+            counter: Some(number),
+            time: Some(DeviceTime { ticks: 10 * u32::from(number), per_second: 1000 }),
+            ..Sample::default()
+        }
+    }
+
+    fn encoded(protocol: SerialProtocol, sample: &Sample) -> Vec<u8> {
+        use motord_protocol::imu::{hipnuc, xsens};
+        match protocol {
+            SerialProtocol::Hipnuc => hipnuc::serial::encode(sample).to_vec(),
+            SerialProtocol::Xsens => xsens::encode(sample, &mut [0; xsens::MESSAGE_LEN_MAX]).to_vec(),
+        }
+    }
+
+    fn at(millis: u64) -> Instant {
+        Instant::from_nanos(millis * 1_000_000)
+    }
+
+    /// Of five samples the third has a wrong bit, and the fourth does not arrive.
+    #[test]
+    fn damaged_sample_is_rejected_and_missing_one_counted() {
+        for protocol in SerialProtocol::ALL {
+            let (mut imu, mut output) = imu(protocol);
+            let mut frames: Vec<_> = (0..5).map(|number| encoded(protocol, &sample(number))).collect();
+            frames[2][30] ^= 1;
+            frames.remove(3);
+            for (frame, millis) in frames.iter().zip([0, 10, 20, 40]) {
+                imu.take(Ok(frame), at(millis));
+            }
+            let reading = *output.read();
+            let counts = (reading.sequence, reading.rejected, reading.missing, reading.is_connected);
+            assert_eq!(counts, (3, 1, 1, true), "{protocol:?}");
+            assert!((reading.sample.angular_velocity[0] - 4.0).abs() < 1e-5);
+            assert_eq!(reading.received, at(40));
+        }
+    }
+
+    #[test]
+    fn sample_without_orientation_is_never_passed() {
+        let (mut imu, mut output) = imu(SerialProtocol::Xsens);
+        let lacking = Sample { orientation: None, ..sample(1) };
+        imu.take(Ok(&encoded(SerialProtocol::Xsens, &lacking)), at(0));
+        let reading = *output.read();
+        assert_eq!((reading.sequence, reading.rejected), (0, 1));
+        assert!(imu.remarks.contains(&Remark::Incomplete));
+    }
+
+    #[test]
+    fn hang_up_disconnects_at_once() {
+        for gone in [Ok(&[][..]), Err(Errno::EIO), Err(Errno::ENODEV), Err(Errno::ENXIO)] {
+            let (mut imu, mut output) = imu(SerialProtocol::Hipnuc);
+            imu.take(Ok(&encoded(SerialProtocol::Hipnuc, &sample(1))), at(0));
+            imu.take(Err(Errno::EAGAIN), at(1));
+            assert!(output.read().is_connected);
+            imu.take(gone, at(2));
+            let reading = *output.read();
+            assert_eq!((reading.sequence, reading.is_connected), (1, false), "{gone:?}");
+        }
+    }
+
+    #[test]
+    fn wrong_baud_rate_is_remarked_once() {
+        let (mut imu, mut output) = imu(SerialProtocol::Hipnuc);
+        (0..10).for_each(|_| imu.take(Ok(&[0x55; 500]), at(0)));
+        assert!(imu.remarks.contains(&Remark::NoSamples));
+        assert_eq!(*output.read(), ImuReading::default());
+    }
+}
