@@ -183,7 +183,7 @@ enum Command {
     /// `setpoint` is the owner's request, `applied` the command after all limits, `reported` the
     /// motor's answer.
     #[command(
-        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap --with run.mcap fl-knee --png both.png"
+        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg\n  motorctl plot run.mcap base --svg imu.svg\n  motorctl plot run.mcap --with run.mcap fl-knee --png both.png"
     )]
     Plot(recorder::PlotArguments),
     /// Hold joints softly where they are, or move them along a small sine: the first motion of a robot.

@@ -3,8 +3,10 @@
 //! Events that begin and end between two recorded cycles are not detected.
 
 use motord_shared::description::RobotDescription;
-use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN};
-use motord_shared::{BusCondition, Cause, Fault, GroupState, JointState, MotorMode, Phase, StateMessage};
+use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN, IMU_LOST};
+use motord_shared::{
+    BusCondition, Cause, Fault, GroupState, ImuState, JointState, MotorMode, Phase, StateMessage,
+};
 use std::fmt;
 
 /// The severity of an event.
@@ -58,6 +60,10 @@ impl Events {
                 let names = robot.joints.iter().map(|joint| joint.name.as_str());
                 for ((name, before), joint) in names.zip(before.joints()).zip(state.joints()) {
                     of_joint(&mut events, name, before, joint);
+                }
+                let names = robot.imus.iter().map(|imu| imu.name.as_str());
+                for ((name, before), imu) in names.zip(before.imus()).zip(state.imus()) {
+                    of_imu(&mut events, name, before, imu);
                 }
                 for ((name, before), bus) in robot.buses.iter().zip(before.buses()).zip(state.buses()) {
                     if before.condition != bus.condition {
@@ -141,10 +147,35 @@ fn of_joint(events: &mut Vec<Event>, name: &str, before: &JointState, joint: &Jo
     }
 }
 
+fn of_imu(events: &mut Vec<Event>, name: &str, before: &ImuState, imu: &ImuState) {
+    let [was_lost, is_lost] = [before, imu].map(|imu| imu.flags & IMU_LOST != 0);
+    match (was_lost, is_lost) {
+        (false, true) => push(events, Level::Error, name, "is lost".to_owned()),
+        (true, false) => push(events, Level::Info, name, "delivers samples".to_owned()),
+        _ => {}
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_shared::description::{GroupDescription, JointDescription};
+    use motord_shared::description::{GroupDescription, ImuDescription, JointDescription};
+
+    #[test]
+    fn loss_and_return_of_imus_are_events() {
+        let imu = ImuDescription { name: "base".into(), ..Default::default() };
+        let robot = RobotDescription { imus: vec![imu], ..Default::default() };
+        let mut events = Events::default();
+        let mut text_of = |flags| {
+            let mut state = StateMessage { imu_count: 1, ..StateMessage::default() };
+            state.imus[0].flags = flags;
+            events.of(&state, &robot).first().map(|event| (event.level, event.to_string()))
+        };
+        let lost = Some((Level::Error, "base is lost".to_owned()));
+        let back = Some((Level::Info, "base delivers samples".to_owned()));
+        let found = [0, IMU_LOST, IMU_LOST, 0, 0].map(&mut text_of);
+        assert_eq!(found, [None, lost, None, back, None]);
+    }
 
     #[test]
     fn each_change_is_one_event() {

@@ -39,17 +39,17 @@ pub enum RecorderFailure {
         /// The error.
         error: ReadError,
     },
-    /// The robot of a recording has no such joint.
-    #[error("there is no joint {joint:?}; the recording has {known}")]
-    NoJoint {
-        /// The joint.
-        joint: String,
-        /// The joints of the recording.
+    /// The robot of a recording has no such joint or IMU.
+    #[error("there is no joint or IMU {name:?}; the recording has {known}")]
+    NoSubject {
+        /// The name.
+        name: String,
+        /// The joints and IMUs of the recording.
         known: String,
     },
     /// The recording contains nothing to draw.
     #[error(
-        "there is nothing to draw: no cycle of the recording has a position of these joints in this time"
+        "there is nothing to draw: no cycle of the recording has a value of these joints and IMUs in this time"
     )]
     Empty,
     /// The picture cannot be drawn.
@@ -69,7 +69,7 @@ impl RecorderFailure {
             Self::Client(error) => error.exit_status(),
             Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,
             Self::Unreadable { .. } | Self::Malformed { .. } | Self::Empty => exit_status::DATA,
-            Self::NoJoint { .. } => exit_status::USAGE,
+            Self::NoSubject { .. } => exit_status::USAGE,
             Self::Picture(_) => exit_status::UNAVAILABLE,
         }
     }

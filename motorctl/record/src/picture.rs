@@ -1,4 +1,4 @@
-//! Curves over time as an SVG or a PNG: a row for each joint, a panel for each quantity, and a line for each stop and fault.
+//! Curves over time as an SVG or a PNG: a row for each joint or IMU, a panel for each quantity, and a line for each stop and fault.
 
 use crate::bitmap::{self, Bitmap};
 use plotters::coord::Shift;
@@ -76,16 +76,11 @@ impl Curve {
         }
     }
 
+    /// Merges pairs of steps. A pair with a gap within stays as it is, unless there are so many that little would be gained.
     fn halve(&mut self) {
-        let pairs = self.steps.chunks(2).map(|pair| {
-            let extremes = |step: &Step| [step.low, step.high];
-            let (low, high) = pair
-                .iter()
-                .flat_map(extremes)
-                .fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(value), high.max(value)));
-            Step { time: pair[0].time, low, high, follows_gap: pair.iter().any(|step| step.follows_gap) }
-        });
-        self.steps = pairs.collect();
+        let steps = merged(&self.steps, |next| !next.follows_gap);
+        let is_shorter = steps.len() <= STEPS_MAX * 3 / 4;
+        self.steps = if is_shorter { steps } else { merged(&self.steps, |_| true) };
         self.length = self.length.saturating_mul(2);
     }
 
@@ -98,6 +93,21 @@ impl Curve {
         let parts = self.steps.chunk_by(|_, next| !next.follows_gap);
         parts.map(|part| part.iter().flat_map(Step::points).collect())
     }
+}
+
+/// Merges each step with the next one where `joins` says so.
+fn merged(steps: &[Step], joins: impl Fn(&Step) -> bool) -> Vec<Step> {
+    let (mut merged, mut steps) = (Vec::with_capacity(STEPS_MAX), steps.iter().peekable());
+    while let Some(step) = steps.next() {
+        let next = steps.next_if(|next| joins(next)).unwrap_or(step);
+        merged.push(Step {
+            low: step.low.min(next.low),
+            high: step.high.max(next.high),
+            follows_gap: step.follows_gap || next.follows_gap,
+            ..*step
+        });
+    }
+    merged
 }
 
 impl Step {
@@ -116,14 +126,14 @@ pub(crate) struct Mark {
     pub(crate) name: String,
 }
 
-/// The panels of a joint in one recording.
+/// The panels of a joint or an IMU in one recording.
 #[derive(Debug)]
 pub(crate) struct Row {
     pub(crate) panels: Vec<Panel>,
     pub(crate) marks: Vec<Mark>,
 }
 
-/// A quantity of a joint.
+/// A quantity with its three curves.
 #[derive(Debug)]
 pub(crate) struct Panel {
     pub(crate) title: String,
@@ -218,8 +228,10 @@ fn draw<B: DrawingBackend>(backend: B, rows: &[Row], scale: u32) -> Result<(), S
     let area = backend.into_drawing_area();
     area.fill(&WHITE).map_err(text_of)?;
     let panels = rows.iter().flat_map(|row| row.panels.iter().map(|panel| (panel, &row.marks[..])));
-    for (index, ((panel, marks), area)) in panels.zip(area.split_evenly((rows.len(), columns))).enumerate() {
-        let style = Style { scale, times: times.clone(), has_legend: index == 0 };
+    let mut named = None;
+    for ((panel, marks), area) in panels.zip(area.split_evenly((rows.len(), columns))) {
+        let names = panel.curves.each_ref().map(|curve| curve.name);
+        let style = Style { scale, times: times.clone(), has_legend: named.replace(names) != Some(names) };
         style.draw_panel(&area, panel, marks)?;
     }
     area.present().map_err(text_of)
@@ -349,6 +361,25 @@ mod tests {
         let [(before, _), (after, _)] = [parts[0].last().unwrap(), &parts[1][0]];
         assert_eq!(parts.len(), 2);
         assert!(*before < 1000.0 && *after > 1996.0, "{before} {after}");
+    }
+
+    /// The values before a gap were merged with those behind it, and a line led through the gap.
+    #[test]
+    fn reduced_curve_keeps_its_gaps() {
+        for begin in 1001..1009 {
+            let mut curve = Curve::new("roll");
+            for index in 0..20_000_u32 {
+                let is_missing = (begin..2 * begin).contains(&index);
+                curve.take(f64::from(index), Some(index as f32).filter(|_| !is_missing));
+            }
+            let parts: Vec<_> = curve.parts().collect();
+            let ends = parts.iter().map(|part| (part[0].1, part.last().unwrap().1)).collect::<Vec<_>>();
+            let [begin, end] = [begin - 1, 2 * begin].map(f64::from);
+            assert_eq!(ends, [(0.0, begin), (end, 19_999.0)], "{begin}");
+        }
+        let mut comb = Curve::new("setpoint");
+        (0..40_000_u32).for_each(|index| comb.take(f64::from(index), Some(1.0).filter(|_| index % 2 == 0)));
+        assert!(comb.steps.len() <= STEPS_MAX, "gaps without number");
     }
 
     #[test]

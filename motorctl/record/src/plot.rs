@@ -1,13 +1,13 @@
-//! `motorctl plot`: draws joints of a recording.
+//! `motorctl plot`: draws joints and IMUs of a recording.
 
 use crate::failure::RecorderFailure;
-use crate::marks::concerns;
+use crate::marks::{concerns, is_mark};
 use crate::picture::{self, Curve, Mark, Panel, Row};
 use crate::recording::Recording;
 use motord_client::{
     CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
 };
-use motord_mcap::Events;
+use motord_mcap::{Event, Events};
 use motord_terminal::{printable, within};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -20,10 +20,10 @@ const MARKS_MAX: usize = 24;
 pub struct PlotArguments {
     /// The recording.
     file: PathBuf,
-    /// Names of joints; each is a row of the picture.
-    #[arg(value_name = "JOINT", required = true, num_args = 1..=16)]
-    joints: Vec<String>,
-    /// Another recording, whose joints are drawn below those of the first; can be given several times.
+    /// Names of joints and IMUs; each is a row of the picture.
+    #[arg(value_name = "JOINT|IMU", required = true, num_args = 1..=16)]
+    names: Vec<String>,
+    /// Another recording, whose joints and IMUs are drawn below those of the first; can be given several times.
     #[arg(long, value_name = "FILE")]
     with: Vec<PathBuf>,
     /// The picture as an SVG; `-` is the standard output.
@@ -67,7 +67,14 @@ pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
     }
 }
 
-/// Returns the rows of all recordings, those of the same joint one below the other.
+/// The subject of a row: an index of the robot.
+#[derive(Debug, Clone, Copy)]
+enum Subject {
+    Joint(usize),
+    Imu(usize),
+}
+
+/// Returns the rows of all recordings, those of the same subject one below the other.
 fn beside(recordings: Vec<Vec<Row>>) -> Vec<Row> {
     let mut recordings: Vec<_> = recordings.into_iter().map(Vec::into_iter).collect();
     let mut rows = Vec::new();
@@ -80,14 +87,14 @@ fn beside(recordings: Vec<Vec<Row>>) -> Vec<Row> {
     }
 }
 
-/// Returns a row for each joint.
+/// Returns a row for each subject.
 fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFailure> {
     let mut recording = Recording::open(file)?;
     let robot = recording.robot().clone();
-    let joints = indices(&robot, &arguments.joints)?;
+    let subjects = subjects(&robot, &arguments.names)?;
     let place = if arguments.with.is_empty() { String::new() } else { format!(" ({})", file.display()) };
-    let titles = arguments.joints.iter().map(|name| format!("{name}{place}"));
-    let mut rows: Vec<Vec<Panel>> = titles.map(|title| panels(&title)).collect();
+    let titled = arguments.names.iter().map(|name| format!("{name}{place}")).zip(&subjects);
+    let mut rows: Vec<Vec<Panel>> = titled.map(|(title, subject)| panels(&title, *subject)).collect();
     let to = arguments.to.unwrap_or(f64::INFINITY);
     let (mut first, mut events, mut marks) = (None, Events::default(), Vec::new());
     while let Some(record) = recording.next_cycle() {
@@ -98,10 +105,13 @@ fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFail
         }
         let changes = events.of(&record.state, &robot);
         if time >= arguments.from {
-            for (joint, row) in joints.iter().zip(&mut rows) {
-                take(row, time, record, *joint);
+            for (subject, row) in subjects.iter().zip(&mut rows) {
+                match *subject {
+                    Subject::Joint(joint) => take_joint(row, time, record, joint),
+                    Subject::Imu(imu) => take_imu(row, time, record, imu),
+                }
             }
-            let concern = changes.iter().filter(|event| concerns(event, &robot, &joints));
+            let concern = changes.iter().filter(|event| is_drawn(event, &robot, &subjects));
             marks.extend(concern.map(|event| Mark { time, name: event.to_string() }));
         }
     }
@@ -123,18 +133,35 @@ fn warn(text: &str) {
     eprintln!("motorctl: {}", printable(text));
 }
 
-fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, RecorderFailure> {
-    let index = |name: &String| robot.joints.iter().position(|joint| joint.name == *name);
+fn subjects(robot: &RobotDescription, names: &[String]) -> Result<Vec<Subject>, RecorderFailure> {
+    let joint = |name: &String| robot.joints.iter().position(|joint| joint.name == *name).map(Subject::Joint);
+    let imu = |name: &String| robot.imus.iter().position(|imu| imu.name == *name).map(Subject::Imu);
     let unknown = |name: &String| {
-        let known: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
-        RecorderFailure::NoJoint { joint: name.clone(), known: known.join(", ") }
+        let joints = robot.joints.iter().map(|joint| joint.name.as_str());
+        let known: Vec<&str> = joints.chain(robot.imus.iter().map(|imu| imu.name.as_str())).collect();
+        RecorderFailure::NoSubject { name: name.clone(), known: known.join(", ") }
     };
-    names.iter().map(|name| index(name).ok_or_else(|| unknown(name))).collect()
+    names.iter().map(|name| joint(name).or_else(|| imu(name)).ok_or_else(|| unknown(name))).collect()
+}
+
+/// Returns whether an event is a stop or a fault of one of the subjects.
+fn is_drawn(event: &Event, robot: &RobotDescription, subjects: &[Subject]) -> bool {
+    let joint = |subject: &Subject| if let Subject::Joint(index) = subject { Some(*index) } else { None };
+    let joints: Vec<usize> = subjects.iter().filter_map(joint).collect();
+    let is_imu = |subject: &Subject| matches!(subject, Subject::Imu(index) if robot.imus[*index].name == event.subject);
+    concerns(event, robot, &joints) || is_mark(event) && subjects.iter().any(is_imu)
+}
+
+fn panels(name: &str, subject: Subject) -> Vec<Panel> {
+    match subject {
+        Subject::Joint(_) => joint_panels(name),
+        Subject::Imu(_) => imu_panels(name),
+    }
 }
 
 /// Creates a panel for each measured quantity of a joint: the setpoint, the applied command and the
 /// reported value.
-fn panels(joint: &str) -> Vec<Panel> {
+fn joint_panels(joint: &str) -> Vec<Panel> {
     let fields = JointState::FIELDS.iter().filter(|field| field.kind == Kind::Measured);
     let panel = |field: &Field| Panel {
         title: format!("{joint}: {}, {}", field.name, field.unit),
@@ -143,7 +170,32 @@ fn panels(joint: &str) -> Vec<Panel> {
     fields.map(panel).collect()
 }
 
-fn take(row: &mut [Panel], time: f64, record: &CycleRecord, index: usize) {
+/// Creates a panel for the orientation, the angular velocity and the acceleration of the body.
+fn imu_panels(imu: &str) -> Vec<Panel> {
+    let quantities = [
+        ("orientation, rad", ["roll", "pitch", "yaw"]),
+        ("angular velocity, rad/s", ["x", "y", "z"]),
+        ("acceleration, m/s²", ["x", "y", "z"]),
+    ];
+    let panel = |(quantity, curves): (&str, [&'static str; 3])| Panel {
+        title: format!("{imu}: {quantity}"),
+        curves: curves.map(Curve::new),
+    };
+    quantities.into_iter().map(panel).collect()
+}
+
+/// A lost IMU leaves a gap.
+fn take_imu(row: &mut [Panel], time: f64, record: &CycleRecord, index: usize) {
+    let Some(imu) = State::from(&record.state).imu(index) else { return };
+    let known = |values: Option<[f32; 3]>| values.filter(|_| !imu.lost);
+    let quantities = [imu.roll_pitch_yaw(), imu.angular_velocity(), imu.acceleration()].map(known);
+    for (panel, values) in row.iter_mut().zip(quantities) {
+        let values: [Option<f32>; 3] = values.map_or([None; 3], |values| values.map(Some));
+        panel.curves.iter_mut().zip(values).for_each(|(curve, value)| curve.take(time, value));
+    }
+}
+
+fn take_joint(row: &mut [Panel], time: f64, record: &CycleRecord, index: usize) {
     let Some(joint) = State::from(&record.state).joint(index) else { return };
     let receives_commands =
         matches!(joint.mode, Some(MotorMode::Starting | MotorMode::Active | MotorMode::Damping));

@@ -43,6 +43,9 @@ fn recording_holds_every_cycle_and_is_drawn() {
     );
     let picture = daemon.motorctl(&["plot", path, "fl-knee", "fl-hip", "--with", path, "--png", "-"]);
     assert!(picture.stdout.starts_with(b"\x89PNG") && picture.status.success(), "{}", said(&picture));
+    let picture = daemon.motorctl(&["plot", path, "base"]);
+    let svg = String::from_utf8_lossy(&picture.stdout).into_owned();
+    assert!(svg.contains("base: angular velocity, rad/s"), "{}", said(&picture));
     let unknown = daemon.motorctl(&["plot", path, "elbow"]);
     assert!(status(&unknown) == 64 && said(&unknown).contains("fl-knee"), "{}", said(&unknown));
 
