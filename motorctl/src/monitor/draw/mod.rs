@@ -5,6 +5,7 @@ mod buses;
 mod curves;
 mod frame;
 mod groups;
+mod horizon;
 mod imus;
 mod joints;
 mod latencies;
@@ -61,20 +62,30 @@ const HELP: &[&str] = &[
 /// Draws everything, and records in `view` what fitted.
 pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, notice: &Notice) {
     let area = frame.area();
-    let Rows { lines, curves } = lines(area.width.into(), area.height.into(), picture, view, notice);
+    let Rows { lines, joints, curves } = lines(area.width.into(), area.height.into(), picture, view, notice);
     let buffer = frame.buffer_mut();
     for (line, y) in lines.iter().zip(area.y..area.bottom()) {
         buffer.set_line(area.x, y, line, area.width);
     }
-    let mut rows = area.rows().skip(curves.start).take(curves.len());
-    if let Some(first) = rows.next() {
-        let height = rows.count() as u16 + 1;
-        curves::draw(buffer, Rect { height, ..first }, picture, &view.selection);
+    if let (Some(place), Some(reading)) = (part(area, joints), &picture.reading) {
+        horizon::draw(buffer, place, &reading.report.imus);
+    }
+    if let Some(place) = part(area, curves) {
+        curves::draw(buffer, place, picture, &view.selection);
     }
     scrub(buffer, area);
     if view.is_colourless {
         remove_colours(buffer, area);
     }
+}
+
+/// Returns some rows of an area; `None` for no row.
+fn part(area: Rect, rows: Range<usize>) -> Option<Rect> {
+    let height = rows.len() as u16;
+    area.rows()
+        .nth(rows.start)
+        .filter(|_| height > 0)
+        .map(|first| Rect { height, ..first }.intersection(area))
 }
 
 /// Shows cells with a background in reverse video instead, and removes all colours.
@@ -105,21 +116,30 @@ fn is_obeyed(letter: char) -> bool {
         || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
-/// The rows of the screen or of a page, and those of them that the curves take.
+/// The rows of the screen or of a page, and those of them that the joints and the curves take.
 #[derive(Default)]
 struct Rows {
     lines: Vec<Line<'static>>,
+    joints: Range<usize>,
     curves: Range<usize>,
+}
+
+impl Rows {
+    /// The same rows below `above` others.
+    fn below(self, above: usize) -> Self {
+        let lower = |rows: Range<usize>| rows.start + above..rows.end + above;
+        Self { lines: self.lines, joints: lower(self.joints), curves: lower(self.curves) }
+    }
 }
 
 impl From<Vec<Line<'static>>> for Rows {
     fn from(lines: Vec<Line<'static>>) -> Self {
-        Self { lines, curves: 0..0 }
+        Self { lines, joints: 0..0, curves: 0..0 }
     }
 }
 
 fn lines(width: usize, height: usize, picture: &Picture, view: &mut View, notice: &Notice) -> Rows {
-    let mut curves = 0..0;
+    let (mut joints, mut curves) = (0..0, 0..0);
     let mut lines = frame::head(picture, width);
     let mut foot = frame::foot(view, picture, notice, width);
     let mut left = height.saturating_sub(lines.len() + foot.len());
@@ -131,15 +151,15 @@ fn lines(width: usize, height: usize, picture: &Picture, view: &mut View, notice
         let above = groups::lines(reading, width, (height / 2).max(height.saturating_sub(OTHERS)).min(left));
         left = left.saturating_sub(above.len());
         lines.extend(above);
-        let page = page(reading, picture, view, width, left);
-        curves = page.curves.start + lines.len()..page.curves.end + lines.len();
+        let page = page(reading, picture, view, width, left).below(lines.len());
+        (joints, curves) = (page.joints, page.curves);
         lines.extend(page.lines);
     } else if view.page == Page::Help {
         lines.extend(help(picture));
     }
     lines.resize(height.saturating_sub(foot.len()), Line::default());
     lines.append(&mut foot);
-    Rows { lines, curves }
+    Rows { lines, joints, curves }
 }
 
 fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
@@ -172,10 +192,10 @@ fn joints_page(reading: &Reading, picture: &Picture, view: &mut View, width: usi
     view.selection.know_rows(names.collect());
     let table = joints::table(reading, &shown, view, width);
     let mut lines = scrolled(view, above, table);
-    let curves = lines.len()..lines.len() + rows;
+    let (joints, curves) = (0..lines.len(), lines.len()..lines.len() + rows);
     lines.resize(above, Line::default());
     lines.append(&mut below);
-    Rows { lines, curves }
+    Rows { lines, joints, curves }
 }
 
 /// Returns a heading and the rows that fit below it. The heading shows the row numbers if there are

@@ -18,7 +18,7 @@ fn joints(drawn: &str) -> Vec<&str> {
 #[test]
 fn free_rows_show_curves_limits_and_marks() {
     let drawn = drawn(200, 60, &picture(stopped()), &mut View::default());
-    assert_eq!(joints(&drawn), ["fr-knee", "rr-hip", "rr-thigh"], "faults first:\n{drawn}");
+    assert_eq!(joints(&drawn), ["fr-knee", "rr-hip"], "faults first:\n{drawn}");
     for expected in [
         "fr-knee position -1.31 rad  limits -2.70 to -0.50",
         "fr-knee velocity 0.00 rad/s  limits -12.00 to 12.00, key l",
@@ -69,4 +69,23 @@ fn no_size_crashes_the_curves() {
             buffer(width, height, &picture, &mut view);
         }
     }
+}
+
+/// Goal: the horizon is right of the joints where there is room, and a lost IMU has none.
+#[test]
+fn horizon_needs_room_and_samples() {
+    let horizon = |width, lost| {
+        let mut reading = trotting();
+        reading.report.imus[0].lost = lost;
+        let drawn = drawn(width, 60, &picture(reading), &mut View::default());
+        let beside =
+            |line: &&str| line.starts_with("fr-") || line.starts_with("rl-") || line.starts_with("joint");
+        let lines = drawn.lines().filter(beside).map(|line| line.chars().skip(100).collect::<String>());
+        lines.take_while(|line| !line.contains("velocity")).collect::<String>()
+    };
+    let shown = horizon(200, false);
+    assert!(shown.contains("base roll 8.6°") && shown.contains('○') && shown.contains('⣀'), "{shown}");
+    let lost = horizon(200, true);
+    assert!(lost.contains("base lost") && lost.contains('○') && !lost.contains('⣀'), "{lost}");
+    assert!(!horizon(120, false).contains('○'));
 }

@@ -2,6 +2,7 @@
 
 use super::super::picture::{Picture, Reading, Sample};
 use crate::advice::Advice;
+use crate::imu_report::ImuReport;
 use crate::joint_report::JointReport;
 use crate::report::{BusReport, GroupReport, ProcessReport, RobotReport, StopReport};
 use motord_client::{
@@ -57,6 +58,19 @@ fn joint(index: usize, is_stopped: bool) -> JointReport {
         temperature_celsius: Some(41.0 + (index % 3) as f32),
         valid: true,
         ..JointReport::default()
+    }
+}
+
+/// The right side 8.6° down, the nose 4° up.
+fn imu() -> ImuReport {
+    ImuReport {
+        name: "base".to_owned(),
+        roll_pitch_yaw: Some([0.15, -0.07, 0.3]),
+        angular_velocity: Some([0.1, 0.2, 0.2]),
+        acceleration: Some([0.0, 0.0, 9.81]),
+        age_us: Some(1_200.0),
+        valid: true,
+        ..ImuReport::default()
     }
 }
 
@@ -126,6 +140,7 @@ pub(super) fn trotting() -> Reading {
         groups: vec![legs],
         joints,
         buses: LEGS.iter().map(|(_, name)| bus(name)).collect(),
+        imus: vec![imu()],
         ..RobotReport::default()
     };
     Reading { robot, report, telemetry: telemetry(), ..Reading::default() }
