@@ -1,14 +1,15 @@
-//! `motord-sim`: a configuration's motors, simulated, on its CAN interfaces and on pseudo terminals.
+//! `motord-sim`: a configuration's motors and IMUs, simulated, on its CAN interfaces and on pseudo terminals.
 
 use clap::{CommandFactory, Parser};
 use motord::buses::fault_line::FaultLineError;
 use motord::buses::{self, fault_line};
+use motord::imus;
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_simulator::{
-    Bridge, FaultTarget, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
+    Bridge, FaultTarget, FaultVerb, ImuPort, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
 use motord_terminal::{Pages, exit_status, printable};
 use std::convert::Infallible;
@@ -18,11 +19,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Puts the motors of a configuration, simulated, on its CAN interfaces, and those of its serial buses on pseudo
-/// terminals: `motord` drives them as if they were real.
+/// terminals: `motord` drives them as if they were real. IMUs on serial lines get pseudo terminals as well.
 ///
-/// At the start it prints a line for each serial bus, its name and the device to open instead of the configured one, and
-/// then `ready`. Faults are read from standard input, one a line, and each is answered by a line: `ok`, or `error:` and why.
-/// A serial bus that is plugged in again tells its device once more before its `ok`.
+/// At the start it prints a line for each serial bus and IMU, its name and the device to open instead of the configured one,
+/// and then `ready`. Faults are read from standard input, one a line, and each is answered by a line: `ok`, or `error:` and why.
+/// A serial bus or IMU that is plugged in again tells its device once more before its `ok`.
 #[derive(Debug, Parser)]
 #[command(
     name = "motord-sim",
@@ -34,7 +35,7 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     pages: Option<Pages>,
-    /// The configuration. Its buses of type socketcan and serial are served.
+    /// The configuration. Its buses of type socketcan and serial and its IMUs on serial lines are served.
     #[arg(long, value_name = "FILE", required = true)]
     config: Option<PathBuf>,
     /// Bit rate of the simulated wire, instead of the configuration's. The kernel takes its own time on top: on a slow
@@ -82,6 +83,16 @@ Lines for a serial bus:
   gripper blocked
   gripper gone
   gripper ok
+
+Lines for an IMU on a serial line:
+  base off
+  base stuck
+  base garbage
+  base delayed 20ms
+  base intermittent 50%
+  base corrupt 1%
+  base gone
+  base ok
 ";
 
 const EXIT_STATUSES: &str = "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 75 another motord-sim serves an interface, 78 the configuration is refused.";
@@ -98,7 +109,7 @@ fn after_help() -> String {
 enum Failure {
     #[error(transparent)]
     Config(#[from] ConfigError),
-    #[error("no bus of this configuration is of type socketcan or serial")]
+    #[error("no bus of this configuration is of type socketcan or serial, and no IMU is on a serial line")]
     NoBus,
     #[error(transparent)]
     Name(#[from] InvalidName),
@@ -106,8 +117,8 @@ enum Failure {
     Lock(#[from] LockError),
     #[error(transparent)]
     Open(#[from] OpenError),
-    #[error("no pseudo terminal for {bus}: {error}")]
-    Terminal { bus: String, error: std::io::Error },
+    #[error("no pseudo terminal for {name}: {error}")]
+    Terminal { name: String, error: std::io::Error },
     #[error("the memories of the motors: {0}")]
     Store(std::io::Error),
     #[error("cannot write: {0}")]
@@ -157,7 +168,7 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
         let now = clock::monotonic();
         lines.iter_mut().for_each(|line| line.serve(now));
         if let Some(store) = &mut store {
-            lines.iter_mut().try_for_each(|line| store.save(line.bus().motors())).map_err(Failure::Store)?;
+            buses(&mut lines).try_for_each(|bus| store.save(bus.motors())).map_err(Failure::Store)?;
         }
         let readiness: Vec<Readiness<'_>> =
             lines.iter().map(Line::readiness).chain([commands.readiness()]).collect();
@@ -183,14 +194,20 @@ fn lock(settings: &Settings) -> Result<Vec<BusLock>, Failure> {
 fn restore(folder: Option<&Path>, lines: &mut [Line]) -> std::io::Result<Option<Store>> {
     let Some(folder) = folder else { return Ok(None) };
     let store = Store::open(folder)?;
-    lines.iter_mut().try_for_each(|line| store.load(line.bus()))?;
+    buses(lines).try_for_each(|bus| store.load(bus))?;
     Ok(Some(store))
 }
 
-/// A bus on its way to other processes.
+/// The simulated buses.
+fn buses(lines: &mut [Line]) -> impl Iterator<Item = &mut SimulatedBus> {
+    lines.iter_mut().filter_map(Line::bus)
+}
+
+/// A bus or an IMU on its way to other processes.
 enum Line {
     Can(Bridge),
     Serial(SerialPort),
+    Imu(ImuPort),
 }
 
 impl Line {
@@ -198,6 +215,7 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.serve(now),
             Self::Serial(port) => port.serve(now),
+            Self::Imu(port) => port.serve(now),
         }
     }
 
@@ -205,6 +223,7 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.readiness(),
             Self::Serial(port) => port.readiness(),
+            Self::Imu(port) => Readiness::At(port.due()),
         }
     }
 
@@ -212,20 +231,24 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.due(),
             Self::Serial(port) => port.due(),
+            Self::Imu(port) => port.due(),
         }
     }
 
-    fn bus(&mut self) -> &mut SimulatedBus {
+    fn bus(&mut self) -> Option<&mut SimulatedBus> {
         match self {
-            Self::Can(bridge) => bridge.bus(),
-            Self::Serial(port) => port.bus(),
+            Self::Can(bridge) => Some(bridge.bus()),
+            Self::Serial(port) => Some(port.bus()),
+            Self::Imu(_) => None,
         }
     }
 
-    fn device(&self) -> Option<&Path> {
+    /// The name and the device of a pseudo terminal that is plugged in.
+    fn device(&self) -> Option<(&str, &Path)> {
         match self {
             Self::Can(_) => None,
-            Self::Serial(port) => port.path(),
+            Self::Serial(port) => Some((port.name(), port.path()?)),
+            Self::Imu(port) => Some((port.name(), port.path()?)),
         }
     }
 
@@ -233,14 +256,15 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.inject(now, verb),
             Self::Serial(port) => port.inject(now, verb),
+            Self::Imu(port) => port.inject(verb),
         }
     }
 }
 
-/// The device of a serial bus that is plugged in.
+/// The device of a serial bus or an IMU that is plugged in.
 fn tell(line: &Line) {
-    if let (Line::Serial(port), Some(device)) = (line, line.device()) {
-        say(&format!("{}: {}", port.name(), device.display()));
+    if let Some((name, device)) = line.device() {
+        say(&format!("{name}: {}", device.display()));
     }
 }
 
@@ -265,27 +289,44 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
             }
             BusKind::Serial { device, .. } => {
                 let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
-                let file_name = Path::new(device).file_name().unwrap_or_default();
-                let link = arguments.link.as_ref().map(|folder| folder.join(file_name));
-                let port = SerialPort::open(slave, link);
-                let port = port.map_err(|error| Failure::Terminal { bus: bus.name.clone(), error })?;
+                let port = SerialPort::open(slave, link(arguments, device));
+                let port = port.map_err(|error| Failure::Terminal { name: bus.name.clone(), error })?;
                 lines.push(Line::Serial(port));
             }
             BusKind::Simulated { .. } => {}
         }
     }
+    open_imus(settings, arguments, &mut lines)?;
     if lines.is_empty() { Err(Failure::NoBus) } else { Ok(lines) }
+}
+
+fn open_imus(settings: &Settings, arguments: &Arguments, lines: &mut Vec<Line>) -> Result<(), Failure> {
+    let start = clock::monotonic();
+    for (index, imu) in settings.imus.iter().enumerate() {
+        let seed = arguments.seed.wrapping_add(index as u64);
+        let link = imu.source.serial().and_then(|line| link(arguments, &line.device));
+        let Some(port) = imus::twin(imu, start, link, seed) else { continue };
+        let port = port.map_err(|error| Failure::Terminal { name: imu.name.clone(), error })?;
+        lines.push(Line::Imu(port));
+    }
+    Ok(())
+}
+
+/// The symbolic link to the pseudo terminal of `device`, where links are requested.
+fn link(arguments: &Arguments, device: &str) -> Option<PathBuf> {
+    let file_name = Path::new(device).file_name().unwrap_or_default();
+    arguments.link.as_ref().map(|folder| folder.join(file_name))
 }
 
 fn obey(settings: &Settings, lines: &mut [Line], now: Instant, command: &str) -> Result<(), FaultLineError> {
     let verb = fault_line::read(command, settings)?;
     for line in lines {
-        let device = line.device().map(Path::to_owned);
+        let device = line.device().map(|(_, device)| device.to_owned());
         match line.inject(now, &verb) {
             Err(InjectError::NoSuchTarget) => continue,
             result => result?,
         }
-        if line.device() != device.as_deref() {
+        if line.device().map(|(_, device)| device) != device.as_deref() {
             tell(line);
         }
         return Ok(());

@@ -6,12 +6,14 @@
 
 mod external;
 mod gaps;
+mod port;
 mod serial;
 mod simulated;
 mod voice;
 mod writer;
 
 pub use external::ExternalImus;
+pub use port::twin;
 pub use serial::SerialImu;
 pub use simulated::SimulatedImus;
 use writer::Writer;

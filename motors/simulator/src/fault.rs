@@ -460,7 +460,9 @@ impl core::fmt::Display for InjectError {
             Self::NotForMotors => f.write_str("only a bus can have this fault"),
             Self::NotForBuses => f.write_str("only a motor can have this fault"),
             Self::NotForImus => {
-                f.write_str("an IMU can have the faults off, stuck, garbage, delayed, intermittent and gone")
+                f.write_str(
+                    "an IMU can have the faults off, stuck, garbage, delayed, intermittent, gone, and corrupt on a serial line",
+                )
             }
             Self::OnlySerial => f.write_str("only a serial port can have this fault"),
             Self::NoMemory => f.write_str("not the memory of a motor"),

@@ -44,6 +44,9 @@ mod bus;
 mod contention;
 mod fault;
 mod imu;
+#[cfg(feature = "bridge")]
+mod imu_port;
+mod imu_stream;
 mod length;
 mod line;
 mod motor;
@@ -58,6 +61,8 @@ mod shaft;
 mod shared;
 #[cfg(feature = "bridge")]
 mod store;
+#[cfg(feature = "bridge")]
+mod terminal;
 mod twin;
 mod wire;
 
@@ -66,6 +71,9 @@ pub use bridge::Bridge;
 pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultTarget, FaultVerb, InjectError, VERBS, Verb, VerbError};
 pub use imu::{Imu, ImuOutput, ImuValues};
+#[cfg(feature = "bridge")]
+pub use imu_port::ImuPort;
+pub use imu_stream::{ImuStream, ImuVendor};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
 pub use plant::{Plant, PlantBus, couple};

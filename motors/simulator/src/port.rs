@@ -1,12 +1,10 @@
 //! Simulated motors on a pseudo terminal, for a host in another process.
 
+use crate::terminal::Terminal;
 use crate::{Fault, FaultVerb, InjectError, SerialSlave, SimulatedBus};
 use motord_bus::{Instant, Readiness};
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, OFlag, fcntl};
-use nix::pty::openpty;
-use nix::sys::termios::{FlowArg, SetArg, cfmakeraw, tcflow, tcgetattr, tcsetattr};
-use std::os::fd::{AsFd, OwnedFd};
+use nix::sys::termios::FlowArg;
 use std::path::{Path, PathBuf};
 
 /// Most bytes that one call of [`SerialPort::serve`] reads.
@@ -27,14 +25,6 @@ pub struct SerialPort {
     answers: Vec<u8>,
 }
 
-#[derive(Debug)]
-struct Terminal {
-    motors_end: OwnedFd,
-    /// Kept open: without it, the motors' end would hang up whenever the host closes its own.
-    host_end: OwnedFd,
-    path: PathBuf,
-}
-
 impl SerialPort {
     /// Opens a pseudo terminal for the motors of `slave`. `link` becomes a symbolic link to it. It
     /// may replace an older symbolic link, but no other file.
@@ -51,7 +41,7 @@ impl SerialPort {
     /// Returns the device that the host opens; `None` while it is unplugged.
     #[must_use]
     pub fn path(&self) -> Option<&Path> {
-        self.terminal.as_ref().map(|terminal| terminal.path.as_path())
+        self.terminal.as_ref().map(Terminal::path)
     }
 
     /// Returns the motors.
@@ -69,23 +59,20 @@ impl SerialPort {
     /// does not read in time are lost, as in a full buffer.
     pub fn serve(&mut self, now: Instant) {
         let mut received = [0; BYTES_MAX];
-        let count = match &self.terminal {
-            Some(terminal) => nix::unistd::read(&terminal.motors_end, &mut received).unwrap_or(0),
-            None => 0,
-        };
+        let count = self.terminal.as_ref().map_or(0, |terminal| terminal.read(&mut received));
         self.answers.clear();
         self.slave.transact(now, &received[..count], &mut self.answers);
         if let Some(terminal) = &self.terminal
             && !self.answers.is_empty()
         {
-            let _lost = nix::unistd::write(&terminal.motors_end, &self.answers);
+            terminal.write(&self.answers);
         }
     }
 
     /// Returns the descriptor that becomes readable when bytes arrive.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
-        let readable = |terminal| Readiness::Readable(Terminal::motors_end(terminal));
+        let readable = |terminal| Readiness::Readable(Terminal::device_end(terminal));
         self.terminal.as_ref().map_or(Readiness::Never, readable)
     }
 
@@ -125,7 +112,7 @@ impl SerialPort {
 
     fn flow(&self, flow: FlowArg) -> Result<(), InjectError> {
         let Some(terminal) = &self.terminal else { return Err(InjectError::Unplugged(Errno::ENODEV as i32)) };
-        tcflow(&terminal.host_end, flow).map_err(|errno| InjectError::Unplugged(errno as i32))
+        terminal.flow(flow).map_err(|errno| InjectError::Unplugged(errno as i32))
     }
 
     /// Removes the terminal and the link: the kernel may give the terminal's name to another one.
@@ -135,37 +122,7 @@ impl SerialPort {
     }
 
     fn plug(&mut self) -> Result<(), std::io::Error> {
-        let terminal = Terminal::open()?;
-        if let Some(link) = &self.link {
-            relink(link, &terminal.path)?;
-        }
-        self.terminal = Some(terminal);
+        self.terminal = Some(Terminal::open(self.link.as_deref())?);
         Ok(())
     }
-}
-
-impl Terminal {
-    /// Opens a terminal in raw mode, in which the kernel interprets no byte.
-    fn open() -> Result<Self, Errno> {
-        let ends = openpty(None, None)?;
-        let mut settings = tcgetattr(&ends.slave)?;
-        cfmakeraw(&mut settings);
-        tcsetattr(&ends.slave, SetArg::TCSANOW, &settings)?;
-        fcntl(&ends.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
-        let path = nix::unistd::ttyname(&ends.slave)?;
-        Ok(Self { motors_end: ends.master, host_end: ends.slave, path })
-    }
-
-    fn motors_end(&self) -> std::os::fd::BorrowedFd<'_> {
-        self.motors_end.as_fd()
-    }
-}
-
-/// Replaces the link. Refuses to replace any other file, which could be the device of a real
-/// adapter.
-fn relink(link: &Path, to: &Path) -> Result<(), std::io::Error> {
-    if link.symlink_metadata().is_ok_and(|metadata| metadata.is_symlink()) {
-        std::fs::remove_file(link)?;
-    }
-    std::os::unix::fs::symlink(to, link)
 }

@@ -1,0 +1,214 @@
+//! A simulated IMU on a pseudo terminal, for a host in another process.
+
+use crate::imu::{Imu, ImuOutput};
+use crate::imu_stream::{ImuStream, ImuVendor};
+use crate::random::Random;
+use crate::terminal::Terminal;
+use crate::{Fault, FaultVerb, InjectError};
+use motord_bus::{Duration, Instant};
+use std::path::{Path, PathBuf};
+
+/// Bits on the line for each byte: 8N1.
+const BYTE_BITS: f64 = 10.0;
+/// After a longer stall the samples in between are not sent.
+const STALL: Duration = Duration::from_secs(1);
+
+/// An [`Imu`] that sends its samples on a pseudo terminal. A host may open and close it repeatedly.
+///
+/// Faults of the line, in addition to those of the IMU: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up.
+/// [`Fault::Garbage`] fills the line with random bytes, among them beginnings of samples. [`Fault::Corruption`] changes a
+/// fraction of the bytes. [`Fault::Ok`] ends all; the pseudo terminal may then have another name.
+#[derive(Debug)]
+pub struct ImuPort {
+    name: String,
+    imu: Imu,
+    stream: ImuStream,
+    period: Duration,
+    /// Bytes of a period on a full line.
+    line_bytes: usize,
+    start: Instant,
+    due: Instant,
+    random: Random,
+    is_garbage: bool,
+    corruption: f64,
+    terminal: Option<Terminal>,
+    /// A symbolic link that always refers to the pseudo terminal.
+    link: Option<PathBuf>,
+}
+
+impl ImuPort {
+    /// Opens a pseudo terminal for `imu`, which fault verbs call `name`. It sends `rate_hz` samples per second from `start` on,
+    /// on a line of `baud` bit/s. `link` becomes a symbolic link to the terminal. It may replace an older symbolic link, but
+    /// no other file.
+    ///
+    /// # Errors
+    ///
+    /// The kernel provides no pseudo terminal, or the link cannot be created.
+    pub fn open(
+        name: String,
+        (imu, vendor): (Imu, ImuVendor),
+        (rate_hz, baud): (f64, u32),
+        start: Instant,
+        link: Option<PathBuf>,
+    ) -> Result<Self, std::io::Error> {
+        let terminal = Some(Terminal::open(link.as_deref())?);
+        Ok(Self {
+            name,
+            imu,
+            stream: ImuStream::new(vendor),
+            period: Duration::from_secs_f64(1.0 / rate_hz),
+            line_bytes: (f64::from(baud) / BYTE_BITS / rate_hz) as usize,
+            start,
+            due: start,
+            random: Random::new(0),
+            is_garbage: false,
+            corruption: 0.0,
+            terminal,
+            link,
+        })
+    }
+
+    /// Returns the device that the host opens; `None` while it is unplugged.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.terminal.as_ref().map(Terminal::path)
+    }
+
+    /// Returns the name that fault verbs use for it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Returns the time of the next sample.
+    #[must_use]
+    pub const fn due(&self) -> Instant {
+        self.due
+    }
+
+    /// Sends the samples that are due at `now`.
+    pub fn serve(&mut self, now: Instant) {
+        if now.since(self.due) > STALL {
+            self.due = now;
+        }
+        while self.due <= now {
+            let bytes = self.bytes();
+            if let Some(terminal) = &self.terminal {
+                terminal.write(&bytes);
+                // Settings of the host have no effect.
+                let _unused = terminal.read(&mut [0; 256]);
+            }
+            self.due = self.due + self.period;
+        }
+    }
+
+    /// Applies `verb`.
+    ///
+    /// # Errors
+    ///
+    /// Another target, a fault that an IMU cannot have, or the kernel provides no new pseudo terminal.
+    pub fn inject(&mut self, verb: &FaultVerb) -> Result<(), InjectError> {
+        if verb.target != self.name {
+            return Err(InjectError::NoSuchTarget);
+        }
+        match verb.fault {
+            Fault::Gone => self.unplug(),
+            Fault::Garbage => self.is_garbage = true,
+            Fault::Corruption(fraction) => self.corruption = fraction,
+            Fault::Ok => {
+                (self.is_garbage, self.corruption) = (false, 0.0);
+                self.imu.inject(Fault::Ok)?;
+                if self.terminal.is_none() {
+                    let terminal = Terminal::open(self.link.as_deref());
+                    let failed =
+                        |error: std::io::Error| InjectError::Unplugged(error.raw_os_error().unwrap_or(0));
+                    self.terminal = Some(terminal.map_err(failed)?);
+                }
+            }
+            fault => self.imu.inject(fault)?,
+        }
+        Ok(())
+    }
+
+    /// Removes the terminal and the link: the kernel may give the terminal's name to another one.
+    fn unplug(&mut self) {
+        self.terminal = None;
+        let _already_gone = self.link.as_ref().map(std::fs::remove_file);
+    }
+
+    /// Returns the bytes of the sample that is due.
+    fn bytes(&mut self) -> Vec<u8> {
+        let time = self.due.since(self.start);
+        let mut bytes = match self.imu.sample(time) {
+            ImuOutput::Sample(values) => self.stream.frame(&values, time),
+            ImuOutput::Nothing | ImuOutput::Gone => {
+                self.stream.skip();
+                Vec::new()
+            }
+        };
+        if self.is_garbage {
+            return self.garbage();
+        }
+        for byte in &mut bytes {
+            if self.random.fraction() < self.corruption {
+                *byte ^= 1 << (self.random.next() % 8);
+            }
+        }
+        bytes
+    }
+
+    /// Returns a period of random bytes, with a beginning of a sample in every 64 of them.
+    fn garbage(&mut self) -> Vec<u8> {
+        let mut bytes: Vec<_> = (0..self.line_bytes).map(|_| self.random.next() as u8).collect();
+        for place in bytes.chunks_exact_mut(64) {
+            place[..4].copy_from_slice(&self.stream.header());
+        }
+        bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::File;
+    use std::io::Read;
+
+    fn port(link: &Path) -> ImuPort {
+        let imu = Imu::new(0.0, 0.0, Duration::ZERO, 1);
+        let place = Some(link.to_owned());
+        ImuPort::open("base".to_owned(), (imu, ImuVendor::Hipnuc), (100.0, 115_200), Instant::ZERO, place)
+            .unwrap()
+    }
+
+    /// Sends one period, and returns what the host reads.
+    fn received(port: &mut ImuPort, host: &mut File) -> Vec<u8> {
+        port.serve(port.due());
+        let mut bytes = vec![0; 256];
+        let count = host.read(&mut bytes).unwrap();
+        bytes.truncate(count);
+        bytes
+    }
+
+    #[test]
+    fn faults_of_the_line_act_until_ok() {
+        let place = tempfile::tempdir().unwrap();
+        let link = place.path().join("ttyUSB0");
+        let mut port = port(&link);
+        let mut host = File::options().read(true).write(true).open(&link).unwrap();
+        let inject = |port: &mut ImuPort, verb: &str| port.inject(&verb.parse().unwrap());
+        assert_eq!(received(&mut port, &mut host).len(), 82);
+        inject(&mut port, "base garbage").unwrap();
+        // 115200 baud carry 115 bytes in 10 ms.
+        assert_eq!(received(&mut port, &mut host).len(), 115);
+        inject(&mut port, "base gone").unwrap();
+        assert!(!link.exists());
+        assert!(matches!(host.read(&mut [0]), Ok(0) | Err(_)), "the kernel hung up");
+        inject(&mut port, "base ok").unwrap();
+        let mut host = File::options().read(true).write(true).open(&link).unwrap();
+        assert_eq!(received(&mut port, &mut host).len(), 82);
+        inject(&mut port, "base corrupt 100%").unwrap();
+        assert_ne!(received(&mut port, &mut host)[..2], [0x5A, 0xA5]);
+        assert_eq!(inject(&mut port, "base bus-off"), Err(InjectError::NotForImus));
+        assert_eq!(inject(&mut port, "knee off"), Err(InjectError::NoSuchTarget));
+    }
+}
