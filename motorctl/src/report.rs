@@ -214,7 +214,12 @@ impl RobotReport {
         write_groups(&self.groups, out, palette)?;
         writeln!(out)?;
         joint_table(&self.joints).write(out, palette)?;
-        for advice in self.joints.iter().filter_map(|joint| joint.advice.as_ref()) {
+        // Motors on a bus that is not up cannot answer: the bus has the advice.
+        let is_reached = |joint: &&JointReport| {
+            !self.buses.iter().any(|bus| bus.name == joint.bus && bus.remedy().is_some())
+        };
+        let joints = self.joints.iter().filter(is_reached);
+        for advice in joints.filter_map(|joint| joint.advice.as_ref()) {
             writeln!(out, "{}", palette.paint(&Cell::new(advice, Colour::Red)))?;
         }
         writeln!(out)?;
@@ -340,14 +345,28 @@ impl StopReport {
 }
 
 impl BusReport {
-    /// Returns the advice for a bus whose adapter is another one.
+    /// Returns the remedy for a bus that is not up, without its full stop.
+    pub(crate) fn remedy(&self) -> Option<&'static str> {
+        let is = |condition: BusCondition| self.condition == condition.name();
+        if is(BusCondition::Off) {
+            Some(Cause::BusOff.advice())
+        } else if is(BusCondition::Down) || is(BusCondition::Gone) {
+            Some(Cause::BusGone.advice())
+        } else if is(BusCondition::Exchanged) {
+            Some("Give each adapter a fixed name and plug it in again: `motorctl explain exchanged`")
+        } else {
+            None
+        }
+    }
+
+    /// Returns the advice for a bus that is not up.
     fn advice(&self) -> Option<String> {
-        (self.condition == BusCondition::Exchanged.name()).then(|| {
-            format!(
-                "Another adapter has the name of bus {}, and is not used: `motorctl explain exchanged`.",
-                self.name
-            )
-        })
+        let remedy = self.remedy()?;
+        let condition = match self.condition == BusCondition::Exchanged.name() {
+            true => format!("Another adapter has the name of bus {}, and is not used", self.name),
+            false => format!("Bus {} is {}", self.name, self.condition),
+        };
+        Some(format!("{condition}. {remedy}."))
     }
 }
 

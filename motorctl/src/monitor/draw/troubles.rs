@@ -6,7 +6,7 @@ use super::text::{alarm, bold, wrapped};
 use crate::advice::motorctl;
 use crate::joint_report::JointReport;
 use crate::report::{BusReport, RobotReport};
-use motord_client::{BusCondition, Cause, MotorMode};
+use motord_client::{Cause, MotorMode};
 use ratatui::text::Line;
 
 /// Largest numbers of listed faults and names. Others are counted.
@@ -15,7 +15,7 @@ const NAMES_MAX: usize = 4;
 
 /// Returns the obstacles; none for a healthy robot.
 pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
-    let down = reading.report.buses.iter().filter(|bus| remedy(bus).is_some());
+    let down = reading.report.buses.iter().filter(|bus| bus.remedy().is_some());
     let mut lines: Vec<Line<'static>> = down.flat_map(|bus| of_bus(bus, width)).collect();
     lines.extend(faults(reading, width));
     let offline = reading.report.joints.iter().filter(|joint| joint.mode == MotorMode::Offline.name());
@@ -35,7 +35,7 @@ pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
 pub(super) fn advise(reading: &Reading, cause: &str) -> bool {
     let RobotReport { buses, joints, .. } = &reading.report;
     let is = |known: Cause| cause == known.name();
-    let has_bus = |remedy_of: Cause| buses.iter().any(|bus| remedy(bus) == Some(remedy_of.advice()));
+    let has_bus = |remedy_of: Cause| buses.iter().any(|bus| bus.remedy() == Some(remedy_of.advice()));
     let is_offline = |joint: &JointReport| joint.mode == MotorMode::Offline.name();
     is(Cause::BusOff) && has_bus(Cause::BusOff)
         || is(Cause::BusGone) && has_bus(Cause::BusGone)
@@ -46,24 +46,11 @@ pub(super) fn advise(reading: &Reading, cause: &str) -> bool {
 
 /// A motor on a bus that is down cannot answer. The bus is listed already.
 fn is_on_bus_that_is_down(reading: &Reading, joint: &JointReport) -> bool {
-    reading.report.buses.iter().any(|bus| bus.name == joint.bus && remedy(bus).is_some())
-}
-
-fn remedy(bus: &BusReport) -> Option<&'static str> {
-    let is = |condition: BusCondition| bus.condition == condition.name();
-    if is(BusCondition::Off) {
-        Some(Cause::BusOff.advice())
-    } else if is(BusCondition::Down) || is(BusCondition::Gone) {
-        Some(Cause::BusGone.advice())
-    } else if is(BusCondition::Exchanged) {
-        Some("Give each adapter a fixed name and plug it in again: `motorctl explain exchanged`")
-    } else {
-        None
-    }
+    reading.report.buses.iter().any(|bus| bus.name == joint.bus && bus.remedy().is_some())
 }
 
 fn of_bus(bus: &BusReport, width: usize) -> Vec<Line<'static>> {
-    let help = remedy(bus).unwrap_or_default();
+    let help = bus.remedy().unwrap_or_default();
     sentence(&format!("Bus {} is {}. {help}.", bus.name, bus.condition), width)
 }
 

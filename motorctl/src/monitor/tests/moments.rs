@@ -8,6 +8,7 @@ use super::super::view::View;
 use super::robot::{picture, put_in_fault, put_off, stopped, stopped_by, trotting};
 use super::{Loss, Picture, check, noticed, text};
 use motord_client::Cause;
+use motord_terminal::Palette;
 use ratatui::buffer::{Buffer, Cell};
 use ratatui::style::{Color, Modifier, Style};
 use std::time::{Duration, Instant};
@@ -136,6 +137,23 @@ fn advice_is_said_once_and_bus_named() {
             assert_eq!(screen.matches(advice).count(), 1, "{advice} in {screen}");
         }
     }
+}
+
+#[test]
+fn status_advises_once_for_bus_that_is_off() {
+    let mut report = trotting().report;
+    let mut status = |is_off: bool| {
+        report.buses[3].condition = if is_off { "off" } else { "active" };
+        for joint in report.joints.iter_mut().filter(|joint| joint.bus == "rear-right") {
+            joint.advice = Some(format!("{} does not answer: check its power.", joint.name));
+        }
+        let mut text = Vec::new();
+        report.write(&mut text, Palette::of_stdout()).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        ["does not answer", "Bus rear-right is off. Check the wiring"]
+            .map(|advice| text.matches(advice).count())
+    };
+    assert_eq!((status(false), status(true)), ([3, 0], [0, 1]));
 }
 
 #[test]
