@@ -8,6 +8,7 @@
 //! - [`plan`]: the part of each cycle that the buses need.
 //! - [`control`]: one command per motor and cycle, as pure decisions on (state, inputs, now).
 //! - [`imu`]: the samples of IMUs, and their mounts.
+//! - [`imu_load`]: the load of IMUs on CAN buses.
 //! - [`joint`]: the two sides of a joint, and the transmission between them.
 //! - [`drive`]: converts commands to frames, and payloads to replies.
 //! - [`stopper`]: damps and stops the motors when no cycle controls them.
@@ -21,4 +22,4 @@ pub mod cycle;
 pub mod drive;
 pub mod stopper;
 
-pub use motord_settings::{imu, joint, plan, settings};
+pub use motord_settings::{imu, imu_load, joint, plan, settings};

@@ -262,14 +262,24 @@ sections! {
     Imu "imu" {
         "name" name: Option<String>, "" = required("every [[imu]] needs a name, such as base"),
             "Its name.";
-        "type" kind: Option<ImuType>, "" = required("give hipnuc-serial, xsens, external or simulated"),
-            "`hipnuc-serial`: HiPNUC on a serial line, 0x91 frames. `xsens`: Xsens MTi on a serial line, MTData2. `external`: published by another process. `simulated`: simulated inside the daemon. [Wiring and settings](imu.md).";
+        "type" kind: Option<ImuType>, "" = required("give hipnuc-serial, xsens, hipnuc-can, damiao, external or simulated"),
+            "`hipnuc-serial`: HiPNUC on a serial line, 0x91 frames. `xsens`: Xsens MTi on a serial line, MTData2. `hipnuc-can`: HiPNUC on a CAN bus, CANopen. `damiao`: Damiao DM-IMU-L1 on a CAN bus. `external`: published by another process. `simulated`: simulated inside the daemon. [Wiring and settings](imu.md).";
         "device" device: Option<String>, "" = follows("required for `hipnuc-serial` and `xsens`").words("an absolute path"),
             "Such as `/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0`. No bus and no other IMU may use it.";
         "baud" baud: Option<i64>, "bit/s" = follows("115200").within(9_600.0, 4_000_000.0),
             "8N1, as the device is set; for `hipnuc-serial` (115200, 460800, 921600) and `xsens`.";
-        "rate-hz" rate_hz: Option<f64>, "Hz" = follows("100; `external`, `simulated`: 200").within(1.0, 2000.0),
-            "Samples per second, as the device is set. On a serial line refused where the baud rate cannot carry them: at 115200 baud 140 Hz of `hipnuc-serial`, 213 Hz of `xsens` with the fewest outputs.";
+        "bus" bus: Option<String>, "" = follows("required for `hipnuc-can` and `damiao`"),
+            "Name of the CAN bus that the device is on.";
+        "node-id" node_id: Option<i64>, "" = follows("8").within(1.0, 127.0),
+            "CANopen node of the device; for `hipnuc-can`. It sends with 0x180, 0x280, 0x380, 0x480 and 0x700 + node.";
+        "can-id" can_id: Option<i64>, "" = follows("1").within(1.0, 2046.0),
+            "Id of the device, to which the requests go; for `damiao`.";
+        "master-id" master_id: Option<i64>, "" = follows("17").within(1.0, 2046.0),
+            "Id of its replies; for `damiao`. 17 (0x11) in the vendor's samples, which is also the default reply id of the motor 1 of Damiao.";
+        "firmware" firmware: Option<i64>, "" = follows("1024").within(1000.0, 9999.0),
+            "Version of the firmware; for `damiao`. Up to 1022, 1023, and from 1024 on differ in the requests and in the range of the acceleration.";
+        "rate-hz" rate_hz: Option<f64>, "Hz" = follows("100; `damiao`, `external`, `simulated`: 200").within(1.0, 2000.0),
+            "Samples per second, as the device is set. On a serial line refused where the baud rate cannot carry them: at 115200 baud 140 Hz of `hipnuc-serial`, 213 Hz of `xsens` with the fewest outputs. `hipnuc-can`: 10 to 200, with a period of whole ms. `damiao`: the rate of the cycle, or a half, a third and so on: it is asked with the motors.";
         "mount-rpy-deg" mount_rpy_deg: [f64; 3], "°" = is([0.0; 3]).words("roll, pitch, yaw, each -360 to 360"),
             "Mount of the sensor on the body: turns of the sensor about the axes of the body, first x (forward), then y (left), then z (up).";
         "lost-after-ms" lost_after_ms: Option<f64>, "ms" = follows("3 samples, at least 5").within(1.0, 10_000.0),
@@ -278,7 +288,7 @@ sections! {
             "`report`: state, log and metrics tell it. `stop`: every group is stopped (`imu-lost`), and none can be enabled.";
     }
 
-    /// `[imu.simulation]`.
+    /// `[imu.simulation]`, also of the devices in place of those on CAN.
     ImuSimulation "imu.simulation" {
         "noise-rad-s" noise_rad_s: f64, "rad/s" = is(0.002).within(0.0, 10.0),
             "Standard deviation of each axis of the angular velocity. That of the acceleration is ten times as much, in m/s².";

@@ -194,6 +194,33 @@ pub enum Wrong {
     #[error("{name:?} is used by {other} already; a serial line carries one device: give each its own")]
     ImuDeviceTaken { name: String, other: String },
 
+    #[error(
+        "{0:?} is a serial bus, and this IMU speaks over CAN only; name a bus of type socketcan or simulated"
+    )]
+    ImuOnLine(String),
+    #[error(
+        "the id {id:#05x} that follows from it is that of {other} on the same bus, and only one node may send an id; give another \
+         {key}, here and on the device"
+    )]
+    ImuId { id: u16, other: String, key: &'static str },
+    #[error(
+        "the device sends {least} to {most} samples per second, one in a whole number of ms; the nearest rate is {nearest} Hz"
+    )]
+    ImuRate { least: f64, most: f64, nearest: f64 },
+    #[error(
+        "the device is asked in each cycle of {cycle_hz} Hz, or in each second, third and so on; the nearest rate is {nearest} Hz"
+    )]
+    ImuNotAskedAt { cycle_hz: f64, nearest: f64 },
+    #[error(
+        "the frames of the IMU delay the last reply to {last_us:.0} µs after the commands, later than the reply deadline of \
+         {deadline_us:.0} µs at {rate_hz} Hz; give it another bus, or lower cycle.rate-hz to at most {rate_hz_max} Hz"
+    )]
+    ImuOverloads { rate_hz: f64, last_us: f64, deadline_us: f64, rate_hz_max: f64 },
+    #[error(
+        "with the IMU the bus needs {percent:.1} % of its time at worst; give it another bus, or lower rate-hz"
+    )]
+    ImuFillsBus { percent: f64 },
+
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
     InterfaceName { name: String },

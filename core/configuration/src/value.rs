@@ -1,7 +1,7 @@
 //! The types of values: their names, and how they are read.
 
 use motord_protocol::MotorProtocol;
-use motord_protocol::imu::SerialProtocol;
+use motord_protocol::imu::{CanProtocol, SerialProtocol};
 use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -277,6 +277,7 @@ impl Choice for BusType {
 pub(super) enum ImuType {
     Simulated,
     Serial(SerialProtocol),
+    Can(CanProtocol),
     External,
 }
 
@@ -286,6 +287,8 @@ impl Choice for ImuType {
         ("external", Self::External),
         (SerialProtocol::Hipnuc.name(), Self::Serial(SerialProtocol::Hipnuc)),
         (SerialProtocol::Xsens.name(), Self::Serial(SerialProtocol::Xsens)),
+        (CanProtocol::ALL[0].name(), Self::Can(CanProtocol::ALL[0])),
+        (CanProtocol::ALL[1].name(), Self::Can(CanProtocol::ALL[1])),
     ];
 }
 

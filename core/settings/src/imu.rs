@@ -4,7 +4,7 @@
 //! sensor's heading is zero.
 
 use motord_bus::Duration;
-use motord_protocol::imu::{Quaternion, SerialProtocol};
+use motord_protocol::imu::{CanDevice, Quaternion, SerialProtocol};
 
 /// `[[imu]]`.
 #[derive(Debug, Clone)]
@@ -30,6 +30,8 @@ pub enum ImuSource {
     Simulated(ImuSimulation),
     /// A device on a serial line.
     Serial(ImuSerial),
+    /// A device on a CAN bus, which the cycle reads.
+    Can(ImuCan),
     /// Published by another process.
     External,
 }
@@ -41,6 +43,7 @@ impl ImuSource {
         match self {
             Self::Simulated(_) => "simulated",
             Self::Serial(serial) => serial.protocol.name(),
+            Self::Can(can) => can.device.protocol().name(),
             Self::External => "external",
         }
     }
@@ -49,6 +52,31 @@ impl ImuSource {
     #[must_use]
     pub const fn serial(&self) -> Option<&ImuSerial> {
         if let Self::Serial(serial) = self { Some(serial) } else { None }
+    }
+
+    /// The place of the device on a CAN bus, if it is there.
+    #[must_use]
+    pub const fn can(&self) -> Option<&ImuCan> {
+        if let Self::Can(can) = self { Some(can) } else { None }
+    }
+}
+
+/// A device on a CAN bus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuCan {
+    /// Index of its bus.
+    pub bus: usize,
+    /// Its protocol and its ids.
+    pub device: CanDevice,
+    /// The errors of the device that `motord-sim` or a simulated bus has in its place.
+    pub simulation: ImuSimulation,
+}
+
+impl ImuCan {
+    /// The cycles from one request to the next; 1 for a rate of at least that of the cycle.
+    #[must_use]
+    pub fn every(rate_hz: f64, cycle_rate_hz: f64) -> u32 {
+        (cycle_rate_hz / rate_hz).round().max(1.0) as u32
     }
 }
 

@@ -4,6 +4,7 @@
 //! - [`settings`]: the checked configuration.
 //! - [`plan`]: the part of each cycle that the buses need.
 //! - [`imu`]: IMUs, and their mounts on the body.
+//! - [`imu_load`]: the load of IMUs on CAN buses.
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
 //!
 //! Values only: no socket, no thread, no file and no clock.
@@ -11,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 pub mod imu;
+pub mod imu_load;
 pub mod joint;
 pub mod plan;
 pub mod settings;

@@ -14,6 +14,7 @@ use motord_bus::arithmetic::{
     IdWidth, SERIAL_FRAME_BITS, Transaction, expected_bits, utilisation, wire_time,
 };
 
+use crate::imu_load::ImuFrames;
 use crate::settings::{BusKind, MotorSettings, Settings};
 
 /// The payload of a command (MIT document 1.1, GIM document table 2).
@@ -44,6 +45,8 @@ pub struct BusPlan {
     pub fault_poll_utilisation: f64,
     /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
     pub expected: Duration,
+    /// The same of a cycle that also asks IMUs.
+    pub expected_with_imus: Duration,
     /// Least wire time of one command and its reply.
     pub transaction_least: Duration,
     /// Most wire time of one command and its reply.
@@ -52,8 +55,10 @@ pub struct BusPlan {
     pub every_least: u32,
     /// From the sending of a cycle's commands to its last reply, as expected; on a line the time of a turn.
     pub last_reply: Duration,
+    /// The part of `last_reply` that is for IMUs.
+    pub imu_time: Duration,
     /// The highest rate of the cycle, Hz: at it the last reply is expected at the reply deadline, and turns of a line do not
-    /// overlap. Infinite for a bus without motors.
+    /// overlap. Infinite for a bus that asks nothing.
     pub rate_hz_max: f64,
 }
 
@@ -79,7 +84,41 @@ impl BusPlan {
         let turns: Vec<_> = motors.enumerate().map(turn).collect();
         let cycle = &settings.cycle;
         let deadline = cycle.reply_deadline.as_secs_f64() / cycle.period.as_secs_f64();
-        Self::of_turns(&turns, bitrate, cycle.rate_hz, deadline)
+        Self::of_turns(&turns, bitrate, cycle.rate_hz, deadline).with_imus(
+            &ImuFrames::of(settings, bus),
+            &turns,
+            (bitrate, cycle.rate_hz, deadline),
+        )
+    }
+
+    /// Adds the frames of IMUs. The cycle that asks them is the fullest; frames without a request are spread over all.
+    fn with_imus(
+        self,
+        imus: &ImuFrames,
+        turns: &[(u32, TransactionBits)],
+        (bitrate, rate_hz, deadline): (u32, f64, f64),
+    ) -> Self {
+        if *imus == ImuFrames::default() {
+            return self;
+        }
+        let part = |asked: u32, sent: f64| utilisation(asked, rate_hz, bitrate) + sent / f64::from(bitrate);
+        let worst = part(imus.asked_worst, imus.sent_worst);
+        let cycles = turns.iter().map(|(cycle, _)| *cycle).chain([0]);
+        let last_reply =
+            cycles.map(|cycle| last_reply(turns, cycle, bitrate, imus)).max().unwrap_or_default();
+        let rate_hz_max =
+            if last_reply.is_zero() { f64::INFINITY } else { deadline / last_reply.as_secs_f64() };
+        Self {
+            worst_case_utilisation: self.worst_case_utilisation + worst,
+            unstuffed_utilisation: self.unstuffed_utilisation
+                + part(imus.asked_unstuffed, imus.sent_unstuffed),
+            fault_poll_utilisation: self.fault_poll_utilisation + worst,
+            expected_with_imus: self.expected + wire_time(imus.asked_unstuffed, bitrate),
+            imu_time: last_reply.saturating_sub(self.last_reply),
+            last_reply,
+            rate_hz_max,
+            ..self
+        }
     }
 
     /// Of transactions with their cycles. `deadline` is the reply deadline as a fraction of the period.
@@ -93,7 +132,8 @@ impl BusPlan {
         let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
         let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
-        let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate)).max();
+        let none = ImuFrames::default();
+        let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate, &none)).max();
         let last_reply = last_reply.unwrap_or_default();
         Self {
             motors: turns.len(),
@@ -101,6 +141,8 @@ impl BusPlan {
             unstuffed_utilisation: utilisation(unstuffed, rate_hz, bitrate),
             fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
             expected: wire_time(unstuffed, bitrate),
+            expected_with_imus: wire_time(unstuffed, bitrate),
+            imu_time: Duration::ZERO,
             transaction_least: wire_time(least, bitrate),
             transaction_worst: wire_time(fault_poll, bitrate),
             every_least: 1,
@@ -123,6 +165,8 @@ impl BusPlan {
             unstuffed_utilisation: share(motors, wire),
             fault_poll_utilisation: share(turns, turn),
             expected: turn,
+            expected_with_imus: turn,
+            imu_time: Duration::ZERO,
             transaction_least: wire,
             transaction_worst: turn,
             every_least: u32::try_from(cycles * turns as u128).unwrap_or(u32::MAX).max(1),
@@ -134,17 +178,23 @@ impl BusPlan {
 }
 
 /// When the last reply to the commands of `cycle` is expected. The commands occupy the bus first, one after the other; then the
-/// replies, each when its motor has it ready.
-fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32) -> Duration {
-    let asked = || turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
-    let command = wire_time(expected_bits(IdWidth::Standard, COMMAND_BYTES), bitrate);
-    let mut free = HOST_TIME + command * asked().count() as u32;
-    let mut heard = HOST_TIME;
-    for transaction in asked() {
-        heard += command;
-        free = free.max(heard + transaction.answering) + wire_time(transaction.reply, bitrate);
+/// replies, each when its motor has it ready. Requests to IMUs follow the commands. Zero for a cycle without a request.
+fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: &ImuFrames) -> Duration {
+    let asked = turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
+    let command = expected_bits(IdWidth::Standard, COMMAND_BYTES);
+    let motors = asked.map(|transaction| (command, transaction.reply, transaction.answering));
+    let sensors = imus.asked.iter().map(|[request, reply]| (*request, *reply, ANSWERING_TIME));
+    let requests: Vec<_> = motors.chain(sensors).collect();
+    if requests.is_empty() {
+        return Duration::ZERO;
     }
-    free
+    let mut free = HOST_TIME + wire_time(requests.iter().map(|(request, ..)| request).sum(), bitrate);
+    let mut heard = HOST_TIME;
+    for (request, reply, answering) in requests {
+        heard += wire_time(request, bitrate);
+        free = free.max(heard + answering) + wire_time(reply, bitrate);
+    }
+    free + wire_time(imus.blocking, bitrate)
 }
 
 /// Bits of a command and its reply, and the time between them.

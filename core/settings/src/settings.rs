@@ -41,6 +41,12 @@ impl Settings {
         motors + usize::from(asks && self.buses[bus].is_line())
     }
 
+    /// Returns whether a bus has an IMU.
+    #[must_use]
+    pub fn has_imu(&self, bus: usize) -> bool {
+        self.imus.iter().filter_map(|imu| imu.source.can()).any(|can| can.bus == bus)
+    }
+
     /// Returns the cycle, below `every`, of the turn number `turn` of a bus. The turns are spread
     /// evenly.
     #[must_use]

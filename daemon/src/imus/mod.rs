@@ -46,6 +46,8 @@ impl Sources {
                     simulated.push(simulated::Source::new(imu, errors, writer, start));
                 }
                 ImuSource::Serial(line) => serial.push(SerialImu::new(imu, line, writer)),
+                // The cycle reads it.
+                ImuSource::Can(_) => {}
                 ImuSource::External => external.push(external::Source::new(index, imu, writer)),
             }
         }

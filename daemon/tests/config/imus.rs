@@ -97,7 +97,7 @@ fn check_tells_cost_of_serial_imu() {
     let row = text.lines().find(|line| line.starts_with("base")).unwrap();
     assert_eq!(
         row.split_whitespace().collect::<Vec<_>>().join(" "),
-        "base hipnuc-serial 500 Hz 41000 44.5 % 1123 Hz /dev/null at 921600 baud"
+        "base hipnuc-serial 500 Hz 41000 bytes/s 44.5 % 1123 Hz /dev/null at 921600 baud"
     );
     let report: serde_json::Value = serde_json::from_str(&printed(true)).unwrap();
     assert_eq!(report["imus"][0]["line"]["bytes_per_second"], 41_000.0);

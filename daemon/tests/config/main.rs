@@ -3,6 +3,7 @@
 
 mod arbitrary;
 mod arming;
+mod can_imus;
 mod document;
 mod doubts;
 mod ids;

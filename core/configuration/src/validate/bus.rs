@@ -186,7 +186,9 @@ fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
 pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
         if plan.motors == 0 {
-            findings.warn(*at, Wrong::EmptyBus);
+            if !settings.has_imu(bus) {
+                findings.warn(*at, Wrong::EmptyBus);
+            }
         } else if settings.buses[bus].is_line() {
             judge_turns(keys, plan, settings, bus, findings);
         } else {
@@ -200,7 +202,7 @@ fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Finding
     let rate_hz = settings.cycle.rate_hz;
     let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
     let deadline = settings.cycle.reply_deadline;
-    if plan.last_reply > deadline {
+    if plan.last_reply.saturating_sub(plan.imu_time) > deadline {
         let [last_us, deadline_us] = [plan.last_reply, deadline].map(|time| 1e6 * time.as_secs_f64());
         let rate_hz_max = plan.rate_hz_max.floor();
         findings.error(at, Wrong::Overloaded { motors, rate_hz, last_us, deadline_us, rate_hz_max });

@@ -2,10 +2,11 @@
 
 use motord_bus::Identity;
 use motord_protocol::imu::{BITS_PER_BYTE, SerialProtocol};
-use motord_settings::imu::{ImuSerial, ImuSettings, ImuSimulation, ImuSource, Mount};
+use motord_settings::imu::{ImuCan, ImuSerial, ImuSettings, ImuSimulation, ImuSource, Mount};
 use motord_shared::limits::IMUS_MAX;
 
 use super::bus;
+use super::imu_can::{self, Buses};
 use super::time::{micros, millis};
 use crate::document::ImuTables;
 use crate::entry::Item;
@@ -24,7 +25,7 @@ const OTHER_RATE_HZ: f64 = 200.0;
 /// All IMUs, in the order of the file; `None` for one that cannot be built.
 pub(super) fn imus(
     items: &[Item<ImuTables>],
-    buses: &[Item<keys::Bus>],
+    buses: Buses<'_>,
     findings: &mut Findings<'_>,
 ) -> Vec<Option<ImuSettings>> {
     if let Some(beyond) = items.get(IMUS_MAX) {
@@ -32,8 +33,8 @@ pub(super) fn imus(
     }
     let names = items.iter().map(|imu| &imu.keys.keys.name);
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "IMU" });
-    refuse_taken_devices(items, buses, findings);
-    items.iter().map(|imu| self::imu(&imu.keys, findings)).collect()
+    refuse_taken_devices(items, buses.0, findings);
+    items.iter().map(|imu| self::imu(&imu.keys, buses, findings)).collect()
 }
 
 /// Reports a device that a bus or an earlier IMU uses, also under another name.
@@ -63,7 +64,7 @@ fn is_same_device(one: &str, other: &str) -> bool {
         || Identity::of_device(one).is_some_and(|identity| Some(identity) == Identity::of_device(other))
 }
 
-fn imu(tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSettings> {
+fn imu(tables: &ImuTables, buses: Buses<'_>, findings: &mut Findings<'_>) -> Option<ImuSettings> {
     let keys = &tables.keys;
     let name = findings.name(&keys.name);
     let rate_hz = keys.rate_hz.value.unwrap_or_else(|| default_rate_hz(keys.kind.value));
@@ -73,7 +74,9 @@ fn imu(tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSettings> {
     if lost_ms < 2.0 * sample_ms {
         findings.error(keys.lost_after_ms.at, Wrong::LostWithinSamples { lost_ms, sample_ms });
     }
-    let source = source(keys.kind.value?, rate_hz, tables, findings);
+    let kind = keys.kind.value?;
+    refuse_keys_of_other_types(kind, tables, findings);
+    let source = source(kind, rate_hz, (tables, buses), findings);
     Some(ImuSettings {
         name: name?,
         source: source?,
@@ -87,36 +90,54 @@ fn imu(tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSettings> {
 fn default_rate_hz(kind: Option<ImuType>) -> f64 {
     match kind {
         Some(ImuType::Serial(protocol)) => protocol.rate_hz_default().into(),
+        Some(ImuType::Can(protocol)) => protocol.rate_hz_default().into(),
         Some(ImuType::Simulated | ImuType::External) | None => OTHER_RATE_HZ,
     }
 }
 
-fn source(kind: ImuType, rate_hz: f64, tables: &ImuTables, findings: &mut Findings<'_>) -> Option<ImuSource> {
-    refuse_keys_of_other_types(kind, tables, findings);
-    let ImuTables { keys, simulation } = tables;
+fn source(
+    kind: ImuType,
+    rate_hz: f64,
+    (tables, buses): (&ImuTables, Buses<'_>),
+    findings: &mut Findings<'_>,
+) -> Option<ImuSource> {
     match kind {
-        ImuType::Simulated => {
-            // Two IMUs of one file have different names, so their noise differs.
-            let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
-            Some(ImuSource::Simulated(ImuSimulation {
-                noise: simulation.noise_rad_s.value,
-                bias: simulation.bias_rad_s.value,
-                delay: micros(simulation.delay_us.value),
-                seed: simulation.seed.value.map_or_else(from_name, i64::cast_unsigned),
-            }))
-        }
-        ImuType::Serial(protocol) => serial(protocol, rate_hz, keys, findings).map(ImuSource::Serial),
+        ImuType::Simulated => Some(ImuSource::Simulated(simulation(tables))),
+        ImuType::Serial(protocol) => serial(protocol, rate_hz, &tables.keys, findings).map(ImuSource::Serial),
+        ImuType::Can(protocol) => Some(ImuSource::Can(ImuCan {
+            bus: imu_can::bus(&tables.keys, buses, findings)?,
+            device: imu_can::device(protocol, &tables.keys),
+            simulation: simulation(tables),
+        })),
         ImuType::External => Some(ImuSource::External),
+    }
+}
+
+fn simulation(ImuTables { keys, simulation }: &ImuTables) -> ImuSimulation {
+    // Two IMUs of one file have different names, so their noise differs.
+    let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
+    ImuSimulation {
+        noise: simulation.noise_rad_s.value,
+        bias: simulation.bias_rad_s.value,
+        delay: micros(simulation.delay_us.value),
+        seed: simulation.seed.value.map_or_else(from_name, i64::cast_unsigned),
     }
 }
 
 /// Reports keys of another type: the type is wrong, or the key has no effect.
 fn refuse_keys_of_other_types(kind: ImuType, tables: &ImuTables, findings: &mut Findings<'_>) {
     let ImuTables { keys, simulation } = tables;
-    let (is_serial, is_simulated) = (matches!(kind, ImuType::Serial(_)), kind == ImuType::Simulated);
+    let is_serial = matches!(kind, ImuType::Serial(_));
+    let is_simulated = matches!(kind, ImuType::Simulated | ImuType::Can(_));
+    let has = |key| matches!(kind, ImuType::Can(protocol) if protocol.has(key));
     let owners = [
         (keys.device.is_written, keys.device.at, is_serial),
         (keys.baud.is_written, keys.baud.at, is_serial),
+        (keys.bus.is_written, keys.bus.at, matches!(kind, ImuType::Can(_))),
+        (keys.node_id.is_written, keys.node_id.at, has("node-id")),
+        (keys.can_id.is_written, keys.can_id.at, has("can-id")),
+        (keys.master_id.is_written, keys.master_id.at, has("master-id")),
+        (keys.firmware.is_written, keys.firmware.at, has("firmware")),
         (simulation.noise_rad_s.is_written, simulation.noise_rad_s.at, is_simulated),
         (simulation.bias_rad_s.is_written, simulation.bias_rad_s.at, is_simulated),
         (simulation.delay_us.is_written, simulation.delay_us.at, is_simulated),

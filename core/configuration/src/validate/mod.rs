@@ -7,6 +7,7 @@
 mod bus;
 mod group;
 mod imu;
+mod imu_can;
 pub(super) mod limits;
 mod motor;
 mod time;
@@ -44,7 +45,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
-    let imus = imu::imus(&document.imus, &document.buses, findings);
+    let imus = imu::imus(&document.imus, (&document.buses, &buses), findings);
     motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
@@ -53,6 +54,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let settings =
         Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups?, imus };
     bus::judge_load(&document.buses, &settings, findings);
+    imu_can::judge(&document.imus, &settings, findings);
     bus::judge_shared_ids(&document.buses, &settings, findings);
     motor::judge_durations(&document.motors, &settings, findings);
     judge_rates(document, &settings, findings);

@@ -26,7 +26,7 @@ const SERIAL_BYTE_BITS: u32 = 10;
 
 /// The columns of the plan, in words.
 const LEGEND: &str = "
-worst case  part of a cycle that commands and replies take with all stuff bits;
+worst case  part of a cycle that commands, replies and IMUs take with all stuff bits;
             above 80 % is tight
 unstuffed   the same without stuff bits: the least that it takes
 fault poll  worst case of a cycle that also asks a motor for its faults;
@@ -95,11 +95,13 @@ struct BusReport<'a> {
     worst_case_utilisation: f64,
     unstuffed_utilisation: f64,
     fault_poll_utilisation: f64,
-    /// The highest rate of the cycle that this bus allows, rounded down; `None` without motors.
+    /// The highest rate of the cycle that this bus allows, rounded down; `None` when nothing is asked on it.
     rate_hz_max: Option<f64>,
     /// The last reply of a cycle is expected after the reply deadline.
     #[serde(skip)]
     is_late: bool,
+    #[serde(skip)]
+    has_imu: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<LineReport>,
 }
@@ -141,14 +143,14 @@ impl<'a> Report<'a> {
                 errors: Vec::new(),
                 warnings: lines(&loaded.warnings),
                 buses: bus_reports(&loaded.settings),
-                imus: imus::reports(&loaded.settings.imus),
+                imus: imus::reports(&loaded.settings),
                 joints: joints.then(|| joints::reports(loaded)),
             },
             Err(error) => Self {
                 errors: lines(&error.problems),
                 warnings: Vec::new(),
                 buses: error.refused.as_deref().map_or_else(Vec::new, bus_reports),
-                imus: error.refused.as_deref().map_or_else(Vec::new, |it| imus::reports(&it.imus)),
+                imus: error.refused.as_deref().map_or_else(Vec::new, imus::reports),
                 joints: None,
             },
         }
@@ -165,7 +167,8 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
         worst_case_utilisation: plan.worst_case_utilisation,
         unstuffed_utilisation: plan.unstuffed_utilisation,
         fault_poll_utilisation: plan.fault_poll_utilisation,
-        rate_hz_max: (plan.motors > 0).then(|| plan.rate_hz_max.floor()),
+        rate_hz_max: plan.rate_hz_max.is_finite().then(|| plan.rate_hz_max.floor()),
+        has_imu: settings.has_imu(index),
         is_late: !bus.is_line() && plan.last_reply > settings.cycle.reply_deadline,
     };
     settings.buses.iter().zip(BusPlan::of(settings)).enumerate().map(report).collect()
@@ -226,7 +229,7 @@ fn print_plan(file: &str, settings: &Settings, out: &mut impl Write) -> io::Resu
         )?;
     }
     write!(out, "{LEGEND}")?;
-    imus::print(&settings.imus, out)
+    imus::print(settings, out)
 }
 
 fn verdict(bus: &BusReport<'_>) -> String {
@@ -253,9 +256,11 @@ fn line_verdict(line: &LineReport, every: u32) -> String {
 
 fn can_verdict(bus: &BusReport<'_>) -> &'static str {
     match bus {
-        BusReport { motors: 0, .. } => "empty",
+        BusReport { motors: 0, has_imu: false, .. } => "empty",
         BusReport { is_late: true, .. } => "TOO FULL: lower the rate or move a motor",
-        bus if bus.worst_case_utilisation > WORST_CASE_SOUND => "tight: lower the rate or move a motor",
+        bus if bus.motors > 0 && bus.worst_case_utilisation > WORST_CASE_SOUND => {
+            "tight: lower the rate or move a motor"
+        }
         bus if bus.fault_poll_utilisation > 1.0 => "fits; fault polls only where there happens to be room",
         _ => "fits",
     }

@@ -130,6 +130,16 @@ impl Profile {
         PROFILES.iter().find(|profile| profile.name == name).copied()
     }
 
+    /// Returns the profile of this version of the firmware.
+    #[must_use]
+    pub const fn of_firmware(version: u16) -> &'static Self {
+        match version {
+            0..=1022 => &FIRMWARE_1022,
+            1023 => &FIRMWARE_1023,
+            1024.. => &FIRMWARE_1024,
+        }
+    }
+
     /// Returns the request for `register` of the device `can_id`.
     #[must_use]
     pub fn request(&self, can_id: u16, register: Register) -> CanRequest {
@@ -262,6 +272,11 @@ impl Decoder {
     #[must_use]
     pub fn new(profile: &'static Profile, parts: Parts, within_us: u64) -> Self {
         Self { profile, sequence: Sequence::new(parts, within_us), temperature_celsius: None }
+    }
+
+    /// Drops the sample that is being received: the next frames belong to another one.
+    pub const fn drop_sample(&mut self) {
+        self.sequence.drop_sample();
     }
 
     /// Takes the payload of a frame with the device's master id that arrived at `at_us`, by any

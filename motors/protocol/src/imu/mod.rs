@@ -23,6 +23,7 @@
 //! The stream decoders have a bounded buffer. After damaged bytes they return the next intact sample
 //! with its last byte: each byte is examined as the end of a sample, whatever came before.
 
+mod can;
 pub mod damiao;
 mod error;
 pub mod hipnuc;
@@ -34,6 +35,7 @@ mod stream;
 mod window;
 pub mod xsens;
 
+pub use can::{CanAddress, CanDecoder, CanDevice, CanProtocol};
 pub use error::{SampleError, SampleField};
 pub use measured::Measured;
 pub use request::CanRequest;

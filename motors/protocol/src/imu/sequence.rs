@@ -85,7 +85,7 @@ impl Sequence {
     }
 
     /// Drops the sample that is being received.
-    pub(super) fn drop_sample(&mut self) {
+    pub(super) const fn drop_sample(&mut self) {
         self.state = State::Dropped;
     }
 

@@ -135,6 +135,11 @@ impl Decoder {
         Self { node: node & NODE_MAX, sequence: Sequence::new(parts, within_us) }
     }
 
+    /// Drops the sample that is being received: the next frames belong to another one.
+    pub const fn drop_sample(&mut self) {
+        self.sequence.drop_sample();
+    }
+
     /// Takes a frame that arrived at `at_us`, by any clock. Returns the sample that it completes.
     /// Frames with other ids are ignored.
     ///

@@ -1,0 +1,160 @@
+//! `[[imu]]` on a CAN bus: its bus, its ids, its rate and its load.
+
+use motord_bus::FrameId;
+use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol};
+use motord_protocol::register;
+use motord_settings::imu::{ImuCan, ImuSettings};
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::{BusSettings, Settings};
+
+use super::bus::required;
+use crate::document::ImuTables;
+use crate::entry::{At, Item};
+use crate::findings::Findings;
+use crate::keys;
+use crate::problem::Wrong;
+
+/// The tables of the buses, and their settings.
+pub(super) type Buses<'a> = (&'a [Item<keys::Bus>], &'a [Option<BusSettings>]);
+
+/// A rate this near to one of the device is that rate: 166.7 Hz is one in 6 ms.
+const RATE_TOLERANCE: f64 = 0.005;
+
+/// Returns the index of the bus; `None` for one that is unknown or not CAN.
+pub(super) fn bus(keys: &keys::Imu, (items, buses): Buses<'_>, findings: &mut Findings<'_>) -> Option<usize> {
+    let name = required(&keys.bus, "name the [[bus]] the IMU is on, such as bus = \"body\"", findings)?;
+    let names = items.iter().map(|bus| &bus.keys.name);
+    let bus = findings.find(keys.bus.at, name, names, Wrong::UnknownBus)?;
+    if buses[bus].as_ref()?.is_line() {
+        findings.error(keys.bus.at, Wrong::ImuOnLine(name.to_owned()));
+        return None;
+    }
+    Some(bus)
+}
+
+/// Returns the device with its ids.
+pub(super) fn device(protocol: CanProtocol, keys: &keys::Imu) -> CanDevice {
+    let new = CanAddress::default();
+    let id = |value: Option<i64>, default: u16| value.map_or(default, |id| id as u16);
+    let address = CanAddress {
+        node_id: keys.node_id.value.map_or(new.node_id, |node| node as u8),
+        can_id: id(keys.can_id.value, new.can_id),
+        master_id: id(keys.master_id.value, new.master_id),
+        firmware: id(keys.firmware.value, new.firmware),
+    };
+    CanDevice::new(protocol, address)
+}
+
+/// Reports what the device or its bus cannot do.
+pub(super) fn judge(items: &[Item<ImuTables>], settings: &Settings, findings: &mut Findings<'_>) {
+    let plans = BusPlan::of(settings);
+    for (index, (imu, item)) in settings.imus.iter().zip(items).enumerate() {
+        let Some(can) = imu.source.can() else { continue };
+        let keys = &item.keys.keys;
+        judge_ids(keys, (index, can), settings, findings);
+        match can.device.protocol().rates_hz() {
+            Some(rates) => judge_rate(keys.rate_hz.at, imu.rate_hz, rates, findings),
+            None => judge_asked_rate(keys.rate_hz.at, imu.rate_hz, settings.cycle.rate_hz, findings),
+        }
+        judge_load(keys.bus.at, &plans[can.bus], settings, findings);
+    }
+}
+
+/// Reports an id that another node of the bus sends, or that a motor takes for a command.
+fn judge_ids(
+    keys: &keys::Imu,
+    (index, can): (usize, &ImuCan),
+    settings: &Settings,
+    findings: &mut Findings<'_>,
+) {
+    let (sent_by, key) = match can.device.request_id() {
+        Some(_) => (keys.master_id.at, "master-id"),
+        None => (keys.node_id.at, "node-id"),
+    };
+    let sent = can.device.sent_ids().map(|id| (id, sent_by, key));
+    let asked = can.device.request_id().map(|id| (id, keys.can_id.at, "can-id"));
+    let motors = sent.chain(asked).find_map(|it| Some((it, motor_with(settings, can.bus, it.0)?)));
+    let used = motors.or_else(|| {
+        let sent = can.device.sent_ids().map(|id| (id, sent_by, key));
+        sent.chain(asked).find_map(|it| Some((it, imu_with(settings, index, it.0)?)))
+    });
+    if let Some(((id, at, key), other)) = used {
+        findings.error(at, Wrong::ImuId { id, other, key });
+    }
+}
+
+/// Returns the use that a motor of a bus makes of an id, in words.
+fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
+    let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
+    if let Some(motor) = motors().find(|motor| motor.profile.ids.hears(motor.id, id.into())) {
+        return Some(format!("commands to the motor {:?}", motor.name));
+    }
+    if let Some(motor) = motors().find(|motor| FrameId::new(id) == Some(motor.host_id)) {
+        return Some(format!("the replies of the motor {:?}", motor.name));
+    }
+    let motor = motors().find(|motor| motor.profile.has_registers && id == register::REQUEST_ID)?;
+    Some(format!("requests to the registers of the motor {:?}", motor.name))
+}
+
+/// Returns the use that this IMU itself or an earlier one makes of an id, in words.
+fn imu_with(settings: &Settings, index: usize, id: u16) -> Option<String> {
+    let can = settings.imus[index].source.can()?;
+    let sends = |can: &ImuCan| can.device.sent_ids().any(|sent| sent == id);
+    let asks = |can: &ImuCan| can.device.request_id() == Some(id);
+    if sends(can) && asks(can) {
+        return Some("the requests to it".to_owned());
+    }
+    let collides = |other: &&ImuSettings| {
+        let other = other.source.can().filter(|other| other.bus == can.bus);
+        other.is_some_and(|other| match sends(can) || sends(other) {
+            false => asks(can) && asks(other) && !have_own_requests(can, other, id),
+            true => sends(other) || asks(other),
+        })
+    };
+    let other = settings.imus[..index].iter().find(collides)?;
+    Some(format!("the IMU {:?}", other.name))
+}
+
+/// Returns whether requests with the same `id` name one of the two devices in their payload.
+fn have_own_requests(one: &ImuCan, other: &ImuCan, id: u16) -> bool {
+    let [one, other] = [one, other].map(|can| can.device.address().can_id);
+    one != other && one != id && other != id
+}
+
+fn judge_rate(at: At, rate_hz: f64, [least, most]: [f64; 2], findings: &mut Findings<'_>) {
+    let nearest = 1000.0 / (1000.0 / rate_hz.clamp(least, most)).round();
+    if !is_near(rate_hz, nearest) {
+        findings.error(at, Wrong::ImuRate { least, most, nearest: rounded(nearest) });
+    }
+}
+
+fn judge_asked_rate(at: At, rate_hz: f64, cycle_hz: f64, findings: &mut Findings<'_>) {
+    let nearest = cycle_hz / f64::from(ImuCan::every(rate_hz, cycle_hz));
+    if !is_near(rate_hz, nearest) {
+        findings.error(at, Wrong::ImuNotAskedAt { cycle_hz, nearest: rounded(nearest) });
+    }
+}
+
+fn is_near(rate_hz: f64, nearest: f64) -> bool {
+    (rate_hz - nearest).abs() <= RATE_TOLERANCE * nearest
+}
+
+/// Returns the rate with one decimal.
+fn rounded(rate_hz: f64) -> f64 {
+    (10.0 * rate_hz).round() / 10.0
+}
+
+/// Reports an IMU for which its bus has no capacity. A bus that is too full without it is reported itself.
+fn judge_load(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
+    let deadline = settings.cycle.reply_deadline;
+    if plan.last_reply.saturating_sub(plan.imu_time) > deadline {
+        return;
+    }
+    if plan.last_reply > deadline {
+        let [last_us, deadline_us] = [plan.last_reply, deadline].map(|time| 1e6 * time.as_secs_f64());
+        let (rate_hz, rate_hz_max) = (settings.cycle.rate_hz, plan.rate_hz_max.floor());
+        findings.error(at, Wrong::ImuOverloads { rate_hz, last_us, deadline_us, rate_hz_max });
+    } else if plan.worst_case_utilisation > 1.0 {
+        findings.error(at, Wrong::ImuFillsBus { percent: 100.0 * plan.worst_case_utilisation });
+    }
+}
