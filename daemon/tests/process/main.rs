@@ -13,6 +13,7 @@ mod player;
 mod port;
 mod safe_stop;
 mod serial;
+mod serial_imu;
 mod serial_noise;
 mod serial_process;
 mod worst_moments;
