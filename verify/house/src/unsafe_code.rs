@@ -3,9 +3,14 @@
 use crate::sources;
 use proc_macro2::{TokenStream, TokenTree};
 
-/// System calls that no safe crate offers, and the allocators and counters of tests.
+/// System calls that no safe crate offers, pointers of callers in C, and the allocators and counters of tests.
 const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
+    "client/c/src/abi/claim.rs",
+    "client/c/src/abi/client.rs",
+    "client/c/src/abi/state.rs",
+    "client/c/src/handle.rs",
+    "client/c/tests/misuse.rs",
     "daemon/deadman/src/kernel.rs",
     "daemon/realtime/src/kernel.rs",
     "motors/bus/src/kernel.rs",

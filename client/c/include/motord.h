@@ -1,0 +1,675 @@
+/* motord.h: the client library of motord for C. C++ programs include motord.hpp.
+ *
+ * A program connects, claims a group of joints, and sends a setpoint for each joint in every cycle. If it stops sending, or dies, the
+ * daemon damps the group. Every function that can fail returns a motord_status; motord_error_message() explains the failure.
+ *
+ * A client may be used by several threads; a state and a claim by one at a time. Reading and sending wait for no other thread. No pointer may be used after it was freed; the library finds some of these mistakes, and returns
+ * MOTORD_STATUS_BAD_ARGUMENT.
+ *
+ * Units are SI, joint side. docs/cpp.md is the guide.
+ */
+
+#ifndef MOTORD_H
+#define MOTORD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/**
+ * The result of a function. `motord_error_message` explains a failure.
+ */
+typedef enum motord_status {
+  /**
+   * It succeeded.
+   */
+  MOTORD_STATUS_OK = 0,
+  /**
+   * No state arrived in time, or the phase was not reached.
+   */
+  MOTORD_STATUS_TIMEOUT = 1,
+  /**
+   * No daemon runs, or it publishes no states. Calls work again once one does.
+   */
+  MOTORD_STATUS_NOT_RUNNING = 2,
+  /**
+   * Another daemon runs now: claim again.
+   */
+  MOTORD_STATUS_RESTARTED = 3,
+  /**
+   * The daemon refused the request.
+   */
+  MOTORD_STATUS_REFUSED = 4,
+  /**
+   * The group is stopped. It needs a person and a reset.
+   */
+  MOTORD_STATUS_STOPPED = 5,
+  /**
+   * The claim no longer owns its group: claim again.
+   */
+  MOTORD_STATUS_CLAIM_LOST = 6,
+  /**
+   * There is no joint, group or IMU of this name or index.
+   */
+  MOTORD_STATUS_UNKNOWN = 7,
+  /**
+   * An argument is a null pointer, a freed handle, a wrong number of values, or no text in UTF-8.
+   */
+  MOTORD_STATUS_BAD_ARGUMENT = 8,
+  /**
+   * A value is not finite, or a gain is negative.
+   */
+  MOTORD_STATUS_BAD_SETPOINT = 9,
+  /**
+   * A motor has not reported its position.
+   */
+  MOTORD_STATUS_NOT_HEARD = 10,
+  /**
+   * The user lacks the permission.
+   */
+  MOTORD_STATUS_PERMISSION = 11,
+  /**
+   * Library and daemon have different versions.
+   */
+  MOTORD_STATUS_VERSION = 12,
+  /**
+   * The daemon did not confirm a request. It may have executed it. After an emergency stop: cut the power.
+   */
+  MOTORD_STATUS_NOT_CONFIRMED = 13,
+  /**
+   * A service is damaged, or every slot of it is taken.
+   */
+  MOTORD_STATUS_UNAVAILABLE = 14,
+  /**
+   * Another thread uses this claim.
+   */
+  MOTORD_STATUS_BUSY = 15,
+  /**
+   * A defect of this library.
+   */
+  MOTORD_STATUS_DEFECT = 16,
+} motord_status;
+
+/**
+ * Phase of a group.
+ */
+typedef enum motord_phase {
+  /**
+   * Every motor is stopped.
+   */
+  MOTORD_PHASE_DISARMED = 0,
+  /**
+   * The motors are being started.
+   */
+  MOTORD_PHASE_STARTING = 1,
+  /**
+   * The group follows setpoints.
+   */
+  MOTORD_PHASE_ACTIVE = 2,
+  /**
+   * The group is being damped and will be stopped.
+   */
+  MOTORD_PHASE_DAMPING = 3,
+  /**
+   * This library does not know the phase.
+   */
+  MOTORD_PHASE_UNKNOWN = 4,
+} motord_phase;
+
+/**
+ * A quantity of a joint.
+ */
+typedef enum motord_quantity {
+  /**
+   * Position, rad.
+   */
+  MOTORD_QUANTITY_POSITION = 0,
+  /**
+   * Velocity, rad/s.
+   */
+  MOTORD_QUANTITY_VELOCITY = 1,
+  /**
+   * Torque, N·m.
+   */
+  MOTORD_QUANTITY_TORQUE = 2,
+  /**
+   * Temperature of the motor, °C.
+   */
+  MOTORD_QUANTITY_TEMPERATURE = 3,
+  /**
+   * Position of the applied command, rad.
+   */
+  MOTORD_QUANTITY_APPLIED_POSITION = 4,
+  /**
+   * Velocity of the applied command, rad/s.
+   */
+  MOTORD_QUANTITY_APPLIED_VELOCITY = 5,
+  /**
+   * Torque of the applied command, N·m.
+   */
+  MOTORD_QUANTITY_APPLIED_TORQUE = 6,
+} motord_quantity;
+
+/**
+ * The lists of names of a robot.
+ */
+typedef enum motord_list {
+  /**
+   * Joints.
+   */
+  MOTORD_LIST_JOINTS = 0,
+  /**
+   * Groups of joints.
+   */
+  MOTORD_LIST_GROUPS = 1,
+  /**
+   * IMUs.
+   */
+  MOTORD_LIST_IMUS = 2,
+} motord_list;
+
+/**
+ * The ownership of a group; empty once it is released. One thread uses it at a time.
+ */
+typedef struct motord_claim motord_claim;
+
+/**
+ * A connection.
+ */
+typedef struct motord_client motord_client;
+
+/**
+ * A state of the caller; empty before the first. One thread uses it at a time.
+ */
+typedef struct motord_state motord_state;
+
+/**
+ * Limits of the setpoints of a joint.
+ */
+typedef struct motord_joint_limits {
+  /**
+   * Lowest position, rad.
+   */
+  double position_min;
+  /**
+   * Highest position, rad.
+   */
+  double position_max;
+  /**
+   * Largest speed, rad/s.
+   */
+  double velocity;
+  /**
+   * Largest torque, N·m.
+   */
+  double torque;
+  /**
+   * Largest stiffness, N·m/rad.
+   */
+  double kp;
+  /**
+   * Largest damping, N·m·s/rad.
+   */
+  double kd;
+} motord_joint_limits;
+
+/**
+ * The cycle of a state.
+ */
+typedef struct motord_cycle {
+  /**
+   * Number of the cycle, from 1. It counts ticks: missed ticks leave a gap.
+   */
+  uint64_t cycle;
+  /**
+   * Scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
+   */
+  uint64_t tick_ns;
+  /**
+   * Time when the states were complete, ns of `CLOCK_MONOTONIC`.
+   */
+  uint64_t publish_ns;
+  /**
+   * Ticks missed since the start of the daemon.
+   */
+  uint64_t overruns;
+  /**
+   * The emergency stop is latched.
+   */
+  bool emergency_stop;
+  /**
+   * The cycle has real-time scheduling and locked memory.
+   */
+  bool realtime;
+  /**
+   * The daemon is shutting down.
+   */
+  bool shutting_down;
+} motord_cycle;
+
+/**
+ * A group after a cycle.
+ */
+typedef struct motord_group {
+  /**
+   * Its phase.
+   */
+  enum motord_phase phase;
+  /**
+   * Its owner is this claim.
+   */
+  bool owned;
+  /**
+   * It was stopped and needs a reset.
+   */
+  bool latched;
+  /**
+   * The cause of the stop, such as `motor-lost`; null without a stop.
+   */
+  const char *cause;
+  /**
+   * The joint that caused the stop, by index in the robot; -1 for none.
+   */
+  int32_t cause_joint;
+  /**
+   * Age of the setpoint in use when the cycle began, s; NaN for none.
+   */
+  double setpoint_age;
+  /**
+   * Setpoint messages accepted, modulo 2³².
+   */
+  uint32_t accepted;
+  /**
+   * Accepted messages that missed the first cycle after the one that they answer, modulo 2³².
+   */
+  uint32_t late;
+} motord_group;
+
+/**
+ * An IMU after a cycle. Values are NaN before the first sample.
+ */
+typedef struct motord_imu {
+  /**
+   * Orientation of the body in the world: a unit quaternion w, x, y, z.
+   */
+  double orientation[4];
+  /**
+   * Angular velocity of the body, rad/s.
+   */
+  double angular_velocity[3];
+  /**
+   * Specific force on the body, m/s²: at rest 9.81 upwards.
+   */
+  double acceleration[3];
+  /**
+   * Direction of gravity in the frame of the body, a unit vector: 0, 0, -1 for a level body.
+   */
+  double projected_gravity[3];
+  /**
+   * Temperature of the sensor, °C; NaN where it reports none.
+   */
+  double temperature;
+  /**
+   * Time from the receipt of the sample to now, s.
+   */
+  double age;
+  /**
+   * Samples received since the daemon started.
+   */
+  uint64_t sequence;
+  /**
+   * A sample was received since the previous states were published.
+   */
+  bool fresh;
+  /**
+   * No sample for longer than `lost-after-ms`, or the device is disconnected.
+   */
+  bool lost;
+} motord_imu;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/**
+ * Claims a group. Free the claim with `motord_claim_free`. The claim ends with its process; a forked process cannot use it.
+ *
+ * # Safety
+ * `client` is a client, `group` a text that ends with a null byte; `claim` leads to a place for a pointer.
+ */
+enum motord_status motord_claim_group(struct motord_client *client,
+                                      const char *group,
+                                      struct motord_claim **claim);
+
+/**
+ * Frees a claim, and releases its group: an active group is stopped. Null is no error.
+ *
+ * # Safety
+ * `claim` is null, or a claim that nobody uses any more.
+ */
+void motord_claim_free(struct motord_claim *claim);
+
+/**
+ * Releases the group of a claim, and says whether the daemon did it. The claim must be freed all the same.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_release(struct motord_claim *claim);
+
+/**
+ * Returns the number of joints of a claim; 0 for a claim that is none, or was released.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+size_t motord_claim_count(struct motord_claim *claim);
+
+/**
+ * Reads the indices in the robot of the joints of a claim, in its order.
+ *
+ * # Safety
+ * `claim` is a claim; `joints` leads to `count` numbers.
+ */
+enum motord_status motord_claim_joints(struct motord_claim *claim, size_t count, size_t *joints);
+
+/**
+ * Stores for each joint the setpoint that holds its position in `state`, with the stiffness `kp`, N·m/rad, and the damping `kd`,
+ * N·m·s/rad. Send it with `motord_commit`.
+ *
+ * # Safety
+ * `claim` is a claim, `state` a state.
+ */
+enum motord_status motord_hold(struct motord_claim *claim,
+                               struct motord_state *state,
+                               double kp,
+                               double kd);
+
+/**
+ * Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_commit(struct motord_claim *claim);
+
+/**
+ * Stores and sends a setpoint for each joint of the group, in the order of the claim: position, rad; velocity, rad/s; stiffness,
+ * N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
+ * `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint.
+ *
+ * # Safety
+ * `claim` is a claim; each array is null or leads to `count` numbers.
+ */
+enum motord_status motord_send(struct motord_claim *claim,
+                               size_t count,
+                               const double *position,
+                               const double *velocity,
+                               const double *kp,
+                               const double *kd,
+                               const double *torque);
+
+/**
+ * As `motord_send`, with numbers of single precision.
+ *
+ * # Safety
+ * As `motord_send`.
+ */
+enum motord_status motord_send_f32(struct motord_claim *claim,
+                                   size_t count,
+                                   const float *position,
+                                   const float *velocity,
+                                   const float *kp,
+                                   const float *kd,
+                                   const float *torque);
+
+/**
+ * Starts the motors of the group towards the last setpoints sent, which must be near the positions of the joints. Continue to
+ * send afterwards, or wait with `motord_wait_for`.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_enable(struct motord_claim *claim);
+
+/**
+ * Sleeps until the group is in a `motord_phase` or past it, at most `timeout_ns`, and repeats the last setpoints in each cycle.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_wait_for(struct motord_claim *claim,
+                                   uint32_t phase,
+                                   uint64_t timeout_ns);
+
+/**
+ * Damps and stops the motors of the group.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_disable(struct motord_claim *claim);
+
+/**
+ * Clears the latched cause of a stop. The group must be disarmed. A controller should leave this to a person who has inspected the
+ * robot.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_reset(struct motord_claim *claim);
+
+/**
+ * Returns the version of this library, such as `0.1.0`. Never null.
+ */
+const char *motord_version(void);
+
+/**
+ * Returns a sentence about the last failure of this thread, in UTF-8: what failed, and what to do. Empty before the first failure,
+ * never null. Valid until the next failure of this thread.
+ */
+const char *motord_error_message(void);
+
+/**
+ * Connects to the daemon of `instance`. Takes milliseconds. Free the client with `motord_client_free`.
+ *
+ * # Safety
+ * `instance` is a text that ends with a null byte; `client` leads to a place for a pointer.
+ */
+enum motord_status motord_connect(const char *instance,
+                                  struct motord_client **client);
+
+/**
+ * Connects to the daemon of `instance` in another runtime directory.
+ *
+ * # Safety
+ * As `motord_connect`.
+ */
+enum motord_status motord_connect_in(const char *runtime,
+                                     const char *instance,
+                                     struct motord_client **client);
+
+/**
+ * Frees a client. Its claims and publishers stay valid. Null is no error.
+ *
+ * # Safety
+ * `client` is null, or one of `motord_connect` that nobody uses any more.
+ */
+void motord_client_free(struct motord_client *client);
+
+/**
+ * Returns the number of names of a `motord_list`; 0 for a client that is no client.
+ *
+ * # Safety
+ * `client` is a client.
+ */
+size_t motord_count(struct motord_client *client, uint32_t list);
+
+/**
+ * Returns a name of a `motord_list` as it was at the connection; null for an index of none. Valid as long as the client.
+ *
+ * # Safety
+ * `client` is a client.
+ */
+const char *motord_name(struct motord_client *client,
+                        uint32_t list,
+                        size_t index);
+
+/**
+ * Finds the index of a name of a `motord_list`.
+ *
+ * # Safety
+ * `client` is a client, `name` a text that ends with a null byte; `index` leads to a place for a number.
+ */
+enum motord_status motord_find(struct motord_client *client,
+                               uint32_t list,
+                               const char *name,
+                               size_t *index);
+
+/**
+ * Returns the cycles per second of the daemon; NaN for a client that is no client.
+ *
+ * # Safety
+ * `client` is a client.
+ */
+double motord_rate_hz(struct motord_client *client);
+
+/**
+ * Reads the limits of the setpoints of a joint, by its index in the robot.
+ *
+ * # Safety
+ * `client` is a client; `limits` leads to a place for them.
+ */
+enum motord_status motord_limits(struct motord_client *client,
+                                 size_t joint,
+                                 struct motord_joint_limits *limits);
+
+/**
+ * Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
+ * Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
+ * move, so cut the power. It is not async-signal-safe.
+ *
+ * # Safety
+ * `instance` is a text that ends with a null byte.
+ */
+enum motord_status motord_emergency_stop(const char *instance);
+
+/**
+ * Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does.
+ *
+ * # Safety
+ * `client` is a client.
+ */
+enum motord_status motord_client_emergency_stop(struct motord_client *client);
+
+/**
+ * Creates an empty state. Free it with `motord_state_free`. Never null.
+ */
+struct motord_state *motord_state_new(void);
+
+/**
+ * Frees a state. Null is no error.
+ *
+ * # Safety
+ * `state` is null, or a state that nobody uses any more.
+ */
+void motord_state_free(struct motord_state *state);
+
+/**
+ * Sleeps until a state arrives that this client has not returned before, at most `timeout_ns`, and stores it.
+ *
+ * After `MOTORD_STATUS_RESTARTED` connect again if the configuration may have changed, and claim again.
+ *
+ * # Safety
+ * `client` is a client, `state` a state.
+ */
+enum motord_status motord_wait(struct motord_client *client,
+                               uint64_t timeout_ns,
+                               struct motord_state *state);
+
+/**
+ * Sleeps as `motord_wait`, until the next cycle whose number is a multiple of `cycles`.
+ *
+ * # Safety
+ * As `motord_wait`.
+ */
+enum motord_status motord_wait_cycles(struct motord_client *client,
+                                      uint32_t cycles,
+                                      uint64_t timeout_ns,
+                                      struct motord_state *state);
+
+/**
+ * Waits as `motord_wait` without a sleep: faster, and uses a processor whole.
+ *
+ * # Safety
+ * As `motord_wait`.
+ */
+enum motord_status motord_spin(struct motord_client *client,
+                               uint64_t timeout_ns,
+                               struct motord_state *state);
+
+/**
+ * Reads the cycle of a state.
+ *
+ * # Safety
+ * `state` is a state; `cycle` leads to a place for it.
+ */
+enum motord_status motord_state_cycle(struct motord_state *state, struct motord_cycle *cycle);
+
+/**
+ * Reads a `motord_quantity` of every joint of a group, in the order of the claim; NaN while it is unknown.
+ *
+ * # Safety
+ * `state` is a state, `claim` a claim; `values` leads to `count` numbers.
+ */
+enum motord_status motord_read(struct motord_state *state,
+                               struct motord_claim *claim,
+                               uint32_t quantity,
+                               size_t count,
+                               double *values);
+
+/**
+ * As `motord_read`, with numbers of single precision.
+ *
+ * # Safety
+ * As `motord_read`.
+ */
+enum motord_status motord_read_f32(struct motord_state *state,
+                                   struct motord_claim *claim,
+                                   uint32_t quantity,
+                                   size_t count,
+                                   float *values);
+
+/**
+ * Reads the group of a claim.
+ *
+ * # Safety
+ * `state` is a state, `claim` a claim; `group` leads to a place for it.
+ */
+enum motord_status motord_state_group(struct motord_state *state,
+                                      struct motord_claim *claim,
+                                      struct motord_group *group);
+
+/**
+ * Checks that the group of a claim follows its setpoints: call it after each wait.
+ *
+ * # Safety
+ * `state` is a state, `claim` a claim.
+ */
+enum motord_status motord_must_be_active(struct motord_state *state, struct motord_claim *claim);
+
+/**
+ * Reads an IMU, by its index in the robot.
+ *
+ * # Safety
+ * `state` is a state; `imu` leads to a place for it.
+ */
+enum motord_status motord_state_imu(struct motord_state *state,
+                                    size_t index,
+                                    struct motord_imu *imu);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* MOTORD_H */

@@ -1,0 +1,303 @@
+// motord.hpp: the client library of motord for C++17 and later, on top of motord.h. Header only; link libmotord.
+//
+// An object frees its resources; a claim that ends releases its group, and the daemon damps an active one. Failures are exceptions with the
+// sentences of the daemon. For a loop that may not throw, every call has a `try_` variant that returns a motord_status.
+
+#ifndef MOTORD_HPP
+#define MOTORD_HPP
+
+#include "motord.h"
+
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace motord {
+
+using Nanoseconds = std::chrono::nanoseconds;
+
+/// A call failed. `what()` says what to do.
+class Error : public std::runtime_error {
+public:
+    Error(motord_status status, const char *message) : std::runtime_error(message), status_(status) {}
+
+    /// The kind of the failure.
+    motord_status status() const noexcept { return status_; }
+
+private:
+    motord_status status_;
+};
+
+/// The group is stopped: it needs a person and a reset.
+class Stopped : public Error {
+    using Error::Error;
+};
+
+/// The daemon refused a request.
+class Refused : public Error {
+    using Error::Error;
+};
+
+/// Another daemon runs now: claim again.
+class Restarted : public Error {
+    using Error::Error;
+};
+
+/// No daemon runs, or it publishes no states. Calls work again once one does.
+class NotRunning : public Error {
+    using Error::Error;
+};
+
+/// The claim no longer owns its group: claim again.
+class ClaimLost : public Error {
+    using Error::Error;
+};
+
+namespace detail {
+
+inline void check(motord_status status) {
+    const char *message = motord_error_message();
+    switch (status) {
+    case MOTORD_STATUS_OK: return;
+    case MOTORD_STATUS_STOPPED: throw Stopped(status, message);
+    case MOTORD_STATUS_REFUSED: throw Refused(status, message);
+    case MOTORD_STATUS_RESTARTED: throw Restarted(status, message);
+    case MOTORD_STATUS_NOT_RUNNING: throw NotRunning(status, message);
+    case MOTORD_STATUS_CLAIM_LOST: throw ClaimLost(status, message);
+    default: throw Error(status, message);
+    }
+}
+
+inline std::uint64_t nanoseconds(Nanoseconds time) noexcept {
+    return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : 0;
+}
+
+template <void (*Free)(motord_client *)> struct FreeClient {
+    void operator()(motord_client *client) const noexcept { Free(client); }
+};
+template <void (*Free)(motord_state *)> struct FreeState {
+    void operator()(motord_state *state) const noexcept { Free(state); }
+};
+template <void (*Free)(motord_claim *)> struct FreeClaim {
+    void operator()(motord_claim *claim) const noexcept { Free(claim); }
+};
+
+} // namespace detail
+
+class Claim;
+
+/// The daemon's state after a cycle. One thread uses it at a time.
+class State {
+public:
+    State() : handle_(motord_state_new()) {}
+
+    /// The cycle of the state.
+    motord_cycle cycle() const {
+        motord_cycle cycle{};
+        detail::check(motord_state_cycle(get(), &cycle));
+        return cycle;
+    }
+
+    /// Reads a quantity of every joint of `claim`, in its order; NaN while it is unknown. Does not allocate.
+    motord_status try_read(const Claim &claim, motord_quantity quantity, double *values, std::size_t count) const noexcept;
+    motord_status try_read(const Claim &claim, motord_quantity quantity, float *values, std::size_t count) const noexcept;
+
+    /// Reads a quantity into `values`, whose size becomes the number of joints.
+    void read(const Claim &claim, motord_quantity quantity, std::vector<double> &values) const;
+
+    /// The group of `claim`.
+    motord_group group(const Claim &claim) const;
+
+    /// The IMU with this index.
+    motord_imu imu(std::size_t index) const {
+        motord_imu imu{};
+        detail::check(motord_state_imu(get(), index, &imu));
+        return imu;
+    }
+
+    motord_state *get() const noexcept { return handle_.get(); }
+
+private:
+    std::unique_ptr<motord_state, detail::FreeState<motord_state_free>> handle_;
+};
+
+/// A connection to a daemon. Threads may share it; only one of the waiting threads gets each state.
+class Client {
+public:
+    /// Connects to the daemon of an instance.
+    explicit Client(const std::string &instance = "robot") {
+        motord_client *client = nullptr;
+        detail::check(motord_connect(instance.c_str(), &client));
+        handle_.reset(client);
+    }
+
+    /// Connects to the daemon of an instance in another runtime directory.
+    Client(const std::string &runtime, const std::string &instance) {
+        motord_client *client = nullptr;
+        detail::check(motord_connect_in(runtime.c_str(), instance.c_str(), &client));
+        handle_.reset(client);
+    }
+
+    /// Cycles per second of the daemon.
+    double rate_hz() const noexcept { return motord_rate_hz(get()); }
+
+    /// The names of joints, groups or IMUs, as they were at the connection.
+    std::vector<std::string> names(motord_list list) const {
+        std::vector<std::string> names;
+        for (std::size_t index = 0; index < motord_count(get(), list); ++index)
+            names.emplace_back(motord_name(get(), list, index));
+        return names;
+    }
+
+    /// The index of a name.
+    std::size_t find(motord_list list, const std::string &name) const {
+        std::size_t index = 0;
+        detail::check(motord_find(get(), list, name.c_str(), &index));
+        return index;
+    }
+
+    /// The index of a joint.
+    std::size_t joint(const std::string &name) const { return find(MOTORD_LIST_JOINTS, name); }
+
+    /// The index of an IMU.
+    std::size_t imu(const std::string &name) const { return find(MOTORD_LIST_IMUS, name); }
+
+    /// The limits of the setpoints of a joint.
+    motord_joint_limits limits(std::size_t joint) const {
+        motord_joint_limits limits{};
+        detail::check(motord_limits(get(), joint, &limits));
+        return limits;
+    }
+
+    /// Sleeps until a new state arrives, and stores it.
+    void wait(State &state, Nanoseconds timeout = std::chrono::seconds(1)) const { detail::check(try_wait(state, timeout)); }
+    motord_status try_wait(State &state, Nanoseconds timeout) const noexcept {
+        return motord_wait(get(), detail::nanoseconds(timeout), state.get());
+    }
+
+    /// Sleeps until the next cycle whose number is a multiple of `cycles`.
+    void wait_cycles(State &state, std::uint32_t cycles, Nanoseconds timeout = std::chrono::seconds(1)) const {
+        detail::check(try_wait_cycles(state, cycles, timeout));
+    }
+    motord_status try_wait_cycles(State &state, std::uint32_t cycles, Nanoseconds timeout) const noexcept {
+        return motord_wait_cycles(get(), cycles, detail::nanoseconds(timeout), state.get());
+    }
+
+    /// Waits without a sleep: faster, and uses a processor whole.
+    void spin(State &state, Nanoseconds timeout = std::chrono::seconds(1)) const { detail::check(try_spin(state, timeout)); }
+    motord_status try_spin(State &state, Nanoseconds timeout) const noexcept {
+        return motord_spin(get(), detail::nanoseconds(timeout), state.get());
+    }
+
+    /// Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power.
+    void emergency_stop() const { detail::check(try_emergency_stop()); }
+    motord_status try_emergency_stop() const noexcept { return motord_client_emergency_stop(get()); }
+
+    motord_client *get() const noexcept { return handle_.get(); }
+
+private:
+    std::unique_ptr<motord_client, detail::FreeClient<motord_client_free>> handle_;
+};
+
+/// Damps and stops every motor of an instance, from any thread, over a connection of its own.
+inline void emergency_stop(const std::string &instance) { detail::check(motord_emergency_stop(instance.c_str())); }
+
+/// The setpoints of a group, in the order of its claim. A missing array is 0 for every joint.
+struct Setpoints {
+    const double *position = nullptr; ///< rad
+    const double *velocity = nullptr; ///< rad/s
+    const double *kp = nullptr;       ///< N·m/rad
+    const double *kd = nullptr;       ///< N·m·s/rad
+    const double *torque = nullptr;   ///< N·m
+};
+
+/// The ownership of a group. One thread uses it at a time. Its end releases the group; an active group is stopped.
+class Claim {
+public:
+    Claim(const Client &client, const std::string &group) {
+        motord_claim *claim = nullptr;
+        detail::check(motord_claim_group(client.get(), group.c_str(), &claim));
+        handle_.reset(claim);
+    }
+
+    /// Number of joints.
+    std::size_t size() const noexcept { return motord_claim_count(get()); }
+
+    /// The indices in the robot of the joints, in the order of the claim.
+    std::vector<std::size_t> joints() const {
+        std::vector<std::size_t> joints(size());
+        detail::check(motord_claim_joints(get(), joints.size(), joints.data()));
+        return joints;
+    }
+
+    /// Stores the setpoints that hold the positions in `state`. Send them with `commit`.
+    void hold(const State &state, double kp, double kd) { detail::check(motord_hold(get(), state.get(), kp, kd)); }
+
+    /// Sends the stored setpoints again.
+    void commit() { detail::check(try_commit()); }
+    motord_status try_commit() noexcept { return motord_commit(get()); }
+
+    /// Sends a setpoint for each joint. Each array has `count` numbers. Does not wait.
+    void send(const Setpoints &setpoints, std::size_t count) { detail::check(try_send(setpoints, count)); }
+    motord_status try_send(const Setpoints &setpoints, std::size_t count) noexcept {
+        return motord_send(get(), count, setpoints.position, setpoints.velocity, setpoints.kp, setpoints.kd, setpoints.torque);
+    }
+
+    /// Starts the motors towards the last setpoints sent.
+    void enable() { detail::check(motord_enable(get())); }
+
+    /// Sleeps until the group is in `phase` or past it.
+    void wait_for(motord_phase phase, Nanoseconds timeout = std::chrono::seconds(5)) {
+        detail::check(motord_wait_for(get(), phase, detail::nanoseconds(timeout)));
+    }
+
+    /// Fails when the group does not follow its setpoints: call it after each wait.
+    void must_be_active(const State &state) const { detail::check(try_must_be_active(state)); }
+    motord_status try_must_be_active(const State &state) const noexcept { return motord_must_be_active(state.get(), get()); }
+
+    /// Damps and stops the motors.
+    void disable() { detail::check(motord_disable(get())); }
+
+    /// Clears the latched cause of a stop. A controller should leave this to a person who has inspected the robot.
+    void reset() { detail::check(motord_reset(get())); }
+
+    /// Releases the group, and fails where the daemon does not confirm it.
+    void release() { detail::check(motord_release(get())); }
+
+    motord_claim *get() const noexcept { return handle_.get(); }
+
+private:
+    std::unique_ptr<motord_claim, detail::FreeClaim<motord_claim_free>> handle_;
+};
+
+inline motord_status State::try_read(const Claim &claim, motord_quantity quantity, double *values,
+                                     std::size_t count) const noexcept {
+    return motord_read(get(), claim.get(), quantity, count, values);
+}
+
+inline motord_status State::try_read(const Claim &claim, motord_quantity quantity, float *values,
+                                     std::size_t count) const noexcept {
+    return motord_read_f32(get(), claim.get(), quantity, count, values);
+}
+
+inline void State::read(const Claim &claim, motord_quantity quantity, std::vector<double> &values) const {
+    values.resize(claim.size());
+    detail::check(try_read(claim, quantity, values.data(), values.size()));
+}
+
+inline motord_group State::group(const Claim &claim) const {
+    motord_group group{};
+    detail::check(motord_state_group(get(), claim.get(), &group));
+    return group;
+}
+
+} // namespace motord
+
+#endif // MOTORD_HPP

@@ -1,0 +1,223 @@
+//! Connections, names, limits and emergency stops.
+
+use crate::arrays::numbered;
+use crate::handle::{ClientHandle, borrow, guarded, put, put_new, text};
+use crate::status::{Failure, Status, message};
+use motord_client::{Client, emergency_stop};
+use std::ffi::{CString, c_char};
+use std::path::Path;
+use std::ptr;
+
+/// Limits of the setpoints of a joint.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct JointLimits {
+    /// Lowest position, rad.
+    pub position_min: f64,
+    /// Highest position, rad.
+    pub position_max: f64,
+    /// Largest speed, rad/s.
+    pub velocity: f64,
+    /// Largest torque, N·m.
+    pub torque: f64,
+    /// Largest stiffness, N·m/rad.
+    pub kp: f64,
+    /// Largest damping, N·m·s/rad.
+    pub kd: f64,
+}
+
+/// Returns the version of this library, such as `0.1.0`. Never null.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_version() -> *const c_char {
+    const VERSION: &core::ffi::CStr =
+        match core::ffi::CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
+            Ok(version) => version,
+            Err(_) => c"",
+        };
+    VERSION.as_ptr()
+}
+
+/// Returns a sentence about the last failure of this thread, in UTF-8: what failed, and what to do. Empty before the first failure,
+/// never null. Valid until the next failure of this thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_error_message() -> *const c_char {
+    message(|message| message.as_ptr())
+}
+
+/// Connects to the daemon of `instance`. Takes milliseconds. Free the client with `motord_client_free`.
+///
+/// # Safety
+/// `instance` is a text that ends with a null byte; `client` leads to a place for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_connect(instance: *const c_char, client: *mut *mut ClientHandle) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let instance = unsafe { text(instance) }?;
+        // SAFETY: by the contract of this function.
+        unsafe { put_new(client, || connected(Client::connect(instance)?)) }
+    })
+}
+
+/// Connects to the daemon of `instance` in another runtime directory.
+///
+/// # Safety
+/// As `motord_connect`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_connect_in(
+    runtime: *const c_char,
+    instance: *const c_char,
+    client: *mut *mut ClientHandle,
+) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let runtime = unsafe { text(runtime) }?;
+        // SAFETY: by the contract of this function.
+        let instance = unsafe { text(instance) }?;
+        // SAFETY: by the contract of this function.
+        unsafe { put_new(client, || connected(Client::connect_in(Path::new(runtime), instance)?)) }
+    })
+}
+
+fn connected(client: Client) -> Result<ClientHandle, Failure> {
+    let robot = client.description();
+    let text = |name: &String| {
+        CString::new(name.as_str()).map_err(|_| Failure::bad_argument("a name has a null byte"))
+    };
+    let joints = robot.joints.iter().map(|joint| text(&joint.name)).collect::<Result<_, _>>()?;
+    let groups = robot.groups.iter().map(|group| text(&group.name)).collect::<Result<_, _>>()?;
+    let imus = robot.imus.iter().map(|imu| text(&imu.name)).collect::<Result<_, _>>()?;
+    Ok(ClientHandle { client, names: [joints, groups, imus] })
+}
+
+/// Frees a client. Its claims and publishers stay valid. Null is no error.
+///
+/// # Safety
+/// `client` is null, or one of `motord_connect` that nobody uses any more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_client_free(client: *mut ClientHandle) {
+    // SAFETY: by the contract of this function.
+    unsafe { crate::handle::free(client) }
+}
+
+/// The lists of names of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub enum NameList {
+    /// Joints.
+    Joints = 0,
+    /// Groups of joints.
+    Groups = 1,
+    /// IMUs.
+    Imus = 2,
+}
+
+const LISTS: [NameList; 3] = [NameList::Joints, NameList::Groups, NameList::Imus];
+
+/// Returns the number of names of a `motord_list`; 0 for a client that is no client.
+///
+/// # Safety
+/// `client` is a client.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_count(client: *mut ClientHandle, list: u32) -> usize {
+    // SAFETY: by the contract of this function.
+    let client = unsafe { borrow(client) };
+    client.map_or(0, |client| client.names.get(list as usize).map_or(0, Vec::len))
+}
+
+/// Returns a name of a `motord_list` as it was at the connection; null for an index of none. Valid as long as the client.
+///
+/// # Safety
+/// `client` is a client.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_name(client: *mut ClientHandle, list: u32, index: usize) -> *const c_char {
+    // SAFETY: by the contract of this function.
+    let client = unsafe { borrow(client) };
+    let name = client.ok().and_then(|client| client.names.get(list as usize)?.get(index));
+    name.map_or(ptr::null(), |name| name.as_ptr())
+}
+
+/// Finds the index of a name of a `motord_list`.
+///
+/// # Safety
+/// `client` is a client, `name` a text that ends with a null byte; `index` leads to a place for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_find(
+    client: *mut ClientHandle,
+    list: u32,
+    name: *const c_char,
+    index: *mut usize,
+) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let client = &unsafe { borrow(client) }?.client;
+        // SAFETY: by the contract of this function.
+        let name = unsafe { text(name) }?;
+        let found = match numbered(&LISTS, list, "motord_list")? {
+            NameList::Joints => client.joint_named(name),
+            NameList::Groups => client.group_named(name),
+            NameList::Imus => client.imu_named(name),
+        };
+        // SAFETY: by the contract of this function.
+        unsafe { put(index, found?) }
+    })
+}
+
+/// Returns the cycles per second of the daemon; NaN for a client that is no client.
+///
+/// # Safety
+/// `client` is a client.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_rate_hz(client: *mut ClientHandle) -> f64 {
+    // SAFETY: by the contract of this function.
+    let client = unsafe { borrow(client) };
+    client.map_or(f64::NAN, |client| client.client.description().rate_hz)
+}
+
+/// Reads the limits of the setpoints of a joint, by its index in the robot.
+///
+/// # Safety
+/// `client` is a client; `limits` leads to a place for them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_limits(
+    client: *mut ClientHandle,
+    joint: usize,
+    limits: *mut JointLimits,
+) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let robot = unsafe { borrow(client) }?.client.description();
+        let unknown =
+            || Failure { status: Status::Unknown, message: format!("there is no joint with index {joint}") };
+        let known = &robot.joints.get(joint).ok_or_else(unknown)?.limits;
+        let [position_min, position_max] = known.position.map(f64::from);
+        let [velocity, torque, kp, kd] = [known.velocity, known.torque, known.kp, known.kd].map(f64::from);
+        // SAFETY: by the contract of this function.
+        unsafe { put(limits, JointLimits { position_min, position_max, velocity, torque, kp, kd }) }
+    })
+}
+
+/// Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
+/// Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
+/// move, so cut the power. It is not async-signal-safe.
+///
+/// # Safety
+/// `instance` is a text that ends with a null byte.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_emergency_stop(instance: *const c_char) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        Ok(emergency_stop(unsafe { text(instance) }?)?)
+    })
+}
+
+/// Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does.
+///
+/// # Safety
+/// `client` is a client.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_client_emergency_stop(client: *mut ClientHandle) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        Ok(unsafe { borrow(client) }?.client.emergency_stop()?)
+    })
+}

@@ -1,0 +1,232 @@
+//! The objects behind the pointers of a caller.
+
+use crate::status::{Failure, Status, fail};
+use motord_client::{Claim, Client, State};
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, PoisonError, TryLockError};
+
+/// An object with a mark by which a freed or foreign pointer is found, where its memory was not used again.
+#[repr(C)]
+struct Marked<T> {
+    mark: AtomicU32,
+    body: T,
+}
+
+/// A kind of handle.
+pub trait Handle: Sized {
+    /// Its mark.
+    const MARK: u32;
+    /// Its name in messages.
+    const NAME: &'static str;
+}
+
+/// A connection.
+pub struct ClientHandle {
+    pub(crate) client: Client,
+    /// Names of joints, groups and IMUs, as the description had them at the connection.
+    pub(crate) names: [Vec<CString>; 3],
+}
+
+/// A state of the caller; empty before the first. One thread uses it at a time.
+pub struct StateHandle(pub(crate) Mutex<Option<State>>);
+
+/// The ownership of a group; empty once it is released. One thread uses it at a time.
+pub struct ClaimHandle(pub(crate) Mutex<Option<Claim>>);
+
+impl Handle for ClientHandle {
+    const MARK: u32 = 0x6d6f_7401;
+    const NAME: &'static str = "motord_client";
+}
+
+impl Handle for StateHandle {
+    const MARK: u32 = 0x6d6f_7402;
+    const NAME: &'static str = "motord_state";
+}
+
+impl Handle for ClaimHandle {
+    const MARK: u32 = 0x6d6f_7403;
+    const NAME: &'static str = "motord_claim";
+}
+
+/// Moves an object to the caller.
+pub(crate) fn give<T: Handle>(body: T) -> *mut T {
+    let marked = Box::into_raw(Box::new(Marked { mark: AtomicU32::new(T::MARK), body }));
+    // SAFETY: a field of a box that was just made.
+    unsafe { &raw mut (*marked).body }
+}
+
+fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Failure> {
+    let name = T::NAME;
+    if pointer.is_null() || !pointer.is_aligned() {
+        return Err(Failure::bad_argument(format!("this {name} is a null pointer, or no pointer to one")));
+    }
+    let marked = pointer.wrapping_byte_sub(core::mem::offset_of!(Marked<T>, body)).cast::<Marked<T>>();
+    // SAFETY: by the contract of the header the pointer is one of `give`.
+    let mark = unsafe { (*marked).mark.load(Ordering::Relaxed) };
+    match mark == T::MARK {
+        true => Ok(marked),
+        false => Err(Failure::bad_argument(format!("this {name} was freed, or is no {name}"))),
+    }
+}
+
+/// Returns the object of the caller.
+///
+/// # Safety
+///
+/// The pointer is null, or was given by [`give`] and is freed by no other thread during `'a`. A freed pointer is an error where
+/// its memory was not used again.
+pub(crate) unsafe fn borrow<'a, T: Handle>(pointer: *mut T) -> Result<&'a T, Failure> {
+    let marked = marked(pointer)?;
+    // SAFETY: it has the mark of its kind.
+    Ok(unsafe { &(*marked).body })
+}
+
+/// Frees the object of the caller; null is no error.
+///
+/// # Safety
+///
+/// As [`borrow`], and no other thread uses it now or later.
+pub(crate) unsafe fn free<T: Handle>(pointer: *mut T) {
+    if let Ok(marked) = marked(pointer) {
+        // SAFETY: it has the mark of its kind.
+        unsafe { (*marked).mark.store(0, Ordering::Relaxed) };
+        // SAFETY: `give` made it of a box.
+        drop(unsafe { Box::from_raw(marked) });
+    }
+}
+
+/// Returns a text of the caller.
+///
+/// # Safety
+///
+/// The pointer is null, or leads to a text that ends with a null byte.
+pub(crate) unsafe fn text<'a>(pointer: *const c_char) -> Result<&'a str, Failure> {
+    if pointer.is_null() {
+        return Err(Failure::bad_argument("a name is a null pointer"));
+    }
+    // SAFETY: not null, and ends with a null byte.
+    let text = unsafe { CStr::from_ptr(pointer) };
+    text.to_str().map_err(|_| Failure::bad_argument("a name is not UTF-8"))
+}
+
+/// Returns an array of the caller; `None` for a null pointer.
+///
+/// # Safety
+///
+/// The pointer is null, or leads to `count` values that nobody changes during `'a`.
+pub(crate) unsafe fn array<'a, N>(pointer: *const N, count: usize) -> Result<Option<&'a [N]>, Failure> {
+    if pointer.is_null() {
+        return Ok(None);
+    }
+    check_array(pointer, count)?;
+    // SAFETY: not null, aligned, and of this length by the contract.
+    Ok(Some(unsafe { core::slice::from_raw_parts(pointer, count) }))
+}
+
+/// Returns an array of the caller, to write it.
+///
+/// # Safety
+///
+/// The pointer leads to `count` values that nobody uses during `'a`.
+pub(crate) unsafe fn array_mut<'a, N>(pointer: *mut N, count: usize) -> Result<&'a mut [N], Failure> {
+    check_array(pointer, count)?;
+    // SAFETY: not null, aligned, and of this length by the contract.
+    Ok(unsafe { core::slice::from_raw_parts_mut(pointer, count) })
+}
+
+fn check_array<N>(pointer: *const N, count: usize) -> Result<(), Failure> {
+    if pointer.is_null() || !pointer.is_aligned() || count > isize::MAX as usize / size_of::<N>().max(1) {
+        return Err(Failure::bad_argument("an array is a null pointer, is not aligned, or is too long"));
+    }
+    Ok(())
+}
+
+/// Writes a result of the caller.
+///
+/// # Safety
+///
+/// The pointer is null, or leads to a place for one value that nobody uses.
+pub(crate) unsafe fn put<T>(pointer: *mut T, value: T) -> Result<(), Failure> {
+    if pointer.is_null() || !pointer.is_aligned() {
+        return Err(Failure::bad_argument("the pointer for the result is null or not aligned"));
+    }
+    // SAFETY: not null and aligned; the value there needs no drop.
+    unsafe { pointer.write(value) };
+    Ok(())
+}
+
+/// Makes a handle and writes it to the caller's pointer. Makes none where it cannot be written.
+///
+/// # Safety
+///
+/// As [`put`].
+pub(crate) unsafe fn put_new<T: Handle>(
+    pointer: *mut *mut T,
+    make: impl FnOnce() -> Result<T, Failure>,
+) -> Result<(), Failure> {
+    // SAFETY: by the contract of this function.
+    unsafe { put(pointer, core::ptr::null_mut()) }?;
+    let made = give(make()?);
+    // SAFETY: by the contract of this function.
+    unsafe { put(pointer, made) }
+}
+
+/// Runs a function of the library. A panic does not reach the caller.
+pub(crate) fn guarded(call: impl FnOnce() -> Result<(), Failure>) -> Status {
+    match catch_unwind(AssertUnwindSafe(call)) {
+        Ok(Ok(())) => Status::Ok,
+        Ok(Err(failure)) => fail(failure),
+        Err(_) => fail(Failure {
+            status: Status::Defect,
+            message: "a defect of libmotord: please report it".into(),
+        }),
+    }
+}
+
+/// Runs `call` with the content of a handle that one thread uses at a time. Never waits for another thread.
+fn with<T, R>(
+    content: &Mutex<Option<T>>,
+    (name, missing): (&str, &str),
+    call: impl FnOnce(&mut T) -> Result<R, Failure>,
+) -> Result<R, Failure> {
+    let mut content = match content.try_lock() {
+        Ok(content) => content,
+        Err(TryLockError::Poisoned(content)) => content.into_inner(),
+        Err(TryLockError::WouldBlock) => {
+            let message = format!("another thread uses this {name}");
+            return Err(Failure { status: Status::Busy, message });
+        }
+    };
+    call(content.as_mut().ok_or_else(|| Failure::bad_argument(format!("this {name} {missing}")))?)
+}
+
+impl ClaimHandle {
+    /// Takes the claim out of its handle.
+    pub(crate) fn take(&self) -> Result<Claim, Failure> {
+        let busy =
+            || Failure { status: Status::Busy, message: format!("another thread uses this {}", Self::NAME) };
+        let mut claim = match self.0.try_lock() {
+            Ok(claim) => claim,
+            Err(TryLockError::Poisoned(claim)) => claim.into_inner(),
+            Err(TryLockError::WouldBlock) => return Err(busy()),
+        };
+        claim.take().ok_or_else(|| Failure::bad_argument(format!("this {} was released", Self::NAME)))
+    }
+
+    pub(crate) fn with<R>(&self, call: impl FnOnce(&mut Claim) -> Result<R, Failure>) -> Result<R, Failure> {
+        with(&self.0, (Self::NAME, "was released"), call)
+    }
+}
+
+impl StateHandle {
+    pub(crate) fn with<R>(&self, call: impl FnOnce(&mut State) -> Result<R, Failure>) -> Result<R, Failure> {
+        with(&self.0, (Self::NAME, "is empty: wait for the first state"), call)
+    }
+
+    /// Replaces the state.
+    pub(crate) fn put(&self, state: State) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(state);
+    }
+}

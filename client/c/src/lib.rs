@@ -1,0 +1,14 @@
+//! The client library for C and C++: `include/motord.h`, which cbindgen makes of this crate, describes each function.
+//!
+//! - [`abi`]: the functions, which check each pointer and let no panic out.
+//! - [`handle`]: what the pointers of a caller lead to.
+//! - [`status`]: the results, and the message of the last failure.
+//! - [`arrays`]: values of all joints of a group.
+//!
+//! Reading and sending wait for no other thread and log nothing. A message costs an allocation in iceoryx2; a failure may allocate.
+
+pub mod abi;
+pub mod arrays;
+#[expect(unsafe_code, reason = "the callers are written in C")]
+pub mod handle;
+pub mod status;

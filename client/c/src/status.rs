@@ -1,0 +1,115 @@
+//! The results of the functions, and the message of the last failure.
+
+use motord_client::{Error, Obstacle};
+use std::cell::RefCell;
+use std::ffi::CString;
+
+/// The result of a function. `motord_error_message` explains a failure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub enum Status {
+    /// It succeeded.
+    Ok = 0,
+    /// No state arrived in time, or the phase was not reached.
+    Timeout = 1,
+    /// No daemon runs, or it publishes no states. Calls work again once one does.
+    NotRunning = 2,
+    /// Another daemon runs now: claim again.
+    Restarted = 3,
+    /// The daemon refused the request.
+    Refused = 4,
+    /// The group is stopped. It needs a person and a reset.
+    Stopped = 5,
+    /// The claim no longer owns its group: claim again.
+    ClaimLost = 6,
+    /// There is no joint, group or IMU of this name or index.
+    Unknown = 7,
+    /// An argument is a null pointer, a freed handle, a wrong number of values, or no text in UTF-8.
+    BadArgument = 8,
+    /// A value is not finite, or a gain is negative.
+    BadSetpoint = 9,
+    /// A motor has not reported its position.
+    NotHeard = 10,
+    /// The user lacks the permission.
+    Permission = 11,
+    /// Library and daemon have different versions.
+    Version = 12,
+    /// The daemon did not confirm a request. It may have executed it. After an emergency stop: cut the power.
+    NotConfirmed = 13,
+    /// A service is damaged, or every slot of it is taken.
+    Unavailable = 14,
+    /// Another thread uses this claim.
+    Busy = 15,
+    /// A defect of this library.
+    Defect = 16,
+}
+
+/// The reason of a failure.
+#[derive(Debug)]
+pub struct Failure {
+    /// Its kind.
+    pub status: Status,
+    /// A sentence for people.
+    pub message: String,
+}
+
+impl Failure {
+    /// Returns the failure of an argument.
+    pub fn bad_argument(message: impl Into<String>) -> Self {
+        Self { status: Status::BadArgument, message: message.into() }
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self { status: Status::of(&error), message: error.to_string() }
+    }
+}
+
+impl Status {
+    /// Returns the kind of an error of the client library.
+    #[must_use]
+    pub const fn of(error: &Error) -> Self {
+        match error {
+            Error::Timeout { .. } | Error::NotReached { .. } => Self::Timeout,
+            Error::NotRunning { .. } | Error::Silent { .. } => Self::NotRunning,
+            Error::Restarted => Self::Restarted,
+            Error::Refused { .. } | Error::OtherPublisher { .. } => Self::Refused,
+            Error::Stopped { .. } => Self::Stopped,
+            Error::ClaimLost { .. } => Self::ClaimLost,
+            Error::UnknownGroup { .. } | Error::UnknownJoint { .. } | Error::UnknownImu { .. } => {
+                Self::Unknown
+            }
+            Error::BadSetpoint { .. } | Error::BadSample { .. } => Self::BadSetpoint,
+            Error::NotHeard { .. } => Self::NotHeard,
+            Error::Permission { .. } => Self::Permission,
+            Error::Version { .. } | Error::NotUnderstood { .. } => Self::Version,
+            Error::NoAnswer { .. } | Error::NotStopped { .. } => Self::NotConfirmed,
+            Error::Service(error) => match error.obstacle {
+                Obstacle::Permission => Self::Permission,
+                Obstacle::Version => Self::Version,
+                _ => Self::Unavailable,
+            },
+            Error::Instance(_) => Self::Unavailable,
+            _ => Self::BadArgument,
+        }
+    }
+}
+
+thread_local! {
+    static MESSAGE: RefCell<CString> = RefCell::default();
+}
+
+/// Stores the message of a failure for this thread. Returns its kind.
+pub fn fail(failure: Failure) -> Status {
+    let Failure { status, message } = failure;
+    // Names come from other processes: a null byte would end the message.
+    let message = CString::new(message.replace('\0', "?")).unwrap_or_default();
+    MESSAGE.with_borrow_mut(|kept| *kept = message);
+    status
+}
+
+/// Passes the message of the last failure of this thread; empty before the first. It is valid until the next failure.
+pub fn message<T>(read: impl FnOnce(&CString) -> T) -> T {
+    MESSAGE.with_borrow(read)
+}

@@ -1,0 +1,79 @@
+//! Mistakes of a caller in C end with a status and a sentence.
+
+#![expect(unsafe_code, clippy::multiple_unsafe_ops_per_block, reason = "it plays a caller in C")]
+
+use motord_c::abi::*;
+use motord_c::status::Status;
+use std::ffi::{CStr, c_char};
+use std::ptr;
+
+/// The sentence of the last failure.
+fn sentence() -> String {
+    // SAFETY: never null, and ends with a null byte.
+    unsafe { CStr::from_ptr(motord_error_message()) }.to_string_lossy().into_owned()
+}
+
+fn assert_refused(status: Status, part: &str) {
+    assert_eq!(status, Status::BadArgument);
+    assert!(sentence().contains(part), "{part} is not in {}", sentence());
+}
+
+#[test]
+fn null_pointers_are_refused_by_name() {
+    // SAFETY: null pointers are within the contract.
+    unsafe {
+        assert_refused(motord_wait(ptr::null_mut(), 0, ptr::null_mut()), "motord_client is a null pointer");
+        assert_refused(motord_commit(ptr::null_mut()), "motord_claim is a null pointer");
+        assert_refused(motord_connect(ptr::null(), ptr::null_mut()), "name is a null pointer");
+        assert_refused(
+            motord_state_cycle(ptr::null_mut(), ptr::null_mut()),
+            "motord_state is a null pointer",
+        );
+        assert_refused(motord_connect(c"x".as_ptr(), ptr::null_mut()), "pointer for the result is null");
+        assert_eq!((motord_count(ptr::null_mut(), 0), motord_claim_count(ptr::null_mut())), (0, 0));
+        assert!(motord_name(ptr::null_mut(), 0, 0).is_null() && motord_rate_hz(ptr::null_mut()).is_nan());
+        motord_client_free(ptr::null_mut());
+        motord_claim_free(ptr::null_mut());
+        motord_state_free(ptr::null_mut());
+    }
+}
+
+#[test]
+fn empty_state_says_to_wait() {
+    let state = motord_state_new();
+    // SAFETY: a state, and places for the results.
+    unsafe {
+        let mut cycle = std::mem::zeroed();
+        assert_refused(motord_state_cycle(state, &mut cycle), "is empty: wait for the first state");
+        let mut imu = std::mem::zeroed();
+        assert_refused(motord_state_imu(state, 0, &mut imu), "is empty");
+        motord_state_free(state);
+    }
+}
+
+#[test]
+fn handle_of_another_kind_is_refused() {
+    let state = motord_state_new();
+    // SAFETY: a live object of this library.
+    unsafe {
+        assert_refused(motord_commit(state.cast()), "was freed, or is no motord_claim");
+        assert_refused(motord_wait(state.cast(), 0, state), "was freed, or is no motord_client");
+        motord_client_free(state.cast());
+        motord_state_free(state);
+    }
+}
+
+#[test]
+fn missing_daemon_and_bad_names_are_explained() {
+    let place = std::env::temp_dir().join(format!("motord-c-{}", std::process::id()));
+    let runtime = format!("{}\0", place.display());
+    let mut client = ptr::null_mut();
+    // SAFETY: texts that end with a null byte, and a place for the result.
+    let mut connect = |instance: &[u8]| unsafe {
+        motord_connect_in(runtime.as_ptr().cast(), instance.as_ptr().cast::<c_char>(), &mut client)
+    };
+    assert_eq!(connect(b"robot\0"), Status::NotRunning);
+    assert!(sentence().contains("start it with `motord run`"), "{}", sentence());
+    assert_refused(connect(b"\xff\xfe\0"), "not UTF-8");
+    assert!(client.is_null());
+}
