@@ -22,7 +22,7 @@ pub use change::Change;
 pub use checks::all;
 pub use finding::{Finding, Level};
 pub use process::RunningDaemon;
-pub use robot::{Interface, Robot};
+pub use robot::{ImuLine, Interface, Robot};
 pub use tree::Tree;
 pub use wake::{Measurement, Wake};
 

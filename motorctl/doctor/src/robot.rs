@@ -26,6 +26,17 @@ pub struct Interface {
     pub motors: usize,
 }
 
+/// The serial line of an IMU.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImuLine {
+    /// The device.
+    pub device: String,
+    /// Bit/s.
+    pub baud: u32,
+    /// Part of the line that the samples take, 1 for all of it.
+    pub utilisation: f64,
+}
+
 /// The requirements of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
@@ -37,8 +48,10 @@ pub struct Robot {
     pub spins_at: Option<u8>,
     /// CAN interfaces.
     pub interfaces: Vec<Interface>,
-    /// Serial devices.
+    /// Serial devices, of buses and of IMUs.
     pub devices: Vec<String>,
+    /// The lines of IMUs.
+    pub imus: Vec<ImuLine>,
 }
 
 impl Robot {
@@ -51,6 +64,7 @@ impl Robot {
             spins_at: settings.ipc.priority.filter(|_| settings.ipc.mode == IpcMode::Spin),
             interfaces: Vec::new(),
             devices: Vec::new(),
+            imus: Vec::new(),
         };
         for (index, BusSettings { kind, .. }) in settings.buses.iter().enumerate() {
             match kind {
@@ -62,6 +76,12 @@ impl Robot {
                 BusKind::Serial { device, .. } => robot.devices.push(device.clone()),
                 BusKind::Simulated { .. } => {}
             }
+        }
+        for imu in &settings.imus {
+            let Some(line) = imu.source.serial() else { continue };
+            let (device, utilisation) = (line.device.clone(), line.utilisation(imu.rate_hz));
+            robot.devices.push(device.clone());
+            robot.imus.push(ImuLine { device, baud: line.baud, utilisation });
         }
         robot
     }
@@ -78,6 +98,7 @@ impl Robot {
             spins_at: None,
             interfaces: names.filter(is_can).map(interface).collect(),
             devices: Vec::new(),
+            imus: Vec::new(),
         }
     }
 

@@ -240,6 +240,7 @@ mod tests {
             spins_at: None,
             interfaces: Vec::new(),
             devices: Vec::new(),
+            imus: Vec::new(),
         };
         let measurement = Measurement::start(&robot).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(100));

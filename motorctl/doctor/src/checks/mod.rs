@@ -38,8 +38,9 @@ pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
         findings.extend(of_interface(tree, robot, interface));
     }
     for device in &robot.devices {
-        findings.extend(serial::device(tree, device));
+        findings.extend(serial::device(tree, device, daemon));
     }
+    findings.extend(robot.imus.iter().map(serial::imu));
     findings
 }
 

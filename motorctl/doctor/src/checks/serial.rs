@@ -2,11 +2,16 @@
 
 use crate::change::Change;
 use crate::finding::Finding;
-use crate::process;
-use crate::tree::Tree;
+use crate::process::{self, RunningDaemon};
+use crate::robot::ImuLine;
+use crate::tree::{Permissions, Tree};
 
-/// Checks that a serial port exists, delivers bytes immediately, and has no other user.
-pub(super) fn device(tree: &Tree, device: &str) -> Vec<Finding> {
+/// Above this part of the line a sample can wait for the one before.
+const SOUND_UTILISATION: f64 = 0.9;
+
+/// Checks that a serial port exists, delivers bytes immediately, has no other user, and may be opened by the daemon, or else by
+/// this user.
+pub(super) fn device(tree: &Tree, device: &str, daemon: Option<RunningDaemon>) -> Vec<Finding> {
     let Some(resolved) = tree.resolved(device) else {
         let why = "plug the adapter in, or correct `device` in the configuration";
         return vec![
@@ -15,7 +20,58 @@ pub(super) fn device(tree: &Tree, device: &str) -> Vec<Finding> {
                 .of(device),
         ];
     };
-    vec![latency_timer(tree, device, &resolved), owner(tree, device, &resolved)]
+    vec![
+        latency_timer(tree, device, &resolved),
+        owner(tree, device, &resolved),
+        permission(tree, device, &resolved, daemon),
+    ]
+}
+
+/// Checks that the samples of an IMU fit into its line.
+pub(super) fn imu(line: &ImuLine) -> Finding {
+    const CHECK: &str = "IMU line";
+    let ImuLine { device, baud, utilisation } = line;
+    let measured = format!("{:.0} % of {baud} baud", 100.0 * utilisation);
+    let finding = match *utilisation > SOUND_UTILISATION {
+        false => Finding::good(CHECK, measured),
+        true => {
+            let why = "a further output of the device does not fit; raise the baud rate in the device and the configuration";
+            Finding::warn(CHECK, measured, why)
+        }
+    };
+    finding.of(device)
+}
+
+/// Checks that the daemon may read and write the port; without a daemon, that this user may.
+fn permission(tree: &Tree, device: &str, resolved: &str, daemon: Option<RunningDaemon>) -> Finding {
+    const CHECK: &str = "permission";
+    const OF_USER: u32 = 0o600;
+    const OF_GROUP: u32 = 0o060;
+    const OF_OTHERS: u32 = 0o006;
+    let process = daemon.map_or_else(|| "self".to_owned(), |daemon| daemon.pid.to_string());
+    let user = process::user(tree, &process);
+    let Some(Permissions { user: owner, group, mode }) = tree.permissions(resolved) else {
+        return Finding::good(CHECK, "unknown").of(device);
+    };
+    let has = |bits: u32| mode & bits == bits;
+    let may = user == Some(0)
+        || user == Some(owner) && has(OF_USER)
+        || process::groups(tree, &process).contains(&group) && has(OF_GROUP)
+        || has(OF_OTHERS);
+    let finding = match (may, daemon) {
+        (true, _) => Finding::good(CHECK, "may be read and written"),
+        (false, Some(_)) => {
+            let why = "motord cannot open it; add the user of motord to the group of the device, and start motord again";
+            Finding::bad(CHECK, "motord may not open it", why)
+                .mended_by("sudo usermod -aG dialout motord".to_owned())
+        }
+        (false, None) => {
+            let why = "the service may, whose user is in the group dialout; to run motord as this user, join it and log in again";
+            Finding::warn(CHECK, "this user may not open it", why)
+                .mended_by("sudo usermod -aG dialout $USER".to_owned())
+        }
+    };
+    finding.of(device)
 }
 
 /// Checks the time for which a USB adapter holds bytes back.

@@ -2,12 +2,14 @@
 
 use super::*;
 use crate::finding::Level;
+use crate::process::RunningDaemon;
+use crate::robot::ImuLine;
 use motord_bus::BusLock;
 use motord_bus::socketcan::OpenError;
 use motord_realtime::SchedulingRequest;
 use nix::errno::Errno;
 use std::fs;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{PermissionsExt, symlink};
 use tempfile::TempDir;
 
 /// A tree of files that a test writes.
@@ -44,6 +46,7 @@ fn robot(cpu: Option<usize>) -> Robot {
         spins_at: None,
         interfaces: Vec::new(),
         devices: Vec::new(),
+        imus: Vec::new(),
     }
 }
 
@@ -287,7 +290,6 @@ fn governor_matters_on_cycle_processors_only() {
 
 #[test]
 fn deep_sleep_must_be_shallow_off_or_forbidden() {
-    use std::os::unix::fs::PermissionsExt;
     let state =
         |number: usize, file: &str| format!("sys/devices/system/cpu/cpu1/cpuidle/state{number}/{file}");
     let fixture = Fixture::new(&[
@@ -489,9 +491,10 @@ fn interface_owner_is_known_by_lock_and_filters() {
 #[test]
 fn serial_port_is_present_fast_and_unshared() {
     let timer = "sys/bus/usb-serial/devices/ttyUSB0/latency_timer";
-    let fixture = Fixture::new(&[("dev/ttyUSB0", ""), (timer, "1")]);
+    let root = ("proc/self/status", "Uid:\t0\t0\t0\t0");
+    let fixture = Fixture::new(&[("dev/ttyUSB0", ""), (timer, "1"), root]);
     fixture.link("dev/serial/by-id/arm", "../../ttyUSB0");
-    let check = || serial::device(&fixture.tree(), "/dev/serial/by-id/arm");
+    let check = || serial::device(&fixture.tree(), "/dev/serial/by-id/arm", None);
     assert_eq!(check().iter().map(|finding| finding.level).max(), Some(Level::Good));
     fixture.write(timer, "16");
     assert_finding(&check()[0], Level::Warn, "16 ms", Some("echo 1 | sudo tee /sys/bus/usb-serial"));
@@ -506,8 +509,34 @@ fn serial_port_is_present_fast_and_unshared() {
     fixture.write("proc/902/comm", "ModemManager");
     let all = "motord, process 900; minicom, process 901; ModemManager, process 902";
     assert_finding(&check()[1], Level::Bad, all, Some("kill 901; sudo systemctl disable --now ModemManager"));
-    let missing = serial::device(&fixture.tree(), "/dev/ttyUSB9");
+    let missing = serial::device(&fixture.tree(), "/dev/ttyUSB9", None);
     assert_finding(&missing[0], Level::Bad, "is not there", Some("ls -l"));
+}
+
+#[test]
+fn port_of_another_group_is_not_permitted() {
+    let status = "Uid:\t77\t77777\t1\t1\nGid:\t77777\t77777\t1\t1\nGroups:\t77778";
+    let fixture =
+        Fixture::new(&[("dev/ttyUSB0", ""), ("proc/self/status", status), ("proc/812/status", status)]);
+    let set_mode = |mode| {
+        let path = fixture.0.path().join("dev/ttyUSB0");
+        fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    };
+    let check = |daemon| serial::device(&fixture.tree(), "/dev/ttyUSB0", daemon).remove(2);
+    set_mode(0o660);
+    let cure = Some("sudo usermod -aG dialout");
+    assert_finding(&check(None), Level::Warn, "this user may not open it", cure);
+    let daemon = Some(RunningDaemon { pid: 812, cycle: 813 });
+    assert_finding(&check(daemon), Level::Bad, "motord may not open it", cure);
+    set_mode(0o666);
+    assert_finding(&check(daemon), Level::Good, "may be read and written", None);
+}
+
+#[test]
+fn full_line_of_an_imu_is_doubtful() {
+    let line = |utilisation| ImuLine { device: "/dev/ttyUSB0".to_owned(), baud: 115_200, utilisation };
+    assert_finding(&serial::imu(&line(0.712)), Level::Good, "71 % of 115200 baud", None);
+    assert_finding(&serial::imu(&line(0.95)), Level::Warn, "95 % of 115200 baud", None);
 }
 
 #[test]
