@@ -68,6 +68,14 @@ pub(crate) enum Failure {
         /// Names that are similar to it.
         near: Vec<&'static str>,
     },
+    /// The mount of an IMU cannot be measured now.
+    #[error("the mount of {imu} is not measured: {reason}")]
+    Level {
+        /// The IMU.
+        imu: String,
+        /// Why, and what to do.
+        reason: String,
+    },
     /// `status --check` found troubles. They were printed.
     #[error("the robot has troubles")]
     Troubled,
@@ -98,7 +106,7 @@ impl Failure {
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
             Self::Sim(_) => exit_status::UNAVAILABLE,
             Self::NoTerminal | Self::NoPage { .. } => exit_status::USAGE,
-            Self::Troubled => 1,
+            Self::Troubled | Self::Level { .. } => 1,
             Self::Interrupted => exit_status::INTERRUPTED,
         }
     }

@@ -16,6 +16,7 @@ mod failure;
 mod fault;
 mod history;
 mod hold;
+mod imu;
 mod imu_report;
 mod indicator;
 mod instances;
@@ -225,6 +226,9 @@ enum Command {
     },
     #[command(flatten)]
     Direct(direct::DirectCommand),
+    /// Find IMUs on serial ports, and measure the mount of one.
+    #[command(subcommand)]
+    Imu(imu::ImuCommand),
     /// Check whether this computer is fit for a real-time cycle, and print the commands that fix
     /// it.
     ///
@@ -373,6 +377,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
             indicator::run(instance, &asked)
         }
         Command::Direct(command) => Ok(direct::run(command)?),
+        Command::Imu(command) => imu::run(instance, &command),
         Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),

@@ -21,6 +21,7 @@ enum Kind {
     Joints,
     /// Joints, buses and IMUs.
     Targets,
+    Imus,
     Instances,
     Pages,
 }
@@ -58,16 +59,15 @@ fn known(kind: Kind, instance: &str) -> Vec<String> {
     match kind {
         Kind::Pages => explain::names(),
         Kind::Instances => running_instances().into_iter().map(|running| running.name).collect(),
-        Kind::Groups | Kind::Joints | Kind::Targets => {
+        Kind::Groups | Kind::Joints | Kind::Targets | Kind::Imus => {
             let Ok(client) = Client::connect(instance) else { return Vec::new() };
             let robot = client.description();
             let joints = robot.joints.iter().map(|joint| joint.name.clone());
+            let imus = robot.imus.iter().map(|imu| imu.name.clone());
             match kind {
                 Kind::Groups => robot.groups.iter().map(|group| group.name.clone()).collect(),
-                Kind::Targets => {
-                    let imus = robot.imus.iter().map(|imu| imu.name.clone());
-                    joints.chain(robot.buses.iter().cloned()).chain(imus).collect()
-                }
+                Kind::Targets => joints.chain(robot.buses.iter().cloned()).chain(imus).collect(),
+                Kind::Imus => imus.collect(),
                 _ => joints.collect(),
             }
         }
@@ -128,6 +128,7 @@ fn kind(command: &Command, argument: &Arg) -> Option<Kind> {
         // No page, but a recording, knows the joints of `plot`.
         ("plot" | "replay", ..) => None,
         (_, "group", _) | (_, _, Some("GROUP")) => Some(Kind::Groups),
+        (_, _, Some("IMU")) => Some(Kind::Imus),
         (_, "joint", _) | (_, _, Some("JOINT")) => Some(Kind::Joints),
         _ => None,
     }
@@ -154,6 +155,8 @@ mod tests {
             ("fault get ", Some(Kind::Joints)),
             ("fault clear f", Some(Kind::Joints)),
             ("zero ", Some(Kind::Joints)),
+            ("imu level ", Some(Kind::Imus)),
+            ("imu ", None),
             ("sim ", Some(Kind::Targets)),
             ("explain m", Some(Kind::Pages)),
             ("--instance ", Some(Kind::Instances)),

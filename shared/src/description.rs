@@ -146,6 +146,8 @@ pub struct ImuDescription {
     pub rate_hz: f64,
     /// `type` in the configuration.
     pub source: String,
+    /// Rotation from the sensor to the body, a unit quaternion w, x, y, z; `mount-rpy-deg` in the configuration.
+    pub mount: [f32; 4],
 }
 
 /// Counters and latencies since the daemon started, or since their last reset.

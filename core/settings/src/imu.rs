@@ -179,6 +179,12 @@ impl Mount {
         Self(turn(yaw, 2).after(turn(pitch, 1)).after(turn(roll, 0)))
     }
 
+    /// Returns the rotation from the sensor to the body, a unit quaternion w, x, y, z.
+    #[must_use]
+    pub const fn parts(&self) -> [f32; 4] {
+        self.0.parts()
+    }
+
     /// Returns the sample of a sensor in the frame of the body.
     #[must_use]
     pub fn to_body(&self, sample: &ImuSample) -> ImuSample {

@@ -45,7 +45,12 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
 }
 
 fn imu(imu: &ImuSettings) -> ImuDescription {
-    ImuDescription { name: imu.name.clone(), rate_hz: imu.rate_hz, source: imu.source.type_name().to_owned() }
+    ImuDescription {
+        name: imu.name.clone(),
+        rate_hz: imu.rate_hz,
+        source: imu.source.type_name().to_owned(),
+        mount: imu.mount.parts(),
+    }
 }
 
 fn device(bus: &BusSettings) -> String {

@@ -46,6 +46,14 @@ pub enum DirectFailure {
         /// The bus.
         bus: String,
     },
+    /// No IMU sends samples on a serial port.
+    #[error(
+        "no IMU on {ports} serial ports: check its power and wiring, that its output is switched on, and that no other program uses the port"
+    )]
+    NoImu {
+        /// Number of the ports.
+        ports: usize,
+    },
     /// No motor answers in a supported format, but frames in another one arrive.
     #[error("{source}; {formats}")]
     OtherFormat {
@@ -107,6 +115,7 @@ impl DirectFailure {
             Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,
             Self::Can(_)
             | Self::NoMotor { .. }
+            | Self::NoImu { .. }
             | Self::Motor(Error::Silent { .. } | Error::Unconfirmed { .. } | Error::Bus(_)) => {
                 exit_status::UNAVAILABLE
             }

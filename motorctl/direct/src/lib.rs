@@ -9,6 +9,7 @@ mod failure;
 mod file;
 mod find;
 mod guard;
+mod imu;
 mod jog;
 mod journal;
 mod memory;
@@ -22,6 +23,7 @@ mod zero;
 
 pub use confirm::Confirm;
 pub use failure::DirectFailure;
+pub use imu::{ImuFind, find as find_imus};
 pub use status::{Indicators, NamedFault, clear_fault, print_faults};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};

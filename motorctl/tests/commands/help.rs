@@ -8,6 +8,7 @@ use crate::line::Line;
 use crate::programs::help;
 use motord_client::{Client, Setpoint};
 use motord_harness::programs::{directory, lacks, program};
+use motord_simulator::ImuVendor;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -152,7 +153,8 @@ impl Place {
         if ends_by_hand(example) && lacks(&["script"]) {
             return;
         }
-        let wire = needs_bus(example).then(Line::knee);
+        let imu = example.contains(" imu find").then(|| Line::imu(ImuVendor::Xsens));
+        let wire = imu.or_else(|| needs_bus(example).then(Line::knee));
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
         let line = runnable(example, &device);
         self.write(
@@ -197,6 +199,9 @@ fn runnable(example: &str, device: &str) -> String {
     let line = format!("{example}{ids}")
         .replace("--bus can0", &format!("--bus {device}"))
         .replace("--bus /dev/ttyUSB0", &format!("--bus {device}"))
+        // Without it the command tries every port of the test machine.
+        .replace("imu find --device /dev/ttyUSB0", "imu find")
+        .replace("imu find", &format!("imu find --device {device}"))
         .replace("/etc/motord/motord.toml", "motord.toml")
         .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
         .replace("motord init", "cd $(mktemp -d) && motord init")
@@ -220,7 +225,8 @@ fn runnable(example: &str, device: &str) -> String {
         Some((doctor, rest)) if doctor.contains(" doctor") => {
             format!("({doctor} || [ $? = 1 ]) | {rest}")
         }
-        None if line.contains(" doctor") => format!("{line} || [ $? = 1 ]"),
+        // The simulated robot sways.
+        None if line.contains(" doctor") || line.contains(" imu level") => format!("{line} || [ $? = 1 ]"),
         _ => line,
     };
     if ends_by_hand(&line) { on_a_terminal(&line) } else { line }

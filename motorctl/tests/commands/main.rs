@@ -17,6 +17,7 @@ mod frame;
 mod frame_logs;
 mod help;
 mod hold;
+mod imu;
 mod monitor;
 mod operate;
 mod protocol_table;

@@ -5,7 +5,8 @@
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};
 use motord_simulator::{
-    Bridge, BusKind, BusSettings, Dialect, FaultVerb, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
+    Bridge, BusKind, BusSettings, Dialect, FaultVerb, Imu, ImuPort, ImuVendor, MotorSettings, SerialPort,
+    SerialSlave, SimulatedBus,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -69,7 +70,29 @@ impl Served for Bridge {
     }
 }
 
+impl Served for ImuPort {
+    fn serve(&mut self, now: Instant) {
+        Self::serve(self, now);
+    }
+    fn inject(&mut self, _now: Instant, verb: &FaultVerb) {
+        Self::inject(self, verb).unwrap();
+    }
+    fn wait(&self, now: Instant) {
+        let _ready = wait(&[], now, self.due().min(now + GLANCE));
+    }
+}
+
 impl Line {
+    /// The line of an IMU `base` that sends 200 samples per second.
+    pub(crate) fn imu(vendor: ImuVendor) -> Self {
+        let directory = TempDir::new().unwrap();
+        let tty = directory.path().join("tty");
+        let imu = (Imu::new(0.0, 0.0, Duration::ZERO, 1), vendor);
+        let start = clock::monotonic();
+        let port = ImuPort::open("base".into(), imu, (200.0, 921_600), start, Some(tty.clone())).unwrap();
+        Self::serve(directory, tty.display().to_string(), Box::new(port))
+    }
+
     /// An RS485 line.
     pub(crate) fn new(motors: Vec<MotorSettings>) -> Self {
         let directory = TempDir::new().unwrap();

@@ -1,0 +1,95 @@
+//! `motorctl imu`: IMUs on serial ports, and the mount of one.
+
+use crate::line::{Calls, Line, text};
+use crate::schema::assert_lines_valid;
+use motord_client::{Client, ImuSample};
+use motord_harness::daemon::{BENCH, Daemon, until};
+use motord_simulator::ImuVendor;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+#[test]
+fn imu_is_found_with_type_and_rate() {
+    for (vendor, kind) in [(ImuVendor::Hipnuc, "hipnuc-serial"), (ImuVendor::Xsens, "xsens")] {
+        let line = Line::imu(vendor);
+        let found = line.good("imu find --device LINE --baud 921600 --json");
+        assert_lines_valid("motorctl-imu-find", &found);
+        let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+        let imu = &found["imus"][0];
+        assert_eq!((imu["type"].as_str(), imu["baud"].as_u64()), (Some(kind), Some(921_600)));
+        assert_eq!(imu["complete"], true);
+        // A busy machine loses samples of the simulated device, or serves it late.
+        assert!((50.0..250.0).contains(&imu["measured_hz"].as_f64().unwrap()), "{imu}");
+        let pasted = line.good("imu find --device LINE --baud 921600");
+        assert!(pasted.contains(&format!("[[imu]]\nname = \"base\"\ntype = \"{kind}\"\n")), "{pasted}");
+    }
+}
+
+#[test]
+fn silent_and_unknown_lines_are_named() {
+    let line = Line::imu(ImuVendor::Hipnuc);
+    line.inject("base off");
+    let said = line.bad("imu find --device LINE --baud 921600", 69);
+    assert!(
+        said.contains("is silent: check power and wiring") && said.contains("no IMU on 1 serial ports"),
+        "{said}"
+    );
+    line.inject("base ok");
+    line.inject("base garbage");
+    let said = line.bad("imu find --device LINE --baud 921600", 69);
+    assert!(said.contains("and no sample of a known IMU"), "{said}");
+    let said = line.bad("imu find --device /dev/ttyNONE", 69);
+    assert!(said.contains("/dev/ttyNONE: there is no such device"), "{said}");
+}
+
+/// Publishes samples of a sensor at rest that is mounted with roll 2°, pitch 0 and yaw 90°, until `end`. It turns at `turn`,
+/// rad/s.
+fn publish(client: &Client, turn: f32, end: &AtomicBool) {
+    let mut publisher = client.publish_imu("base").unwrap();
+    let (sine, cosine) = 2.0_f32.to_radians().sin_cos();
+    // Roll is the first turn, so it is about the sensor's x: up leans to its y.
+    let sample = ImuSample {
+        orientation: [1.0, 0.0, 0.0, 0.0],
+        angular_velocity: [turn, 0.0, 0.0],
+        acceleration: [0.0, 9.81 * sine, 9.81 * cosine],
+        temperature: None,
+        time_ns: 0,
+    };
+    while !end.load(Ordering::Relaxed) {
+        let _not_yet = publisher.send(&sample);
+        std::thread::sleep(Duration::from_millis(4));
+    }
+}
+
+#[test]
+fn level_measures_roll_and_pitch_and_keeps_yaw() {
+    let imu =
+        "\n[[imu]]\nname = \"base\"\ntype = \"external\"\nmount-rpy-deg = [0, 0, 90]\nlost-after-ms = 1000\n";
+    let daemon = Daemon::start(&format!("{BENCH}{imu}"));
+    let level = |turn: f32, arguments: &[&str]| {
+        let (client, end) = (daemon.connect(), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            scope.spawn(|| publish(&client, turn, &end));
+            daemon.await_status(|status| status["imus"][0]["lost"] == false);
+            let output = daemon.motorctl(&[&["imu", "level", "base"], arguments].concat());
+            end.store(true, Ordering::Relaxed);
+            output
+        })
+    };
+    let measured = level(0.0, &["--json"]);
+    assert!(measured.status.success(), "{}", text(&measured.stderr));
+    assert_lines_valid("motorctl-imu-level", &text(&measured.stdout));
+    let measured: serde_json::Value = serde_json::from_slice(&measured.stdout).unwrap();
+    assert_eq!(measured["line"], "mount-rpy-deg = [2, 0, 90]", "{measured}");
+    assert!((measured["tilt_deg"].as_f64().unwrap() - 2.0).abs() < 0.01, "{measured}");
+    until("the end of the first publisher", || daemon.status()["imus"][0]["lost"].as_bool()?.then_some(()));
+    let moving = level(0.5, &[]);
+    assert_eq!(moving.status.code(), Some(1));
+    let said = text(&moving.stderr);
+    assert!(
+        said.contains("the mount of base is not measured: the robot turns, at up to 0.50 rad/s"),
+        "{said}"
+    );
+    let unknown = daemon.motorctl(&["imu", "level", "bas"]);
+    assert!(!unknown.status.success() && text(&unknown.stderr).contains("bas"), "{}", text(&unknown.stderr));
+}
