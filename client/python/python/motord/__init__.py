@@ -1,0 +1,45 @@
+"""Controllers for motord, the real-time motor daemon of legged robots.
+
+>>> import motord
+>>> robot = motord.connect("demo")
+>>> with robot.claim("legs") as legs:          # an exception damps, stops and releases the group
+...     legs.enable(hold=(20.0, 0.5))          # kp N·m/rad, kd N·m·s/rad, where the joints are
+...     for state in legs.cycles(hz=500):
+...         legs.send(q=state.q, kp=20.0, kd=0.5)
+"""
+
+from ._motord import (
+    Claim,
+    ClaimLost,
+    Cycles,
+    Error,
+    Imu,
+    ImuPublisher,
+    NotRunning,
+    Refused,
+    Restarted,
+    Robot,
+    State,
+    Stopped,
+    TimedOut,
+    connect,
+    estop,
+)
+
+__all__ = [
+    "Claim",
+    "ClaimLost",
+    "Cycles",
+    "Error",
+    "Imu",
+    "ImuPublisher",
+    "NotRunning",
+    "Refused",
+    "Restarted",
+    "Robot",
+    "State",
+    "Stopped",
+    "TimedOut",
+    "connect",
+    "estop",
+]

@@ -1,0 +1,240 @@
+"""Types of the compiled part. Arrays have the order of the claim, or of the robot; units are SI, joint side."""
+
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from types import TracebackType
+from typing import Any, Literal, TypedDict, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+_Values = float | Sequence[float] | NDArray[np.float64] | NDArray[np.float32]
+
+class Error(RuntimeError):
+    """A call failed. Its text says what to do."""
+
+class Stopped(Error):
+    """The group is stopped: it needs a person and a reset."""
+
+    cause: str | None
+    joint: str | None
+
+class Refused(Error):
+    """The daemon refused a request."""
+
+    reason: str
+
+class Restarted(Error):
+    """Another daemon runs now: claim again."""
+
+class NotRunning(Error):
+    """No daemon runs, or it publishes no states. Calls work again once one does."""
+
+class ClaimLost(Error):
+    """The claim no longer owns its group: claim again."""
+
+class TimedOut(Error):
+    """No state arrived in time, or a phase was not reached."""
+
+class _Applied(TypedDict):
+    q: _Array
+    dq: _Array
+    kp: _Array
+    kd: _Array
+    tau: _Array
+
+@final
+class Imu:
+    """An IMU after a cycle. Arrays are NaN before the first sample. The body has x forward, y left and z up."""
+
+    @property
+    def orientation(self) -> _Array:
+        """Unit quaternion w, x, y, z from the body to the world."""
+    @property
+    def roll_pitch_yaw(self) -> _Array:
+        """rad. Pitch is positive with the nose down."""
+    @property
+    def projected_gravity(self) -> _Array:
+        """Direction of gravity in the frame of the body: 0, 0, -1 for a level body."""
+    @property
+    def angular_velocity(self) -> _Array:
+        """rad/s, in the frame of the body."""
+    @property
+    def acceleration(self) -> _Array:
+        """Specific force, m/s², in the frame of the body: at rest 9.81 upwards."""
+    @property
+    def temperature(self) -> float | None:
+        """°C; None where the sensor reports none."""
+    @property
+    def age(self) -> float | None:
+        """Time since the sample was received, s; None before the first."""
+    @property
+    def fresh(self) -> bool:
+        """A sample was received since the previous states were published."""
+    @property
+    def lost(self) -> bool:
+        """No sample for longer than lost-after-ms, or the device is disconnected."""
+    @property
+    def sequence(self) -> int:
+        """Samples received since the daemon started."""
+
+@final
+class State:
+    """The state of a cycle. Arrays are read-only; a value is NaN while its motor has not reported it."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the joints, in the order of the arrays."""
+    @property
+    def q(self) -> _Array:
+        """Positions, rad."""
+    @property
+    def dq(self) -> _Array:
+        """Velocities, rad/s."""
+    @property
+    def tau(self) -> _Array:
+        """Torques, N·m."""
+    @property
+    def temperature(self) -> _Array:
+        """Temperatures of the motors, °C; NaN where they report none."""
+    @property
+    def fresh(self) -> NDArray[np.bool_]:
+        """The motor answered in this cycle."""
+    @property
+    def mode(self) -> list[str]:
+        """Modes of the motors, such as active or offline."""
+    @property
+    def limits(self) -> list[list[str]]:
+        """Limits that acted on the applied commands."""
+    @property
+    def applied(self) -> _Applied:
+        """The commands that the motors got, after all limits."""
+    @property
+    def age(self) -> float:
+        """Time since the states were complete, s."""
+    @property
+    def time(self) -> float:
+        """Time of the tick, s, on the clock of time.monotonic()."""
+    @property
+    def cycle(self) -> int:
+        """Number of the cycle. A gap means missed ticks, or a slow loop."""
+    @property
+    def estopped(self) -> bool:
+        """The emergency stop is latched."""
+    @property
+    def phase(self) -> Literal["disarmed", "starting", "active", "damping"] | None:
+        """The phase of the group; None for the whole robot."""
+    @property
+    def stop(self) -> str | None:
+        """The latched cause of the group's stop, such as motor-lost."""
+    def imu(self, name: str) -> Imu:
+        """The IMU with this name. Raises KeyError, which lists the names."""
+
+@final
+class Cycles(Iterator[State]):
+    """The loop of a controller: Claim.cycles."""
+
+    def __iter__(self) -> Cycles: ...
+    def __next__(self) -> State: ...
+
+@final
+class Claim:
+    """The ownership of a group. One thread uses it at a time. Use it in a with statement."""
+
+    @property
+    def group(self) -> str:
+        """Name of the group."""
+    @property
+    def names(self) -> list[str]:
+        """Names of the joints, in the order of the arrays."""
+    def __len__(self) -> int: ...
+    def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
+        """Starts the motors where they are, with this stiffness (N·m/rad) and damping (N·m·s/rad), and waits until they follow."""
+    def disable(self) -> None:
+        """Damps and stops the motors."""
+    def reset(self) -> None:
+        """Clears the latched cause of a stop. Leave this to a person who has inspected the robot."""
+    def release(self) -> None:
+        """Releases the group. An active one is stopped."""
+    def send(
+        self,
+        *,
+        q: _Values | None = None,
+        dq: _Values | None = None,
+        kp: _Values | None = None,
+        kd: _Values | None = None,
+        tau: _Values | None = None,
+    ) -> None:
+        """Sends a setpoint for each joint: rad, rad/s, N·m/rad, N·m·s/rad, N·m.
+
+        Each argument is a number for all joints, or an array in the order of the claim; the default is 0. The motor's
+        torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does not wait. Call it in every cycle.
+        """
+    def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Cycles:
+        """Waits for the cycles that are due at hz, or for all, and yields their states.
+
+        Raises Stopped when the group is stopped, ClaimLost, Restarted, NotRunning or TimedOut. hz must be a whole part of
+        the daemon's rate.
+        """
+    def wait(self, timeout: float = 1.0) -> State:
+        """Waits for the next state, whatever the phase."""
+    def __enter__(self) -> Claim: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        """Damps and stops the motors, and releases the group."""
+
+@final
+class ImuPublisher:
+    """Publishes the samples of an external IMU. It survives a restart of the daemon."""
+
+    def send(
+        self,
+        orientation: Sequence[float] | _Array,
+        angular_velocity: Sequence[float] | _Array,
+        acceleration: Sequence[float] | _Array,
+        *,
+        temperature: float | None = None,
+        time: float | None = None,
+    ) -> None:
+        """Sends a sample in the frame of the sensor. time is that of the measurement, s of time.monotonic(); None is now."""
+    @property
+    def used(self) -> bool:
+        """The daemon used a sample of this publisher last."""
+
+@final
+class Robot:
+    """A connection to a daemon. Threads may share it; one of those that wait gets each state."""
+
+    @property
+    def instance(self) -> str: ...
+    @property
+    def rate_hz(self) -> float:
+        """Cycles per second."""
+    @property
+    def joints(self) -> list[str]: ...
+    @property
+    def groups(self) -> list[str]: ...
+    @property
+    def imus(self) -> list[str]: ...
+    def wait(self, timeout: float = 1.0) -> State:
+        """Waits for the next state, with all joints of the robot."""
+    def claim(self, group: str) -> Claim:
+        """Becomes the owner of a group."""
+    def estop(self) -> None:
+        """Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power."""
+    def disable(self, group: str) -> None:
+        """Damps and stops the motors of a group, whoever owns it."""
+    def reset(self, group: str) -> None:
+        """Clears the latched cause of a stop. Leave this to a person who has inspected the robot."""
+    def telemetry(self) -> dict[str, Any]:
+        """Counters and latencies, as `motorctl latency --json`."""
+    def publish_imu(self, name: str) -> ImuPublisher:
+        """Begins to publish the samples of an external IMU."""
+
+def connect(instance: str = "robot", *, runtime: str | PathLike[str] | None = None) -> Robot:
+    """Connects to the daemon of an instance. runtime is its runtime directory; the default is that of the environment."""
+
+def estop(instance: str = "robot") -> None:
+    """Damps and stops every motor of an instance, over a connection of its own."""

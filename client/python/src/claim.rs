@@ -1,0 +1,207 @@
+//! The ownership of a group, and its loop.
+
+use crate::arrays::{JOINTS_MAX, duration, values};
+use crate::errors::raised;
+use crate::state::{Order, State};
+use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longer than a shared machine stalls.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Longer than motors take to start or to stop.
+const CHANGE: Duration = Duration::from_secs(60);
+
+/// The ownership of a group. Its end releases the group, and the daemon damps an active one.
+#[pyclass(module = "motord")]
+pub(crate) struct Claim {
+    client: Arc<Client>,
+    /// `None` once it is released.
+    claim: Option<ClientClaim>,
+    order: Arc<Order>,
+    group: String,
+}
+
+impl Claim {
+    pub(crate) fn new(client: Arc<Client>, claim: ClientClaim) -> Self {
+        let order = Order {
+            joints: claim.joints().to_vec(),
+            names: claim.names().map(str::to_owned).collect(),
+            imus: client.description().imus.iter().map(|imu| imu.name.clone()).collect(),
+            group: Some(claim.index()),
+        };
+        let group = claim.group().to_owned();
+        Self { client, claim: Some(claim), order: Arc::new(order), group }
+    }
+
+    /// Calls the daemon without the interpreter's lock.
+    fn call<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
+    ) -> PyResult<T> {
+        let group = &self.group;
+        let claim = self.claim.as_mut();
+        let claim =
+            claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
+        let client = &self.client;
+        py.detach(|| call(client, claim)).map_err(|error| raised(&error))
+    }
+}
+
+#[pymethods]
+impl Claim {
+    #[getter]
+    fn group(&self) -> &str {
+        &self.group
+    }
+
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.order.names.clone()
+    }
+
+    fn __len__(&self) -> usize {
+        self.order.joints.len()
+    }
+
+    /// Starts the motors where they are, with the stiffness and damping of `hold`, and waits until they follow.
+    #[pyo3(signature = (hold = (20.0, 0.5)))]
+    fn enable(&mut self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
+        let (kp, kd) = (hold.0 as f32, hold.1 as f32);
+        self.call(py, |client, claim| {
+            claim.wait_for(Phase::Disarmed, CHANGE)?;
+            claim.hold(&client.wait(PATIENCE)?, kp, kd)?;
+            claim.commit()?;
+            claim.enable()?;
+            claim.wait_for(Phase::Active, CHANGE)
+        })
+    }
+
+    /// Damps and stops the motors.
+    fn disable(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |_, claim| claim.disable())
+    }
+
+    /// Clears the latched cause of a stop.
+    fn reset(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |_, claim| claim.reset())
+    }
+
+    /// Releases the group.
+    fn release(&mut self, py: Python<'_>) -> PyResult<()> {
+        let Some(claim) = self.claim.take() else { return Ok(()) };
+        py.detach(|| claim.release()).map_err(|error| raised(&error))
+    }
+
+    /// Sends a setpoint for each joint. Each argument is a number for all of them, or an array in the order of the claim.
+    #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None))]
+    fn send(
+        &mut self,
+        q: Option<&Bound<'_, PyAny>>,
+        dq: Option<&Bound<'_, PyAny>>,
+        kp: Option<&Bound<'_, PyAny>>,
+        kd: Option<&Bound<'_, PyAny>>,
+        tau: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let count = self.order.joints.len();
+        if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
+            return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
+        }
+        let [q, dq, kp, kd, tau] = [("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)]
+            .map(|(name, value)| values(name, value, count));
+        let (q, dq, kp, kd, tau) = (q?, dq?, kp?, kd?, tau?);
+        let setpoint = |at: usize| Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
+        let setpoints: [Setpoint; JOINTS_MAX] = core::array::from_fn(setpoint);
+        let group = &self.group;
+        let claim = self.claim.as_mut();
+        let claim =
+            claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
+        claim.send(&setpoints[..count]).map_err(|error| raised(&error))
+    }
+
+    /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Raises `Stopped` when the group is stopped.
+    #[pyo3(signature = (hz = None, *, timeout = 1.0))]
+    fn cycles(slf: Bound<'_, Self>, hz: Option<f64>, timeout: f64) -> PyResult<Cycles> {
+        let rate_hz = slf.borrow().client.description().rate_hz;
+        let every = match hz {
+            None => 1,
+            Some(hz) => every(rate_hz, hz)?,
+        };
+        Ok(Cycles { claim: slf.unbind(), every, timeout: duration("timeout", timeout)? })
+    }
+
+    /// Waits for the next state, in the order of the claim.
+    #[pyo3(signature = (timeout = 1.0))]
+    fn wait(&mut self, py: Python<'_>, timeout: f64) -> PyResult<State> {
+        let timeout = duration("timeout", timeout)?;
+        let state = self.call(py, |client, _| client.wait(timeout))?;
+        Ok(State { state, order: Arc::clone(&self.order) })
+    }
+
+    fn __enter__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
+        slf
+    }
+
+    /// Damps and stops the motors, and releases the group, whether an exception came or not.
+    fn __exit__(
+        &mut self,
+        py: Python<'_>,
+        _kind: &Bound<'_, PyAny>,
+        _value: &Bound<'_, PyAny>,
+        _trace: &Bound<'_, PyAny>,
+    ) -> bool {
+        let Some(mut claim) = self.claim.take() else { return false };
+        py.detach(|| {
+            // A group that cannot be disabled is stopped by its release, or by the daemon after its last setpoint.
+            let _stopped = claim.disable().and_then(|()| claim.wait_for(Phase::Disarmed, CHANGE));
+            let _released = claim.release();
+        });
+        false
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<motord.Claim of {:?}: {} joints>", self.group, self.order.joints.len())
+    }
+}
+
+/// Returns the number of cycles between two states at `hz`.
+fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
+    let cycles = (rate_hz / hz).round();
+    let is_whole = hz > 0.0 && cycles >= 1.0 && ((rate_hz / cycles - hz).abs() < 1e-6 * rate_hz);
+    if !is_whole {
+        let fits = [1, 2, 4, 5, 10, 20].map(|every| format!("{}", rate_hz / f64::from(every))).join(", ");
+        return Err(PyValueError::new_err(format!(
+            "hz is {hz}: the daemon runs {rate_hz} cycles a second, so give a whole part of that, such as {fits}"
+        )));
+    }
+    Ok(cycles as u32)
+}
+
+/// The loop of a controller.
+#[pyclass(module = "motord")]
+pub(crate) struct Cycles {
+    claim: Py<Claim>,
+    every: u32,
+    timeout: Duration,
+}
+
+#[pymethods]
+impl Cycles {
+    fn __iter__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<State> {
+        let (every, timeout) = (self.every, self.timeout);
+        let mut claim = self.claim.borrow_mut(py);
+        let state = claim.call(py, |client, claim| {
+            let state = client.wait_cycles(every, timeout)?;
+            state.of(claim)?.must_be_active()?;
+            Ok(state)
+        })?;
+        Ok(State { state, order: Arc::clone(&claim.order) })
+    }
+}

@@ -1,0 +1,76 @@
+//! The exceptions.
+
+use motord_client::{Error as ClientError, Stop};
+use pyo3::create_exception;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+create_exception!(motord, Error, PyRuntimeError, "A call failed. Its text says what to do.");
+create_exception!(
+    motord,
+    Stopped,
+    Error,
+    "The group is stopped: it needs a person and a reset. Attributes: cause, joint."
+);
+create_exception!(motord, Refused, Error, "The daemon refused a request. Attribute: reason.");
+create_exception!(motord, Restarted, Error, "Another daemon runs now: claim again.");
+create_exception!(
+    motord,
+    NotRunning,
+    Error,
+    "No daemon runs, or it publishes no states. Calls work again once one does."
+);
+create_exception!(motord, ClaimLost, Error, "The claim no longer owns its group: claim again.");
+create_exception!(motord, TimedOut, Error, "No state arrived in time, or a phase was not reached.");
+
+/// Converts an error of the client library. Mistakes of the caller are a `ValueError`.
+pub(crate) fn raised(error: &ClientError) -> PyErr {
+    let text = error.to_string();
+    match error {
+        ClientError::Stopped { stop, .. } => {
+            with(PyErr::new::<Stopped, _>(text), &[("cause", cause_of(stop)), ("joint", joint_of(stop))])
+        }
+        ClientError::Refused { refusal, .. } => {
+            with(PyErr::new::<Refused, _>(text), &[("reason", Some(refusal.name().to_owned()))])
+        }
+        ClientError::Restarted => PyErr::new::<Restarted, _>(text),
+        ClientError::NotRunning { .. } | ClientError::Silent { .. } => PyErr::new::<NotRunning, _>(text),
+        ClientError::ClaimLost { .. } => PyErr::new::<ClaimLost, _>(text),
+        ClientError::Timeout { .. } | ClientError::NotReached { .. } => PyErr::new::<TimedOut, _>(text),
+        ClientError::UnknownGroup { .. }
+        | ClientError::UnknownJoint { .. }
+        | ClientError::UnknownImu { .. }
+        | ClientError::NotExternal { .. }
+        | ClientError::SetpointCount { .. }
+        | ClientError::NotSet { .. }
+        | ClientError::BadSetpoint { .. }
+        | ClientError::BadSample { .. } => PyErr::new::<PyValueError, _>(text),
+        _ => PyErr::new::<Error, _>(text),
+    }
+}
+
+fn cause_of(stop: &Stop) -> Option<String> {
+    match stop {
+        Stop::Cause { cause, .. } => Some(cause.name().to_owned()),
+        _ => None,
+    }
+}
+
+fn joint_of(stop: &Stop) -> Option<String> {
+    match stop {
+        Stop::Cause { joint, .. } => joint.clone(),
+        _ => None,
+    }
+}
+
+/// Adds attributes to an exception.
+fn with(error: PyErr, attributes: &[(&str, Option<String>)]) -> PyErr {
+    Python::attach(|py| {
+        let value = error.value(py);
+        for (name, text) in attributes {
+            // An exception that takes no attributes is raised without them.
+            let _ignored = value.setattr(*name, text.clone());
+        }
+    });
+    error
+}

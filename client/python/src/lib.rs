@@ -1,0 +1,27 @@
+//! The client library for Python: `python/motord/_motord.pyi` describes each class and function.
+//!
+//! - `robot`: a connection.
+//! - `claim`: the ownership of a group, and its loop.
+//! - `state`: a cycle, as numpy arrays.
+//! - `arrays`: values of a caller, one for each joint.
+//! - `errors`: the exceptions.
+//!
+//! Waiting releases the interpreter's lock. Sending does not: it takes microseconds.
+
+mod arrays;
+mod claim;
+mod errors;
+mod robot;
+mod state;
+
+#[pyo3::pymodule]
+mod _motord {
+    #[pymodule_export]
+    use crate::claim::{Claim, Cycles};
+    #[pymodule_export]
+    use crate::errors::{ClaimLost, Error, NotRunning, Refused, Restarted, Stopped, TimedOut};
+    #[pymodule_export]
+    use crate::robot::{ImuPublisher, Robot, connect, estop};
+    #[pymodule_export]
+    use crate::state::{Imu, State};
+}

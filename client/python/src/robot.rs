@@ -1,0 +1,161 @@
+//! A connection.
+
+use crate::arrays::duration;
+use crate::claim::Claim;
+use crate::errors::raised;
+use crate::state::{Order, State};
+use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A connection to a daemon. Threads may share it; one of those that wait gets each state.
+#[pyclass(frozen, module = "motord")]
+pub(crate) struct Robot {
+    client: Arc<Client>,
+}
+
+/// Connects to the daemon of an instance.
+#[pyfunction]
+#[pyo3(signature = (instance = "robot", *, runtime = None))]
+pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) -> PyResult<Robot> {
+    let client = py.detach(|| match &runtime {
+        Some(runtime) => Client::connect_in(runtime, instance),
+        None => Client::connect(instance),
+    });
+    Ok(Robot { client: Arc::new(client.map_err(|error| raised(&error))?) })
+}
+
+/// Damps and stops every motor of an instance, over a connection of its own.
+#[pyfunction]
+#[pyo3(signature = (instance = "robot"))]
+pub(crate) fn estop(py: Python<'_>, instance: &str) -> PyResult<()> {
+    py.detach(|| emergency_stop(instance)).map_err(|error| raised(&error))
+}
+
+impl Robot {
+    fn order(&self) -> Arc<Order> {
+        let robot = self.client.description();
+        Arc::new(Order {
+            joints: (0..robot.joints.len()).collect(),
+            names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
+            imus: robot.imus.iter().map(|imu| imu.name.clone()).collect(),
+            group: None,
+        })
+    }
+
+    /// Calls the daemon without the interpreter's lock.
+    fn call<T: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl Send + FnOnce(&Client) -> Result<T, motord_client::Error>,
+    ) -> PyResult<T> {
+        let client = &self.client;
+        py.detach(|| call(client)).map_err(|error| raised(&error))
+    }
+}
+
+#[pymethods]
+impl Robot {
+    #[getter]
+    fn instance(&self) -> String {
+        self.client.description().instance.clone()
+    }
+
+    #[getter]
+    fn rate_hz(&self) -> f64 {
+        self.client.description().rate_hz
+    }
+
+    #[getter]
+    fn joints(&self) -> Vec<String> {
+        self.client.description().joints.iter().map(|joint| joint.name.clone()).collect()
+    }
+
+    #[getter]
+    fn groups(&self) -> Vec<String> {
+        self.client.description().groups.iter().map(|group| group.name.clone()).collect()
+    }
+
+    #[getter]
+    fn imus(&self) -> Vec<String> {
+        self.client.description().imus.iter().map(|imu| imu.name.clone()).collect()
+    }
+
+    /// Sleeps until a new state arrives, with all joints of the robot.
+    #[pyo3(signature = (timeout = 1.0))]
+    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
+        let timeout = duration("timeout", timeout)?;
+        let state = self.call(py, |client| client.wait(timeout))?;
+        Ok(State { state, order: self.order() })
+    }
+
+    fn claim(&self, py: Python<'_>, group: &str) -> PyResult<Claim> {
+        let claim = self.call(py, |client| client.claim(group))?;
+        Ok(Claim::new(Arc::clone(&self.client), claim))
+    }
+
+    /// Damps and stops every motor. No exception means confirmed.
+    fn estop(&self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, Client::emergency_stop)
+    }
+
+    fn disable(&self, py: Python<'_>, group: &str) -> PyResult<()> {
+        self.call(py, |client| client.disable(group))
+    }
+
+    fn reset(&self, py: Python<'_>, group: &str) -> PyResult<()> {
+        self.call(py, |client| client.reset(group))
+    }
+
+    /// Counters and latencies, as `motorctl latency --json`.
+    fn telemetry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let telemetry = self.call(py, Client::telemetry)?;
+        let text =
+            serde_json::to_string(&telemetry).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        py.import("json")?.call_method1("loads", (text,))
+    }
+
+    fn publish_imu(&self, py: Python<'_>, name: &str) -> PyResult<ImuPublisher> {
+        Ok(ImuPublisher(self.call(py, |client| client.publish_imu(name))?))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<motord.Robot {:?}: {} joints>", self.instance(), self.client.description().joints.len())
+    }
+}
+
+/// Publishes the samples of an external IMU. Survives a restart of the daemon.
+#[pyclass(module = "motord")]
+pub(crate) struct ImuPublisher(ClientPublisher);
+
+#[pymethods]
+impl ImuPublisher {
+    /// Sends a sample in the frame of the sensor. `time` is that of the measurement, s of `time.monotonic()`; the default is now.
+    #[pyo3(signature = (orientation, angular_velocity, acceleration, *, temperature = None, time = None))]
+    fn send(
+        &mut self,
+        orientation: [f64; 4],
+        angular_velocity: [f64; 3],
+        acceleration: [f64; 3],
+        temperature: Option<f64>,
+        time: Option<f64>,
+    ) -> PyResult<()> {
+        let time_ns = time.map_or(Ok(0), |time| Ok::<_, PyErr>(duration("time", time)?.as_nanos() as u64))?;
+        let sample = ImuSample {
+            orientation: orientation.map(|value| value as f32),
+            angular_velocity: angular_velocity.map(|value| value as f32),
+            acceleration: acceleration.map(|value| value as f32),
+            temperature: temperature.map(|value| value as f32),
+            time_ns,
+        };
+        self.0.send(&sample).map_err(|error| raised(&error))
+    }
+
+    /// The daemon used a sample of this publisher last.
+    #[getter]
+    fn used(&self) -> bool {
+        self.0.is_used()
+    }
+}

@@ -1,0 +1,217 @@
+//! The state of a cycle, as numpy arrays in the order of a claim or of the robot.
+
+use motord_client::{Imu as ClientImu, Joint, State as ClientState};
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::sync::Arc;
+
+/// The names of the entries of states.
+#[derive(Debug)]
+pub(crate) struct Order {
+    /// Indices of the joints in the robot.
+    pub(crate) joints: Vec<usize>,
+    /// Their names.
+    pub(crate) names: Vec<String>,
+    /// Names of the IMUs of the robot.
+    pub(crate) imus: Vec<String>,
+    /// The group, by index in the robot; `None` for the whole robot.
+    pub(crate) group: Option<usize>,
+}
+
+/// The state of a cycle.
+#[pyclass(frozen, module = "motord")]
+pub(crate) struct State {
+    pub(crate) state: ClientState,
+    pub(crate) order: Arc<Order>,
+}
+
+type Array<'py> = Bound<'py, PyArray1<f64>>;
+
+fn read_only<'py>(py: Python<'py>, values: impl Iterator<Item = f64>) -> Array<'py> {
+    let array = PyArray1::from_iter(py, values);
+    array.readwrite().make_nonwriteable();
+    array
+}
+
+impl State {
+    fn joints(&self) -> impl Iterator<Item = Option<Joint>> + '_ {
+        self.order.joints.iter().map(|index| self.state.joint(*index))
+    }
+
+    fn array<'py>(&self, py: Python<'py>, value: impl Fn(&Joint) -> Option<f32>) -> Array<'py> {
+        read_only(py, self.joints().map(|joint| joint.as_ref().and_then(&value).map_or(f64::NAN, f64::from)))
+    }
+}
+
+#[pymethods]
+impl State {
+    /// Names of the joints, in the order of the arrays.
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.order.names.clone()
+    }
+
+    #[getter]
+    fn q<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, Joint::position)
+    }
+
+    #[getter]
+    fn dq<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, Joint::velocity)
+    }
+
+    #[getter]
+    fn tau<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, Joint::torque)
+    }
+
+    #[getter]
+    fn temperature<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, |joint| joint.temperature)
+    }
+
+    #[getter]
+    fn fresh<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        let array =
+            PyArray1::from_iter(py, self.joints().map(|joint| joint.is_some_and(|joint| joint.fresh)));
+        array.readwrite().make_nonwriteable();
+        array
+    }
+
+    #[getter]
+    fn mode(&self) -> Vec<&'static str> {
+        self.joints()
+            .map(|joint| joint.and_then(|joint| joint.mode).map_or("unknown", |mode| mode.name()))
+            .collect()
+    }
+
+    #[getter]
+    fn limits(&self) -> Vec<Vec<&'static str>> {
+        let names = |joint: Joint| joint.limits.iter().map(|limit| limit.name()).collect();
+        self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
+    }
+
+    #[getter]
+    fn applied<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let applied = PyDict::new(py);
+        applied.set_item("q", self.array(py, |joint| Some(joint.applied.position)))?;
+        applied.set_item("dq", self.array(py, |joint| Some(joint.applied.velocity)))?;
+        applied.set_item("kp", self.array(py, |joint| Some(joint.applied.kp)))?;
+        applied.set_item("kd", self.array(py, |joint| Some(joint.applied.kd)))?;
+        applied.set_item("tau", self.array(py, |joint| Some(joint.applied.torque)))?;
+        Ok(applied)
+    }
+
+    /// Time since the states were complete, s.
+    #[getter]
+    fn age(&self) -> f64 {
+        self.state.age().as_secs_f64()
+    }
+
+    /// Time of the tick, s of `CLOCK_MONOTONIC`, as `time.monotonic()`.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.state.time().as_secs_f64()
+    }
+
+    #[getter]
+    fn cycle(&self) -> u64 {
+        self.state.cycle()
+    }
+
+    #[getter]
+    fn estopped(&self) -> bool {
+        self.state.emergency_stop()
+    }
+
+    /// The phase of the group; `None` for the whole robot.
+    #[getter]
+    fn phase(&self) -> Option<&'static str> {
+        self.state.group(self.order.group?)?.phase.map(|phase| phase.name())
+    }
+
+    /// The latched cause of the group's stop; `None` without a stop.
+    #[getter]
+    fn stop(&self) -> Option<&'static str> {
+        self.state.group(self.order.group?)?.cause.map(|cause| cause.name())
+    }
+
+    /// The IMU with this name.
+    fn imu(&self, name: &str) -> PyResult<Imu> {
+        let index = self.order.imus.iter().position(|imu| imu == name);
+        let imu = index.and_then(|index| self.state.imu(index));
+        imu.map(Imu).ok_or_else(|| {
+            PyKeyError::new_err(format!("there is no IMU {name:?}; there are {}", self.order.imus.join(", ")))
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<motord.State of cycle {}: {} joints>", self.state.cycle(), self.order.joints.len())
+    }
+}
+
+/// An IMU after a cycle. Arrays are NaN before the first sample.
+#[pyclass(frozen, module = "motord")]
+pub(crate) struct Imu(ClientImu);
+
+fn vector<'py, const N: usize>(py: Python<'py>, values: Option<[f32; N]>) -> Array<'py> {
+    read_only(py, values.map_or([f64::NAN; N], |values| values.map(f64::from)).into_iter())
+}
+
+#[pymethods]
+impl Imu {
+    /// Unit quaternion w, x, y, z from the body to the world.
+    #[getter]
+    fn orientation<'py>(&self, py: Python<'py>) -> Array<'py> {
+        vector(py, self.0.orientation())
+    }
+
+    #[getter]
+    fn roll_pitch_yaw<'py>(&self, py: Python<'py>) -> Array<'py> {
+        vector(py, self.0.roll_pitch_yaw())
+    }
+
+    #[getter]
+    fn projected_gravity<'py>(&self, py: Python<'py>) -> Array<'py> {
+        vector(py, self.0.projected_gravity())
+    }
+
+    #[getter]
+    fn angular_velocity<'py>(&self, py: Python<'py>) -> Array<'py> {
+        vector(py, self.0.angular_velocity())
+    }
+
+    #[getter]
+    fn acceleration<'py>(&self, py: Python<'py>) -> Array<'py> {
+        vector(py, self.0.acceleration())
+    }
+
+    #[getter]
+    fn temperature(&self) -> Option<f32> {
+        self.0.temperature
+    }
+
+    /// Time since the sample was received, s; `None` before the first.
+    #[getter]
+    fn age(&self) -> Option<f64> {
+        self.0.age().map(|age| age.as_secs_f64())
+    }
+
+    #[getter]
+    fn fresh(&self) -> bool {
+        self.0.fresh
+    }
+
+    #[getter]
+    fn lost(&self) -> bool {
+        self.0.lost
+    }
+
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.0.sequence
+    }
+}
