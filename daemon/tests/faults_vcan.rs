@@ -287,7 +287,13 @@ fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
 /// Receives the same frames as the motors.
 fn observer(interface: InterfaceName) -> SocketCanBus {
     let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
-    SocketCanBus::open(&socketcan::Settings { interface, bitrate: BITRATE, host_ids: ids.collect() }).unwrap()
+    SocketCanBus::open(&socketcan::Settings {
+        interface,
+        bitrate: BITRATE,
+        host_ids: ids.collect(),
+        requests: 0,
+    })
+    .unwrap()
 }
 
 fn meaning(frame: &Frame, torque_max: f64) -> Meaning {

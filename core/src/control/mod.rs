@@ -271,13 +271,16 @@ impl Control {
         Some(joint)
     }
 
-    /// Records the condition of a bus.
-    pub fn bus_changed(&mut self, bus: usize, condition: BusCondition) {
+    /// Records the condition of a bus. Returns whether it has just become unable to receive frames.
+    #[must_use]
+    pub fn bus_changed(&mut self, bus: usize, condition: BusCondition) -> bool {
         let health = &mut self.buses[bus];
-        if health.condition != condition {
-            health.condition = condition;
-            self.context.push(Event::Bus { bus, condition });
+        if health.condition == condition {
+            return false;
         }
+        health.condition = condition;
+        self.context.push(Event::Bus { bus, condition });
+        !health.is_up()
     }
 
     /// Records whether a bus accepted all frames of this cycle.

@@ -227,7 +227,10 @@ impl Cycle {
         if foreign.is_any() {
             foreign.take(|id, motor, frames| control.receive_foreign(motor, id, frames, now));
         }
-        control.bus_changed(bus, channel.wire().condition());
+        if control.bus_changed(bus, channel.wire().condition()) {
+            channel.wire_mut().sensors().disconnect();
+        }
+        channel.wire_mut().sensors().take_news(|imu, reading| control.receive_imu(imu, reading));
     }
 
     /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is not `open`, and if request

@@ -36,6 +36,10 @@ impl Cycle {
         channel.wire_mut().queue_each(write);
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
+        } else if !channel.wire_mut().sensors().is_empty()
+            && let Some(channel) = channel.can_mut()
+        {
+            channel.queue_requests(wake.cycle, now);
         }
         let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];
@@ -50,7 +54,10 @@ impl Cycle {
         if !channel.wire().is_idle() {
             control.bus_took(bus, took_all);
         }
-        control.bus_changed(bus, channel.wire().condition());
+        if control.bus_changed(bus, channel.wire().condition()) {
+            channel.wire_mut().sensors().disconnect();
+        }
+        channel.wire_mut().sensors().take_news(|imu, reading| control.receive_imu(imu, reading));
         now
     }
 

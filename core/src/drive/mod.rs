@@ -7,6 +7,7 @@
 
 mod correlator;
 mod gim;
+mod imu;
 mod mit;
 
 use crate::control::{Command, Reported};
@@ -14,6 +15,7 @@ use crate::joint::{Impedance, Setpoint};
 use crate::settings::MotorSettings;
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Role};
+pub(crate) use imu::ImuDrive;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::MotorProtocol;
 

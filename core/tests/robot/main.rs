@@ -12,6 +12,7 @@ mod faults_time;
 mod foreign;
 mod gim;
 mod imu;
+mod imu_can;
 mod late;
 mod mixed;
 mod reads;

@@ -3,7 +3,7 @@
 use super::physics::simulate;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
-use motord_bus::{Bus, Difference, Duration, LockError};
+use motord_bus::{Bus, Difference, Duration, FrameId, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
@@ -116,7 +116,8 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
     }
 }
 
-/// Opens a CAN bus. It receives the replies of its motors, and commands to them that another socket or node sends.
+/// Opens a CAN bus. It receives the replies of its motors, the frames of its IMUs, and commands to motors
+/// that another socket or node sends.
 fn open_can(
     settings: &Settings,
     index: usize,
@@ -125,8 +126,12 @@ fn open_can(
 ) -> Result<Opened, socketcan::OpenError> {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == index);
     let host_ids: Vec<_> = motors().map(|motor| motor.host_id).collect();
-    let received: Vec<_> = host_ids.iter().copied().chain(motors().map(MotorSettings::command_id)).collect();
-    let mut bus = SocketCanBus::open(&socketcan::Settings { interface, bitrate, host_ids })?;
+    let imus = || settings.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == index);
+    let requests = imus().map(|can| can.device.requests().count() as u32).sum();
+    let of_imus = imus().flat_map(|can| can.device.sent_ids()).filter_map(FrameId::new);
+    let commands = motors().map(MotorSettings::command_id);
+    let received: Vec<_> = host_ids.iter().copied().chain(commands).chain(of_imus).collect();
+    let mut bus = SocketCanBus::open(&socketcan::Settings { interface, bitrate, host_ids, requests })?;
     bus.listen(&received)?;
     let (interface, notes) = (Some(bus.link().index), bus.notes(bitrate).collect());
     Ok(Opened { bus: Box::new(bus), interface, notes })

@@ -2,9 +2,12 @@
 //!
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
+use motord_bus::Duration;
+use motord_core::imu::{ImuCan, ImuSettings, ImuSimulation};
 use motord_core::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
+use motord_protocol::imu::CanProtocol;
 use motord_protocol::{Model, MotorProtocol};
-use motord_simulator::{self as simulator, Dialect, SimulatedBus};
+use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
 
 /// The current of the largest torque code, A (MIT document 1.1).
 const CURRENT_MAX: f64 = 225.0;
@@ -15,13 +18,36 @@ const CURRENT_MAX: f64 = 225.0;
 pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
     let twins = settings.motors.iter().zip(&settings.simulation).filter(|(motor, _)| motor.bus == bus);
     let motors = twins.map(|(motor, simulation)| twin(motor, simulation)).collect();
+    let imus = imus(settings, bus);
     let bus = &settings.buses[bus];
     let kind = match bus.kind {
         BusKind::Serial { .. } => simulator::BusKind::Serial,
         BusKind::SocketCan { .. } | BusKind::Simulated { .. } => simulator::BusKind::Can,
     };
     let (name, bitrate) = (bus.name.clone(), bus.kind.bitrate());
-    (simulator::BusSettings { name, kind, bitrate, ..Default::default() }, motors)
+    (simulator::BusSettings { name, kind, bitrate, imus, ..Default::default() }, motors)
+}
+
+/// The simulated twins of the IMUs on a bus.
+fn imus(settings: &Settings, bus: usize) -> Vec<ImuNodeSettings> {
+    let twin = |imu: &ImuSettings| {
+        let ImuCan { device, simulation, .. } = imu.source.can().filter(|can| can.bus == bus)?;
+        let address = device.address();
+        let device = match device.protocol() {
+            CanProtocol::Hipnuc => {
+                let period = Duration::from_secs_f64(1.0 / imu.rate_hz);
+                ImuNodeDevice::Hipnuc { node: address.node_id, period }
+            }
+            CanProtocol::Damiao => ImuNodeDevice::Damiao {
+                firmware: address.firmware,
+                id: address.can_id,
+                reply_id: address.master_id,
+            },
+        };
+        let ImuSimulation { noise, bias, delay, seed } = *simulation;
+        Some(ImuNodeSettings { name: imu.name.clone(), device, noise, bias, delay, seed })
+    };
+    settings.imus.iter().filter_map(twin).collect()
 }
 
 /// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is random in it.

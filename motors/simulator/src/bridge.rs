@@ -28,7 +28,8 @@ impl Bridge {
     /// The error of the interface, with the commands that correct it.
     pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
         let listening = addresses(&simulated);
-        let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids: listening.clone() })?;
+        let interface =
+            SocketCanBus::open(&Settings { interface, bitrate, host_ids: listening.clone(), requests: 0 })?;
         Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
     }
 
@@ -95,6 +96,7 @@ impl Bridge {
 /// Returns each id once: the kernel may deliver a frame once per listed id.
 fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
     let mut addresses: Vec<FrameId> = bus.motors().iter().flat_map(crate::Motor::addresses).collect();
+    addresses.extend(bus.imu_addresses());
     addresses.sort_unstable();
     addresses.dedup();
     addresses

@@ -2,6 +2,7 @@
 
 use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
+use crate::imu_node::ImuNode;
 use crate::length::frame_time;
 use crate::motor::{Impairment, Motor, Reply};
 use crate::random::Random;
@@ -44,6 +45,7 @@ const DESTROYED: Content =
 pub struct SimulatedBus {
     settings: BusSettings,
     motors: Vec<Motor>,
+    imus: Vec<ImuNode>,
     random: Random,
     /// A time has been passed in. The life of a bus begins at the first call, not at the clock's
     /// zero.
@@ -98,13 +100,14 @@ impl SimulatedBus {
         assert!(settings.bitrate.min(wire_bitrate) > 0, "a bus without a bit rate carries nothing");
         let motors: Vec<Motor> =
             motors.into_iter().map(|motor| Motor::new(motor, settings.kind, settings.bitrate)).collect();
+        let imus: Vec<_> = settings.imus.iter().map(ImuNode::new).collect();
         Self {
             random: Random::new(seed),
             begun: false,
             now: Instant::ZERO,
             // One more: a frame that was destroyed on the wire goes back to the queue.
             queue: VecDeque::with_capacity(settings.tx_queue + 1),
-            answers: Answers::new(motors.len()),
+            answers: Answers::new(motors.len() + imus.len()),
             wire: None,
             arrivals: VecDeque::with_capacity(settings.rx_queue),
             lost: 0,
@@ -112,6 +115,7 @@ impl SimulatedBus {
             flood: None,
             record: Record::new(settings.record),
             motors,
+            imus,
             settings,
         }
     }
@@ -134,6 +138,12 @@ impl SimulatedBus {
         &self.motors
     }
 
+    /// Returns the ids of frames that IMUs obey.
+    #[cfg(feature = "bridge")]
+    pub(crate) fn imu_addresses(&self) -> impl Iterator<Item = FrameId> {
+        self.imus.iter().filter_map(ImuNode::address)
+    }
+
     /// Returns the frames that were on the wire since the last call, oldest first.
     /// [`BusSettings::record`] limits their number.
     pub fn take_record(&mut self) -> impl Iterator<Item = Recorded> + '_ {
@@ -149,7 +159,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Applies `verb` to the bus or to one of its motors.
+    /// Applies `verb` to the bus, or to one of its motors or IMUs.
     ///
     /// # Errors
     ///
@@ -158,6 +168,9 @@ impl SimulatedBus {
         self.advance(now);
         if verb.target == self.settings.name {
             return self.disturb(verb.fault);
+        }
+        if let Some(imu) = self.imus.iter_mut().find(|imu| imu.name() == verb.target) {
+            return imu.inject(verb.fault);
         }
         let found = self.motors.iter().position(|motor| motor.name() == verb.target);
         let index = found.ok_or(InjectError::NoSuchTarget)?;
@@ -280,8 +293,10 @@ impl SimulatedBus {
     fn advance(&mut self, to: Instant) {
         if !core::mem::replace(&mut self.begun, true) {
             self.motors.iter_mut().for_each(|motor| motor.begin(to));
+            self.imus.iter_mut().for_each(|imu| imu.begin(to));
         }
         for _ in 0..TRANSFERS_MAX {
+            self.emit(to);
             if self.wire.is_none() {
                 self.arbitrate(to);
             }
@@ -291,6 +306,21 @@ impl SimulatedBus {
             self.complete(transfer);
         }
         self.now = self.now.max(to);
+    }
+
+    /// Lets each IMU whose sample is due by `to` contend for the wire, when its last one was sent.
+    fn emit(&mut self, to: Instant) {
+        for index in 0..self.imus.len() {
+            let sender = Sender::Imu(index);
+            if self.imus[index].due() > to || self.answers.has(sender) {
+                continue;
+            }
+            let (ready, frames) = self.imus[index].emit();
+            for frame in frames.into_iter().flatten() {
+                let duration = self.duration(&frame);
+                self.answers.admit(Contender { sender, frame, ready, duration }, false, false);
+            }
+        }
     }
 
     /// Gives the idle wire to the frame that is ready first by `to`; of several on CAN, to the
@@ -339,7 +369,7 @@ impl SimulatedBus {
             Sender::Host => {
                 self.queue.pop_front();
             }
-            Sender::Motor(_) => self.answers.withdraw(winner, start),
+            Sender::Motor(_) | Sender::Imu(_) => self.answers.withdraw(winner, start),
             Sender::Several => {}
             Sender::Flood => {
                 let frame = unexpected_frame(&mut self.random);
@@ -381,6 +411,14 @@ impl SimulatedBus {
                 self.answer(index, ends, reply);
             }
         }
+        for index in 0..self.imus.len() {
+            let sender = Sender::Imu(index);
+            if let Some((latency, frame)) = self.imus[index].hear(ends, &frame) {
+                let duration = self.duration(&frame);
+                let contender = Contender { sender, frame, ready: ends + latency, duration };
+                self.answers.admit(contender, false, false);
+            }
+        }
     }
 
     /// Returns `true` when a motor of another bit rate destroys the frame of `sender`.
@@ -394,7 +432,7 @@ impl SimulatedBus {
         let contender = Contender { sender, frame, ready, duration: self.duration(&frame) };
         match sender {
             Sender::Host => self.queue.push_front(contender),
-            Sender::Motor(_) => self.answers.admit(contender, false, false),
+            Sender::Motor(_) | Sender::Imu(_) => self.answers.admit(contender, false, false),
             Sender::Flood | Sender::Several => {}
         }
         if !self.link.is_cut() {
@@ -435,7 +473,9 @@ impl SimulatedBus {
             Sender::Host => transfer.ends + self.answer_min(),
             _ => transfer.ends,
         });
-        waiting.chain(sending).min()
+        // A sample that is not due yet arrives after it is.
+        let due = self.imus.iter().map(ImuNode::due).filter(|due| *due < Instant::FAR_FUTURE);
+        waiting.chain(sending).chain(due).min()
     }
 
     fn idle_from(&self) -> Instant {
@@ -455,7 +495,9 @@ impl SimulatedBus {
     fn answer_min(&self) -> Duration {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
-        let latency = self.motors.iter().map(latency).min().unwrap_or(Duration::ZERO);
+        let motors = self.motors.iter().map(latency);
+        let latency = motors.chain(self.imus.iter().filter_map(ImuNode::latency)).min();
+        let latency = latency.unwrap_or(Duration::ZERO);
         latency + wire_time(unstuffed_bits(IdWidth::Standard, ANSWER_BYTES_MIN), self.wire_bitrate())
     }
 }

@@ -12,6 +12,7 @@ const MOMENT: Duration = Duration::from_nanos(1);
 pub(crate) enum Sender {
     Host,
     Motor(usize),
+    Imu(usize),
     Flood,
     /// A collision: no node receives the frame.
     Several,
@@ -43,8 +44,9 @@ pub(crate) struct Answers {
 }
 
 impl Answers {
-    pub(crate) fn new(motors: usize) -> Self {
-        let capacity = ANSWERS_PER_MOTOR * motors;
+    /// Of this number of motors and IMUs.
+    pub(crate) fn new(nodes: usize) -> Self {
+        let capacity = ANSWERS_PER_MOTOR * nodes;
         Self { waiting: Vec::with_capacity(capacity), capacity }
     }
 
@@ -79,6 +81,11 @@ impl Answers {
         if self.waiting.len() < self.capacity {
             self.waiting.push(answer);
         }
+    }
+
+    /// Returns whether frames of `sender` wait.
+    pub(crate) fn has(&self, sender: Sender) -> bool {
+        self.waiting.iter().any(|answer| answer.contender.sender == sender)
     }
 
     /// Drops the answers of `sender`, which has lost its power.

@@ -52,7 +52,7 @@ pub enum ImuOutput {
 }
 
 /// A simulated IMU. The same seed and the same calls give the same samples.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Imu {
     noise: f64,
     bias: f64,
@@ -62,7 +62,7 @@ pub struct Imu {
 }
 
 /// The faults in effect.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Faults {
     is_gone: bool,
     is_off: bool,

@@ -44,6 +44,7 @@ mod bus;
 mod contention;
 mod fault;
 mod imu;
+mod imu_node;
 #[cfg(feature = "bridge")]
 mod imu_port;
 mod imu_stream;
@@ -71,6 +72,7 @@ pub use bridge::Bridge;
 pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultTarget, FaultVerb, InjectError, VERBS, Verb, VerbError};
 pub use imu::{Imu, ImuOutput, ImuValues};
+pub use imu_node::{ImuNodeDevice, ImuNodeSettings};
 #[cfg(feature = "bridge")]
 pub use imu_port::ImuPort;
 pub use imu_stream::{ImuStream, ImuVendor};

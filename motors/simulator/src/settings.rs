@@ -1,9 +1,10 @@
 //! Settings of a simulated bus and its motors: physical properties, and the choices that the vendor documents leave open.
 
+use crate::imu_node::ImuNodeSettings;
 use motord_bus::Duration;
 
 /// Settings of one bus.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct BusSettings {
     /// The name that fault verbs use for it.
     pub name: String,
@@ -25,6 +26,8 @@ pub struct BusSettings {
     /// Number of frames that [`SimulatedBus::take_record`](crate::SimulatedBus::take_record) keeps,
     /// the newest; 0: none.
     pub record: usize,
+    /// The IMUs on it. A serial line has none.
+    pub imus: Vec<ImuNodeSettings>,
 }
 
 impl Default for BusSettings {
@@ -38,6 +41,7 @@ impl Default for BusSettings {
             tx_queue: 10,
             rx_queue: 256,
             record: 0,
+            imus: Vec::new(),
         }
     }
 }

@@ -8,8 +8,8 @@ use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
 /// A CAN bus.
 pub(crate) struct CanChannel {
     pub(crate) wire: Wire,
-    /// Not every motor gets a command in every cycle.
-    takes_turns: bool,
+    /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or an IMU sends frames.
+    takes_all: bool,
     /// Requests of the last batch that are not answered.
     awaited: usize,
     /// A late reply may arrive before the reply to a request that is sent until then.
@@ -21,7 +21,7 @@ pub(crate) struct CanChannel {
     sent_at: Instant,
     batch: Batch,
     /// By [`Batch`].
-    expected: [ReplyTime; 2],
+    expected: [ReplyTime; 3],
     /// Longest time of a question and its reply on the wire.
     question_time: Duration,
 }
@@ -33,20 +33,22 @@ pub(crate) enum Batch {
     Commands,
     /// A question to one motor, for its faults or an indicator.
     Question,
+    /// Commands, and requests to IMUs.
+    Samples,
 }
 
 impl CanChannel {
-    pub(super) fn new(wire: Wire, takes_turns: bool, plan: &BusPlan) -> Self {
+    pub(super) fn new(wire: Wire, takes_all: bool, plan: &BusPlan) -> Self {
         Self {
             wire,
-            takes_turns,
+            takes_all,
             awaited: 0,
             unsettled_until: Instant::ZERO,
             is_cut_short: false,
             owes: false,
             sent_at: Instant::ZERO,
             batch: Batch::Commands,
-            expected: [plan.expected, plan.transaction_least].map(ReplyTime::new),
+            expected: [plan.expected, plan.transaction_least, plan.expected_with_imus].map(ReplyTime::new),
             question_time: plan.transaction_worst,
         }
     }
@@ -57,6 +59,13 @@ impl CanChannel {
         self.give_up(now);
         self.batch = batch;
         self.wire.clear();
+    }
+
+    /// Queues the requests to the IMUs in the cycle with this number, after the commands. Bounded by IMUs.
+    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) {
+        if self.wire.queue_requests(cycle, now) {
+            self.batch = Batch::Samples;
+        }
     }
 
     /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
@@ -73,7 +82,7 @@ impl CanChannel {
     pub(crate) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
         let accepted = self.wire.send(now, unsent);
-        self.awaited = accepted.frames;
+        self.awaited = accepted.awaited;
         accepted.took_all
     }
 
@@ -132,7 +141,7 @@ impl CanChannel {
     /// The most arrivals of the next read. While the bus is settled, they are the replies that are awaited: to check for
     /// one more costs the kernel as much as a third of a frame. Later arrivals are read with the next replies.
     const fn space(&self) -> usize {
-        let takes_all = !self.is_settled() || self.is_cut_short || self.takes_turns;
+        let takes_all = !self.is_settled() || self.is_cut_short || self.takes_all;
         if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
     }
 
@@ -164,7 +173,8 @@ impl CanChannel {
     /// Finds the requests of the last batch that are still open after a read. Bounded by the motors of the bus.
     #[cold]
     pub(crate) fn settle(&mut self, drives: &[Drive]) {
-        self.awaited = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
+        let motors = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
+        self.awaited = motors + self.wire.open_requests();
         self.is_cut_short = self.wire.is_read_full() && self.awaited > 0;
         self.owes = self.wire.others().any(|motor| drives[motor].is_open());
     }

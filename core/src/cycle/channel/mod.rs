@@ -6,11 +6,13 @@
 mod can;
 mod foreign;
 mod line;
+mod sensors;
 mod wire;
 
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
+use sensors::Sensors;
 use wire::Arrivals;
 pub(super) use wire::Wire;
 
@@ -35,11 +37,17 @@ impl BusChannel {
         if settings.buses[index].is_line() {
             // A frame on a line names its receiver only, so a serial bus names the motor that answers.
             let routes = motors().map(|(motor, settings)| (settings.command_id(), motor));
-            return Self::Line(LineChannel::new(Wire::new(bus, routes.collect(), ForeignCommands::none())));
+            return Self::Line(LineChannel::new(Wire::new(
+                bus,
+                routes.collect(),
+                ForeignCommands::none(),
+                Sensors::default(),
+            )));
         }
         let routes = motors().map(|(motor, settings)| (settings.host_id, motor));
-        let wire = Wire::new(bus, routes.collect(), ForeignCommands::new(settings, index));
-        Self::Can(CanChannel::new(wire, settings.buses[index].takes_turns(), plan))
+        let (foreign, sensors) = (ForeignCommands::new(settings, index), Sensors::new(settings, index));
+        let takes_all = settings.buses[index].takes_turns() || !sensors.is_empty();
+        Self::Can(CanChannel::new(Wire::new(bus, routes.collect(), foreign, sensors), takes_all, plan))
     }
 
     /// Returns the channel of a CAN bus.

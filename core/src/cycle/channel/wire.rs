@@ -1,6 +1,7 @@
 //! The part of a bus that CAN interfaces and serial lines have in common.
 
 use super::foreign::ForeignCommands;
+use super::sensors::Sensors;
 use crate::control::Reported;
 use crate::drive::Received;
 use motord_bus::frame::ControllerState;
@@ -13,9 +14,12 @@ pub(crate) struct Wire {
     /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
     foreign: ForeignCommands,
-    /// One slot for each motor of the bus. The first hold the batch: one frame for each of `senders`.
+    sensors: Sensors,
+    /// One slot for each motor of the bus, and those for its IMUs. The first hold the batch: one frame for each of `senders`,
+    /// then `requests` to IMUs.
     frames: Vec<Frame>,
     senders: Vec<usize>,
+    requests: usize,
     inbox: Inbox,
     counters: BusState,
     condition: BusCondition,
@@ -25,8 +29,8 @@ pub(crate) struct Wire {
 /// The outcome of sending a batch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accepted {
-    /// The number of frames that the bus accepted.
-    pub(super) frames: usize,
+    /// The number of replies to the accepted frames.
+    pub(super) awaited: usize,
     /// Those were all.
     pub(super) took_all: bool,
 }
@@ -34,7 +38,7 @@ pub(super) struct Accepted {
 /// The outcome of a read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Arrivals {
-    /// The number of arrivals.
+    /// The number of arrivals, without frames that IMUs sent by themselves.
     pub(super) all: usize,
     /// Those of them that answer a request which was open.
     pub(super) answers: usize,
@@ -42,11 +46,18 @@ pub(crate) struct Arrivals {
 
 impl Wire {
     /// Allocates; nothing after it does.
-    pub(super) fn new(bus: Box<dyn Bus>, routes: Vec<(FrameId, usize)>, foreign: ForeignCommands) -> Self {
+    pub(super) fn new(
+        bus: Box<dyn Bus>,
+        routes: Vec<(FrameId, usize)>,
+        foreign: ForeignCommands,
+        sensors: Sensors,
+    ) -> Self {
         Self {
             bus,
-            frames: vec![Frame::EMPTY; routes.len()],
+            frames: vec![Frame::EMPTY; routes.len() + sensors.frames_max()],
             senders: Vec::with_capacity(routes.len()),
+            requests: 0,
+            sensors,
             routes,
             foreign,
             inbox: Inbox::new(),
@@ -67,6 +78,15 @@ impl Wire {
     #[inline]
     pub(super) fn clear(&mut self) {
         self.senders.clear();
+        self.requests = 0;
+    }
+
+    /// Queues the requests to the IMUs in the cycle with this number, after the frames of the motors. Returns whether there are
+    /// any. Bounded by IMUs.
+    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) -> bool {
+        let Self { frames, senders, sensors, .. } = self;
+        self.requests = sensors.ask(cycle, now, &mut frames[senders.len()..]);
+        self.requests > 0
     }
 
     /// Queues a frame for each motor that `write` writes one for.
@@ -93,13 +113,13 @@ impl Wire {
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
         self.replied_at = now;
         if self.is_idle() {
-            return Accepted { frames: 0, took_all: true };
+            return Accepted { awaited: 0, took_all: true };
         }
         let sent = match self.condition {
             BusCondition::Off | BusCondition::Gone | BusCondition::Exchanged => {
                 Sent { accepted: 0, refusal: None }
             }
-            _ => self.bus.send(now, &self.frames[..self.senders.len()]),
+            _ => self.bus.send(now, &self.frames[..self.senders.len() + self.requests]),
         };
         match sent.refusal {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
@@ -118,12 +138,15 @@ impl Wire {
 
     #[inline]
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> Accepted {
-        let accepted = accepted.min(self.senders.len());
-        let dropped = self.senders.len() - accepted;
-        self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
+        let (motors, total) = (self.senders.len(), self.senders.len() + self.requests);
+        let accepted = accepted.min(total);
+        let dropped = total - accepted;
+        let of_motors = accepted.min(motors);
+        self.senders[of_motors..].iter().for_each(|&motor| unsent(motor));
+        let of_imus = if self.requests > 0 { self.sensors.accepted(accepted - of_motors) } else { 0 };
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
-        Accepted { frames: accepted, took_all: dropped == 0 }
+        Accepted { awaited: of_motors + of_imus, took_all: dropped == 0 }
     }
 
     /// Discards what has arrived, then sends `frames` whose replies are not read. At most two system calls.
@@ -158,9 +181,9 @@ impl Wire {
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, foreign, counters, condition, replied_at, .. } = self;
+        let Self { inbox, routes, foreign, sensors, requests, counters, condition, replied_at, .. } = self;
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
-        let mut answers = 0;
+        let (mut answers, mut unasked) = (0, 0);
         for arrival in inbox.arrivals() {
             let (id, payload) = match &arrival.content {
                 Content::Frame(frame) => (frame.id(), Some(frame.payload())),
@@ -178,23 +201,27 @@ impl Wire {
             let route = routes.iter().find(|(routed, _)| *routed == id);
             let received = match (route, &arrival.content) {
                 (Some(&(_, motor)), _) => judge(motor, payload, arrival.at),
-                (None, Content::Frame(frame)) => {
-                    foreign.note(frame);
-                    Received::UnexpectedId
-                }
+                (None, Content::Frame(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
+                    None => Received::UnexpectedId,
+                    // A reply to a request of an earlier batch is not awaited.
+                    Some(is_answer) => {
+                        match is_answer && *requests > 0 {
+                            true => (*replied_at, answers) = (arrival.at, answers + 1),
+                            false => unasked += 1,
+                        }
+                        continue;
+                    }
+                },
                 (None, _) => Received::UnexpectedId,
             };
-            match received {
-                Received::Reply(reported) => {
-                    *replied_at = arrival.at;
-                    answers += usize::from(!matches!(reported, Reported::Late));
-                }
-                Received::Duplicate => count(&mut counters.duplicate),
-                Received::UnexpectedId => count(&mut counters.unexpected_id),
-                Received::Malformed => count(&mut counters.malformed),
+            if let Received::Reply(reported) = &received {
+                *replied_at = arrival.at;
+                answers += usize::from(!matches!(reported, Reported::Late));
+            } else {
+                count_useless(counters, &received);
             }
         }
-        Arrivals { all: inbox.arrivals().len(), answers }
+        Arrivals { all: inbox.arrivals().len() - unasked, answers }
     }
 
     /// Returns the frames that command motors of this bus and are not from this program.
@@ -203,10 +230,21 @@ impl Wire {
         &mut self.foreign
     }
 
+    /// Returns the IMUs of the bus.
+    #[inline]
+    pub(crate) const fn sensors(&mut self) -> &mut Sensors {
+        &mut self.sensors
+    }
+
+    /// Returns the number of open requests to IMUs in the last batch.
+    pub(super) fn open_requests(&self) -> usize {
+        if self.requests > 0 { self.sensors.open() } else { 0 }
+    }
+
     /// Returns whether no frame is queued.
     #[inline]
     pub(crate) fn is_idle(&self) -> bool {
-        self.senders.is_empty()
+        self.senders.is_empty() && self.requests == 0
     }
 
     /// Returns the motors of the last batch, in the order of its frames.
@@ -242,6 +280,31 @@ impl Wire {
     #[inline]
     pub(crate) const fn report(&self) -> BusState {
         BusState { condition: self.condition.code(), ..self.counters }
+    }
+}
+
+/// Takes a frame that is from no motor: from an IMU, as [`Sensors::receive`] does, or a command of another program.
+#[cold]
+fn unrouted(
+    sensors: &mut Sensors,
+    foreign: &mut ForeignCommands,
+    frame: &Frame,
+    at: Instant,
+) -> Option<bool> {
+    let received = sensors.receive(frame, at);
+    if received.is_none() {
+        foreign.note(frame);
+    }
+    received
+}
+
+/// Counts a frame that is no reply.
+fn count_useless(counters: &mut BusState, received: &Received) {
+    match received {
+        Received::Duplicate => count(&mut counters.duplicate),
+        Received::UnexpectedId => count(&mut counters.unexpected_id),
+        Received::Malformed => count(&mut counters.malformed),
+        Received::Reply(_) => {}
     }
 }
 

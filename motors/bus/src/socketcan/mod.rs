@@ -55,13 +55,14 @@ pub struct Settings {
     pub bitrate: u32,
     /// Ids of the motors' replies, one per motor. The bus receives no other data frame.
     pub host_ids: Vec<FrameId>,
+    /// Frames that are sent in a cycle, without those to motors.
+    pub requests: u32,
 }
 
 impl Settings {
-    /// Frames that may wait for the wire: the commands of two cycles, each with one poll for a
-    /// fault.
+    /// Frames that may wait for the wire: those of two cycles, each with one poll for a fault.
     fn queue_length(&self) -> u32 {
-        2 * (self.host_ids.len() as u32 + 1)
+        2 * (self.host_ids.len() as u32 + self.requests + 1)
     }
 }
 

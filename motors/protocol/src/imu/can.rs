@@ -158,6 +158,12 @@ impl CanDevice {
         REGISTERS.into_iter().take(count).map(move |register| profile.request(can_id, register))
     }
 
+    /// Returns the frame that starts a device which sends by itself.
+    #[must_use]
+    pub fn start(&self) -> Option<CanRequest> {
+        (!self.protocol.is_asked()).then(|| super::hipnuc::command::start(self.address.node_id))
+    }
+
     /// Returns the number of the request that a payload answers, as in [`requests`](Self::requests), by its first byte.
     ///
     /// Real-time: does not allocate or block; takes constant time.

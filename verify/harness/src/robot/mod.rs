@@ -190,6 +190,11 @@ impl Robot {
                 self.replies.push(Reply { at, bus, frame });
                 continue;
             }
+            let mut imus = self.settings.imus.iter().filter_map(|imu| imu.source.can());
+            let is_for = |id: Option<u16>| id.and_then(FrameId::new) == Some(frame.id());
+            if imus.any(|can| can.bus == bus && (is_for(can.device.request_id()) || is_for(Some(0)))) {
+                continue;
+            }
             let mut motors = self.settings.motors.iter();
             let motor = motors.find(|motor| (motor.bus, motor.command_id()) == (bus, frame.id()));
             let motor = motor.expect("frames go to motors of the bus");
@@ -467,7 +472,7 @@ fn simulated_bus(
 ) -> SimulatedBus {
     let (bus, mut motors) = buses::physics(settings, index);
     // As the CAN interfaces of Linux are set up: two cycles, each with a request for a motor's faults.
-    let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
+    let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 3 * bus.imus.len() + 1), ..bus };
     build(&mut bus, &mut motors);
     SimulatedBus::new(bus, motors, seed + index as u64)
 }
