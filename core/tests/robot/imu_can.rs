@@ -115,6 +115,20 @@ fn missing_reply_is_counted_and_soon_not_awaited() {
     assert_eq!(robot.joint(0).missed, 0);
 }
 
+/// The first sample after a silence is that of a rare request; the next must not come as late.
+#[test]
+fn imu_that_returns_is_not_lost_again() {
+    let mut robot = robot(DAMIAO);
+    inject(&robot, 1, "base off");
+    robot.steps(500);
+    robot.take_events();
+    inject(&robot, 1, "base ok");
+    robot.steps(300);
+    let changes: Vec<_> =
+        robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. })).collect();
+    assert_eq!(changes, [Event::Imu { imu: 0, is_lost: false }]);
+}
+
 #[test]
 fn silent_imu_is_lost_after_its_time() {
     for (imus, bus, verb, lost_after) in [(HIPNUC, 0, "head off", 15), (DAMIAO, 1, "base off", 6)] {
