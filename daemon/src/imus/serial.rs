@@ -19,8 +19,15 @@ const REOPEN: Duration = Duration::from_millis(250);
 const READ_BYTES: usize = 1024;
 /// A stream that fills every read is read this many times as fast as its line can be.
 const FLOOD_FACTOR: u32 = 4;
+/// While no sample arrives, the thread pauses for this many times the time that it decoded: a hostile stream takes at most a
+/// fifth of a processor.
+const REST_FACTOR: u32 = 4;
 /// Bytes without a sample after which the baud rate or the type is wrong.
 const DUMB_BYTES: usize = 2000;
+
+/// Time over which the rate of a device is compared with the configured one, and the tolerance.
+const RATE_WINDOW: Duration = Duration::from_secs(2);
+const RATE_TOLERANCE: f64 = 0.1;
 
 /// Things that are logged once for each connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -29,6 +36,8 @@ enum Remark {
     Incomplete,
     /// Bytes arrive, and no samples.
     NoSamples,
+    /// The rate of the samples was compared with the configured one.
+    Rate,
 }
 
 /// An IMU on a serial line.
@@ -44,6 +53,9 @@ pub struct SerialImu {
     rejected: u32,
     /// Bytes received since the last sample.
     without_sample: usize,
+    rate_hz: f64,
+    /// Time of the first sample of this connection, and the number of samples after it.
+    begun: Option<(Instant, u32)>,
     remarks: BTreeSet<Remark>,
     /// The last reason for which the port was not opened, which is logged once.
     failure: Option<OpenError>,
@@ -61,6 +73,8 @@ impl SerialImu {
             decoder: SerialDecoder::new(line.protocol),
             rejected: 0,
             without_sample: 0,
+            rate_hz: settings.rate_hz,
+            begun: None,
             remarks: BTreeSet::new(),
             failure: None,
         }
@@ -93,6 +107,7 @@ impl SerialImu {
                 self.gaps.restart();
                 self.rejected = 0;
                 self.without_sample = 0;
+                self.begun = None;
                 self.remarks.clear();
                 if self.voice.may_speak(clock::monotonic()) {
                     let ImuSerial { device, baud, .. } = &self.line;
@@ -119,7 +134,11 @@ impl SerialImu {
         match read {
             Ok([]) => self.disconnect(Errno::ENODEV),
             Ok(bytes) => {
+                let begun = clock::monotonic();
                 self.decode(bytes, received);
+                if self.without_sample >= DUMB_BYTES {
+                    std::thread::sleep(clock::monotonic().since(begun) * REST_FACTOR);
+                }
                 if bytes.len() == READ_BYTES {
                     let bits = BITS_PER_BYTE * READ_BYTES as u32;
                     std::thread::sleep(Duration::from_secs(1) * bits / self.line.baud / FLOOD_FACTOR);
@@ -169,6 +188,7 @@ impl SerialImu {
                 let _counted = self.writer.sample(&complete, received);
                 self.without_sample = 0;
                 self.rejected = 0;
+                self.compare_rate(received);
             }
             Ok((sample, None)) => {
                 self.reject();
@@ -178,6 +198,25 @@ impl SerialImu {
                 }
             }
             Err(_) => self.reject(),
+        }
+    }
+
+    /// Warns once of a device with another rate than the configured one: too low, its samples count as missing.
+    fn compare_rate(&mut self, received: Instant) {
+        let (since, count) = self.begun.map_or((received, 0), |(since, count)| (since, count + 1));
+        self.begun = Some((since, count));
+        let passed = received.since(since);
+        if passed < RATE_WINDOW || !self.remarks.insert(Remark::Rate) {
+            return;
+        }
+        let measured = f64::from(count) / passed.as_secs_f64();
+        if (measured / self.rate_hz - 1.0).abs() > RATE_TOLERANCE {
+            tracing::warn!(
+                imu = self.name,
+                see = "imu-lost",
+                "delivers {measured:.0} samples per second, and rate-hz is {}: set the rate of the device, or rate-hz",
+                self.rate_hz
+            );
         }
     }
 
@@ -309,6 +348,18 @@ mod tests {
             let reading = *output.read();
             assert_eq!((reading.sequence, reading.is_connected), (1, false), "{gone:?}");
         }
+    }
+
+    /// 100 Hz are configured, and 50 Hz arrive.
+    #[test]
+    fn rate_is_compared_once_for_each_connection() {
+        let (mut imu, _output) = imu(SerialProtocol::Xsens);
+        for number in 0..=100 {
+            assert!(!imu.remarks.contains(&Remark::Rate));
+            imu.take(Ok(&encoded(SerialProtocol::Xsens, &sample(number))), at(20 * u64::from(number)));
+        }
+        assert!(imu.remarks.contains(&Remark::Rate));
+        assert_eq!(imu.begun, Some((at(0), 100)));
     }
 
     #[test]

@@ -74,6 +74,18 @@ struct Found {
     notes: Vec<String>,
 }
 
+impl FoundImu {
+    /// Gives it the lines of the IMU with this number: each name occurs once.
+    fn named(self, index: usize) -> Self {
+        let Self { kind, ref device, baud, rate_hz, .. } = self;
+        let name = if index == 0 { "base".to_owned() } else { format!("imu-{}", index + 1) };
+        let lines = format!(
+            "[[imu]]\nname = \"{name}\"\ntype = \"{kind}\"\ndevice = \"{device}\"\nbaud = {baud}\nrate-hz = {rate_hz}\n"
+        );
+        Self { lines, ..self }
+    }
+}
+
 /// The samples of one protocol among the bytes of a port.
 struct Heard {
     protocol: SerialProtocol,
@@ -138,7 +150,7 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
     let mut found = Found { imus: Vec::new(), notes: Vec::new() };
     for outcome in outcomes {
         match outcome {
-            Outcome::Imu(imu) => found.imus.push(imu),
+            Outcome::Imu(imu) => found.imus.push(imu.named(found.imus.len())),
             Outcome::Note(note) => found.notes.push(note),
         }
     }
@@ -245,11 +257,8 @@ fn report(device: &str, baud: u32, heard: &Heard) -> FoundImu {
     let near = RATES.into_iter().find(|rate| (measured_hz / rate - 1.0).abs() < 0.04);
     let rate_hz = near.unwrap_or_else(|| measured_hz.round().max(1.0));
     let (kind, device) = (heard.protocol.name(), lasting_name(device));
-    let lines = format!(
-        "[[imu]]\nname = \"base\"\ntype = \"{kind}\"\ndevice = \"{device}\"\nbaud = {baud}\nrate-hz = {rate_hz}\n"
-    );
     let complete = heard.count > 0 && heard.complete == heard.count;
-    FoundImu { kind, device, baud, measured_hz, rate_hz, complete, lines }
+    FoundImu { kind, device, baud, measured_hz, rate_hz, complete, lines: String::new() }
 }
 
 fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
@@ -312,7 +321,8 @@ mod tests {
             last: begin + Duration::from_millis(490),
             ..Heard::new(SerialProtocol::Xsens)
         };
-        let found = report("/dev/ttyUSB0", 460_800, &heard);
+        let found = report("/dev/ttyUSB0", 460_800, &heard).named(1);
+        assert!(found.lines.starts_with("[[imu]]\nname = \"imu-2\"\n"));
         assert_eq!((found.rate_hz, found.complete), (200.0, true));
         assert!(
             found

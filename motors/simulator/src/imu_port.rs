@@ -157,11 +157,16 @@ impl ImuPort {
         bytes
     }
 
-    /// Returns a period of random bytes, with a beginning of a sample in every 64 of them.
+    /// Returns a period of random bytes. Every other 64 bytes are beginnings of samples, the others have one.
     fn garbage(&mut self) -> Vec<u8> {
         let mut bytes: Vec<_> = (0..self.line_bytes).map(|_| self.random.next() as u8).collect();
-        for place in bytes.chunks_exact_mut(64) {
-            place[..4].copy_from_slice(&self.stream.header());
+        let header = self.stream.header();
+        for (index, block) in bytes.chunks_exact_mut(64).enumerate() {
+            let headers = if index % 2 == 0 { 1 } else { block.len() / header.len() };
+            block
+                .chunks_exact_mut(header.len())
+                .take(headers)
+                .for_each(|place| place.copy_from_slice(&header));
         }
         bytes
     }
