@@ -10,6 +10,7 @@
 
 pub mod codec;
 pub mod gim;
+pub mod imu;
 pub mod log;
 pub mod robot;
 pub mod run;

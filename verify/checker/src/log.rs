@@ -204,12 +204,12 @@ pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
 }
 
 /// Returns the frames of a log with their times. A frame that is a command to no motor must be a
-/// reply.
+/// reply, or belong to an IMU.
 fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
     let mut frames = Vec::new();
     for line in log.lines() {
         match frame(wiring, line) {
-            Ok(frame) => frames.push(frame),
+            Ok(frame) => frames.extend(frame),
             Err(complaint) => verdict.complain(complaint),
         }
     }
@@ -218,7 +218,8 @@ fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
     frames
 }
 
-fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
+/// Returns the frame of a line; `None` for one from or to an IMU.
+fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
     let said = || format!("candump says: {line}");
     let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| said())?;
     let Content::Frame(frame) = content else { return Err(said()) };
@@ -235,16 +236,19 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
             return Err(format!("a question that is a command to this motor: {line}"));
         }
         let text = format!("{interface} {frame:?}");
-        return Ok(Spoken::Command(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
+        return Ok(Some(Spoken::Command(Command { at, motor, kind: Kind::of(meaning), meaning, text })));
     }
     if let Some(motor) = read_of_register(wiring, interface, &frame) {
         let text = format!("{interface} {frame:?}");
-        return Ok(Spoken::Command(Command { at, motor, kind: Kind::Fault, meaning: None, text }));
+        return Ok(Some(Spoken::Command(Command { at, motor, kind: Kind::Fault, meaning: None, text })));
+    }
+    if wiring.imus.iter().any(|imu| imu.interface == interface && imu.knows(&frame)) {
+        return Ok(None);
     }
     let replies = |motor: &crate::robot::Wired| motor.interface == interface && motor.reply_id == id;
     let motor = wiring.motors.iter().position(replies);
     let motor = motor.ok_or_else(|| format!("no motor has this id: {line}"))?;
-    Ok(Spoken::Reply(Reply { at, motor }))
+    Ok(Some(Spoken::Reply(Reply { at, motor })))
 }
 
 /// Returns the motor whose register this frame reads. A write is no such frame, and has the id of no motor.

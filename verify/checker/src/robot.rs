@@ -1,6 +1,7 @@
 //! The robot: its motors, their addresses and their limits.
 
 use crate::codec::{Ranges, Reply};
+use crate::imu::{ImuTable, WiredImu};
 use crate::vendor::Vendor;
 use motord_bus::Duration;
 use motord_bus::FrameId;
@@ -144,6 +145,8 @@ pub enum SafeStop {
 pub struct Wiring {
     /// In the order of the configuration.
     pub motors: Vec<Wired>,
+    /// The IMUs on CAN interfaces.
+    pub imus: Vec<WiredImu>,
 }
 
 /// One motor on its interface.
@@ -171,6 +174,8 @@ pub struct Wired {
 struct File {
     bus: Vec<BusTable>,
     motor: Vec<MotorTable>,
+    #[serde(default)]
+    imu: Vec<ImuTable>,
 }
 
 #[derive(Deserialize)]
@@ -228,7 +233,13 @@ impl Wiring {
     ///
     /// A sentence with the reason.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let File { bus: buses, motor: motors } = toml::from_str(text).map_err(|error| error.to_string())?;
+        let File { bus: buses, motor: motors, imu } =
+            toml::from_str(text).map_err(|error| error.to_string())?;
+        let imus = imu.iter().filter_map(|imu| {
+            let bus = buses.iter().find(|bus| Some(&bus.name) == imu.bus.as_ref())?;
+            imu.wired(bus.interface.clone()?, motors.iter().all(|motor| motor.bus != bus.name))
+        });
+        let imus = imus.collect();
         let wire = |motor: MotorTable| {
             let bus = buses.iter().find(|bus| bus.name == motor.bus);
             let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
@@ -249,7 +260,7 @@ impl Wiring {
             }))
         };
         let wired = motors.into_iter().filter_map(|motor| wire(motor).transpose());
-        Ok(Self { motors: wired.collect::<Result<_, String>>()? })
+        Ok(Self { motors: wired.collect::<Result<_, String>>()?, imus })
     }
 
     /// Returns the interfaces, each once, in the order of their first motors.

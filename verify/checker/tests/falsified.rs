@@ -513,6 +513,47 @@ fn vendor_reply_ids_and_questions_are_respected() {
     assert_eq!([1, 2, 3].map(is_refused), [false, true, false]);
 }
 
+/// Their samples and exactly the requests for them pass: no write of a setting, and no start beside motors.
+#[test]
+fn only_requests_and_samples_of_imus_pass() {
+    let wiring = |alone: bool, more: &str| {
+        let bus = if alone { "body" } else { "leg" };
+        Wiring::parse(&format!(
+            "[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n[[bus]]\nname = \"body\"\ninterface = \"vcan1\"\n\
+             [[motor]]\nname = \"hip\"\nbus = \"leg\"\nid = 7\nmodel = \"GIM8108-8\"\n\
+             [[imu]]\nname = \"a\"\ntype = \"hipnuc-can\"\nbus = \"{bus}\"\n\
+             [[imu]]\nname = \"b\"\ntype = \"damiao\"\nbus = \"{bus}\"\n{more}\n[[imu]]\nname = \"c\"\ntype = \"external\"\n"
+        ))
+        .unwrap()
+    };
+    let passes = |wiring: &Wiring, interface: &str, frame: &str| {
+        let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
+        let log = format!("(1000.000000) {interface} {frame}\n");
+        let verdict = judge(&mut Trot::new(wiring, demand), wiring, &[], &log);
+        !verdict.complaints.join("\n").contains("no motor has this id")
+    };
+    let beside = wiring(false, "");
+    for good in
+        ["188#00000000E803", "488#1027000000000000", "708#05", "001#CC0400DD00000000", "011#0280008008001919"]
+    {
+        assert!(passes(&beside, "vcan0", good), "{good}");
+        assert!(!passes(&beside, "vcan1", good), "{good} on another bus");
+    }
+    for bad in [
+        "188#00",
+        "189#00000000E803",
+        "000#0108",
+        "608#2B00180505000000",
+        "001#CC0401DD00000000",
+        "001#CC0300DD00000000",
+    ] {
+        assert!(!passes(&beside, "vcan0", bad), "{bad}");
+    }
+    let alone = wiring(true, "firmware = 1022");
+    assert!(passes(&alone, "vcan1", "000#0108") && !passes(&alone, "vcan1", "000#0208"));
+    assert!(passes(&alone, "vcan1", "6FF#010001CC") && !passes(&alone, "vcan1", "001#CC0400DD00000000"));
+}
+
 #[test]
 fn replies_are_not_judged_but_strange_ids() {
     let rig = trot();
