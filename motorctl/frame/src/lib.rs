@@ -10,6 +10,7 @@ mod codec;
 mod failure;
 mod gim;
 mod hex;
+mod imu;
 mod input;
 mod log;
 mod member;

@@ -5,6 +5,7 @@ use motord_bus::candump::InvalidLine;
 use motord_bus::frame::ControllerState;
 use motord_bus::serial::framing::FrameError;
 use motord_bus::{ErrorFrame, FrameId};
+use motord_protocol::imu::SampleError;
 use motord_protocol::{DecodeError, ScaleError};
 
 /// The reason why a frame was rejected.
@@ -64,6 +65,8 @@ pub(super) enum Rejected {
     ErrorFrame { class: u32, names: String },
     #[error("channel {channel} has no interface in the configuration: use --interface NAME")]
     Channel { channel: u32 },
+    #[error("imu {imu}: {error}")]
+    Imu { imu: String, error: SampleError },
     #[error("unexpected id {id}: no motor on {interface} receives or sends it")]
     UnexpectedId { interface: String, id: FrameId },
 }

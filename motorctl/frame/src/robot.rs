@@ -1,6 +1,7 @@
-//! The motors of a configuration with their last requests, for decoding a log of their buses.
+//! The motors and IMUs of a configuration, with the last requests to the motors, for decoding a log of their buses.
 
 use crate::codec::Codec;
+use crate::imu::{ImuConfig, LoggedImu};
 use crate::object::Object;
 use crate::options::{AnsweredCommand, Direction, FrameProtocol};
 use crate::rejected::Rejected;
@@ -41,6 +42,8 @@ struct Config {
     bus: Vec<BusConfig>,
     #[serde(default)]
     motor: Vec<MotorConfig>,
+    #[serde(default)]
+    imu: Vec<ImuConfig>,
 }
 
 #[derive(Deserialize)]
@@ -73,6 +76,7 @@ enum ProtocolConfig {
 /// The motors of a configuration.
 pub(super) struct LoggedRobot {
     motors: Vec<LoggedMotor>,
+    imus: Vec<LoggedImu>,
     /// The interfaces of its buses, in the order of the file.
     interfaces: Vec<String>,
 }
@@ -96,15 +100,20 @@ impl LoggedRobot {
     /// Reads a configuration. `protocol` replaces the configured protocols.
     pub(super) fn read(path: &Path, protocol: Option<FrameProtocol>) -> Result<Self, RobotError> {
         let text = motord_configuration::text(path)?;
-        let Config { bus, motor } = toml::from_str(&text)
+        let Config { bus, motor, imu } = toml::from_str(&text)
             .map_err(|source| RobotError::Malformed { path: path.into(), source: source.into() })?;
         let mut motors =
             motor.into_iter().map(|motor| LoggedMotor::new(motor, &bus)).collect::<Result<Vec<_>, _>>()?;
         for motor in &mut motors {
             motor.protocol = protocol.unwrap_or(motor.protocol);
         }
+        let wired = |imu: ImuConfig| {
+            let bus = bus.iter().find(|bus| Some(&bus.name) == imu.bus.as_ref())?;
+            LoggedImu::new(imu, bus.interface.clone().unwrap_or_else(|| bus.name.clone()))
+        };
+        let imus = imu.into_iter().filter_map(wired).collect();
         let interfaces = bus.into_iter().map(|bus| bus.interface.unwrap_or(bus.name)).collect();
-        Ok(Self { motors, interfaces })
+        Ok(Self { motors, imus, interfaces })
     }
 
     /// Returns the interface of a channel of a log, from 1 on: that of the bus at this place in the file.
@@ -117,6 +126,9 @@ impl LoggedRobot {
     pub(super) fn decode(&mut self, interface: &str, frame: &Frame) -> Result<Object, Rejected> {
         if let Some(object) = self.register_read(interface, frame) {
             return Ok(object);
+        }
+        if let Some(decoded) = self.imus.iter().find_map(|imu| imu.decode(interface, frame)) {
+            return decoded;
         }
         let (motor, direction) = self
             .motor_of(interface, frame)

@@ -430,6 +430,34 @@ fn registers_of_damiao_are_no_states() {
 }
 
 #[test]
+fn frames_of_imus_are_decoded_with_names() {
+    let config = "\
+        [[bus]]\nname = 'front'\ntype = 'socketcan'\ninterface = 'vcan0'\n\
+        [[imu]]\nname = 'base'\ntype = 'damiao'\nbus = 'front'\n\
+        [[imu]]\nname = 'head'\ntype = 'hipnuc-can'\nbus = 'front'\n";
+    let log = "(0.1) vcan0 001#CC0200DD00000000\n\
+        (0.2) vcan0 011#04FFFE0008002000\n\
+        (0.3) vcan0 188#00000000E803\n\
+        (0.4) vcan0 708#05\n\
+        (0.5) vcan0 488#0000000000000000\n\
+        (0.6) vcan0 001#CC0B01DD01000000\n";
+    let output = decode_log(&[], config, log);
+    let decoded: Vec<_> = objects(&output)
+        .iter()
+        .map(|object| ["kind", "imu", "quantity", "values"].map(|key| object[key].clone()))
+        .collect();
+    assert_eq!(decoded[0], [json!("imu_request"), json!("base"), json!("angular velocity"), Value::Null]);
+    assert_eq!(decoded[1][..3], [json!("imu_sample"), json!("base"), json!("orientation")]);
+    assert_eq!(decoded[2][..3], [json!("imu_sample"), json!("head"), json!("acceleration")]);
+    assert!((decoded[2][3][2].as_f64().unwrap() - 9.8).abs() < 1e-5, "{:?}", decoded[2]);
+    assert_eq!(decoded[3], [json!("imu_state"), json!("head"), Value::Null, Value::Null]);
+    assert_eq!([&decoded[4][0], &decoded[5][0]], ["reject", "reject"], "no rotation, a write of a setting");
+    for line in text(&output).lines() {
+        assert_lines_valid("motorctl-frame-decode", line);
+    }
+}
+
+#[test]
 fn log_is_decoded_with_motor_names_and_requests() {
     let log = "\
         (1436509052.249713) vcan0 001#FFFFFFFFFFFF00FB\n\

@@ -1,8 +1,9 @@
 //! The IMUs on a CAN bus, as one type.
 
 use super::damiao;
-use super::error::SampleError;
+use super::error::{SampleError, SampleField};
 use super::hipnuc::can as hipnuc;
+use super::measured::Measured;
 use super::request::CanRequest;
 use super::sample::Sample;
 use super::sequence::Parts;
@@ -171,6 +172,31 @@ impl CanDevice {
     pub fn answered(&self, payload: &[u8]) -> Option<usize> {
         let first = *payload.first().filter(|_| self.protocol.is_asked())?;
         REGISTERS.iter().position(|register| *register as u8 == first)
+    }
+
+    /// Returns the quantity that the request with this number asks for.
+    #[must_use]
+    pub fn requested(&self, number: usize) -> Option<SampleField> {
+        Parts::ALL.in_order().nth(number).filter(|_| self.protocol.is_asked())
+    }
+
+    /// Decodes a frame with an id of [`sent_ids`](Self::sent_ids) alone. `None` for one without a quantity: a heartbeat, or the
+    /// confirmation of a setting.
+    ///
+    /// # Errors
+    ///
+    /// As for the decoders of the vendors.
+    pub fn measured(&self, id: u16, payload: &[u8]) -> Result<Option<Measured>, SampleError> {
+        match self.protocol {
+            CanProtocol::Hipnuc => {
+                let is_it = |tpdo: &hipnuc::Tpdo| tpdo.id(self.address.node_id) == id;
+                hipnuc::Tpdo::ALL.into_iter().find(is_it).map(|tpdo| tpdo.decode(payload)).transpose()
+            }
+            CanProtocol::Damiao => Ok(match self.firmware().decode(payload)? {
+                damiao::Reply::Measured { measured, .. } => Some(measured),
+                damiao::Reply::Confirmed { .. } => None,
+            }),
+        }
     }
 
     /// Returns id and bytes of each frame of a sample: those that the device sends by itself, or requests and replies.

@@ -1,0 +1,91 @@
+//! The IMUs of a configuration on CAN buses, for decoding a log of their buses.
+
+use crate::object::Object;
+use crate::rejected::Rejected;
+use motord_bus::Frame;
+use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol, Measured, SampleField};
+use motord_protocol::profile::STEADYWIN;
+use serde::Deserialize;
+
+/// The keys of an `[[imu]]` that this command uses.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct ImuConfig {
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+    pub(super) bus: Option<String>,
+    node_id: Option<u8>,
+    can_id: Option<u16>,
+    master_id: Option<u16>,
+    firmware: Option<u16>,
+}
+
+/// An IMU on an interface.
+pub(super) struct LoggedImu {
+    name: String,
+    interface: String,
+    device: CanDevice,
+}
+
+impl LoggedImu {
+    /// Returns the IMU on `interface`; `None` for one that is not on a CAN bus.
+    pub(super) fn new(config: ImuConfig, interface: String) -> Option<Self> {
+        let protocol = CanProtocol::ALL.into_iter().find(|protocol| protocol.name() == config.kind)?;
+        let new = CanAddress::default();
+        let address = CanAddress {
+            node_id: config.node_id.unwrap_or(new.node_id),
+            can_id: config.can_id.unwrap_or(new.can_id),
+            master_id: config.master_id.unwrap_or(new.master_id),
+            firmware: config.firmware.unwrap_or(new.firmware),
+        };
+        Some(Self { name: config.name, interface, device: CanDevice::new(protocol, address) })
+    }
+
+    /// Decodes a frame from or to this device; `None` for another frame.
+    pub(super) fn decode(&self, interface: &str, frame: &Frame) -> Option<Result<Object, Rejected>> {
+        if interface != self.interface {
+            return None;
+        }
+        let id = u16::try_from(frame.id().raw()).ok()?;
+        let payload = frame.payload();
+        let asks =
+            |request: &motord_protocol::imu::CanRequest| request.id() == id && request.payload() == payload;
+        if let Some(number) = self.device.requests().position(|request| asks(&request)) {
+            return Some(Ok(self.object("imu_request", self.device.requested(number))));
+        }
+        if self.device.start().is_some_and(|start| asks(&start)) {
+            return Some(Ok(self.object("imu_start", None)));
+        }
+        if !self.device.sent_ids().any(|sent| sent == id) {
+            return None;
+        }
+        Some(match self.device.measured(id, payload) {
+            Ok(Some(measured)) => Ok(self.sample(&measured)),
+            Ok(None) => Ok(self.object("imu_state", None)),
+            Err(error) => Err(Rejected::Imu { imu: self.name.clone(), error }),
+        })
+    }
+
+    fn sample(&self, measured: &Measured) -> Object {
+        let mut object = self.object("imu_sample", Some(measured.field()));
+        let values = match measured {
+            Measured::Acceleration(values) | Measured::AngularVelocity(values) | Measured::Angles(values) => {
+                values.to_vec()
+            }
+            Measured::Orientation(quaternion) => quaternion.parts().to_vec(),
+        };
+        object.insert("values", values);
+        object
+    }
+
+    fn object(&self, kind: &str, quantity: Option<SampleField>) -> Object {
+        let mut object = Object::new(&STEADYWIN, None);
+        object.insert("kind", kind);
+        if let Some(quantity) = quantity {
+            object.insert("quantity", quantity.to_string());
+        }
+        object.insert("imu", self.name.as_str());
+        object
+    }
+}
