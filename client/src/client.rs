@@ -5,15 +5,15 @@ use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
 use crate::publisher::{ImuPublisher, imu_of};
 use crate::records::Records;
 use crate::stop::FirstWay;
-use crate::view::View;
+use crate::view::{View, nanos};
 use crate::{Error, State};
 use motord_ports::instance::Attachment;
 use motord_ports::service::ServiceError;
-use motord_ports::{ClientPorts, Instance};
+use motord_ports::{ClientPorts, Instance, clock};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::limits::HISTOGRAMS_MAX;
 use motord_shared::message::ALL_GROUPS;
-use motord_shared::{MotorMode, Operation, Phase};
+use motord_shared::{Operation, Phase};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -290,8 +290,9 @@ impl Client {
         self.link.wait_for(index, phase, timeout, || self.ready(&robot))
     }
 
-    /// Returns the joints of `group`, or of all groups, whose motors do not answer in the next state. After a stop they are those that
-    /// perhaps did not hear it: cut their power. Excluded joints are not among them.
+    /// Returns the joints of `group`, or of all groups, whose motors do not answer after this call, within `timeout`. After a stop
+    /// they are those that perhaps did not hear it: cut their power. Excluded joints are not among them. Returns as soon as all
+    /// have answered.
     ///
     /// # Errors
     /// [`Error::UnknownGroup`] and those of [`wait`](Self::wait).
@@ -299,13 +300,23 @@ impl Client {
         let robot = self.description();
         let index = group.map(|group| group_of(&robot, group)).transpose()?;
         let members = index.map(|index| &robot.groups[index].joints);
-        let state = self.wait(timeout)?;
-        let is_offline =
-            |index: usize| state.joint(index).is_some_and(|joint| joint.mode == Some(MotorMode::Offline));
-        let joints = robot.joints.iter().enumerate();
-        let offline = joints
-            .filter(|(index, _)| members.is_none_or(|members| members.contains(index)) && is_offline(*index));
-        Ok(offline.map(|(_, joint)| joint.name.clone()).collect())
+        let (asked, end_ns) = (clock::now_ns(), clock::now_ns().saturating_add(nanos(timeout)));
+        let mut silent: Vec<usize> = (0..robot.joints.len()).collect();
+        silent.retain(|joint| members.is_none_or(|members| members.contains(joint)));
+        let mut is_known = false;
+        loop {
+            match self.wait(Duration::from_nanos(end_ns.saturating_sub(clock::now_ns()))) {
+                Ok(state) => silent.retain(|joint| {
+                    state.joint(*joint).is_some_and(|joint| !joint.is_excluded() && joint.receive_ns <= asked)
+                }),
+                Err(Error::Timeout { .. }) if is_known => {}
+                Err(error) => return Err(error),
+            }
+            is_known = true;
+            if silent.is_empty() || clock::now_ns() >= end_ns {
+                return Ok(silent.iter().map(|joint| robot.joints[*joint].name.clone()).collect());
+            }
+        }
     }
 
     /// Takes `group` from its owner.

@@ -1,6 +1,6 @@
 //! The state of a joint, with codes as enums instead of numbers.
 
-use motord_shared::message::{JOINT_FRESH, JOINT_VALID};
+use motord_shared::message::{JOINT_FRESH, JOINT_MISMATCH, JOINT_VALID};
 use motord_shared::{Applied, Fault, Field, JointState, Limit, MotorMode};
 use std::fmt;
 use std::time::Duration;

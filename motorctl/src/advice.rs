@@ -11,8 +11,8 @@ pub(crate) struct Advice {
     pub(crate) remedy: Cow<'static, str>,
     /// Lines to paste into a shell, in order. They end with the reset and move no motor.
     pub(crate) commands: Vec<String>,
-    /// The line that starts the group again.
-    pub(crate) enable: String,
+    /// The last step, which starts the group again.
+    pub(crate) start: String,
 }
 
 impl Advice {
@@ -29,7 +29,13 @@ impl Advice {
         Self {
             remedy: remedy.into(),
             commands: clear.into_iter().chain([format!("{motorctl} reset {group}")]).collect(),
-            enable: format!("{motorctl} enable {group}"),
+            // Without its controller a group has no owner, and cannot be enabled.
+            start: match cause {
+                Some(Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied) => {
+                    "start the controller again".into()
+                }
+                _ => format!("`{motorctl} enable {group}`"),
+            },
         }
     }
 }
@@ -38,7 +44,7 @@ impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}. Then run ", self.remedy)?;
         self.commands.iter().try_for_each(|command| write!(f, "`{command}`, "))?;
-        write!(f, "and `{}`.", self.enable)
+        write!(f, "and {}.", self.start)
     }
 }
 
@@ -65,7 +71,7 @@ mod tests {
         let advice = Advice::new(Some(Cause::OwnerLost), DEFAULT_INSTANCE, "legs", Some("fl-knee"));
         assert_eq!(
             advice.to_string(),
-            "Start the controller again. Then run `motorctl reset legs`, and `motorctl enable legs`."
+            "Find out why the controller ended or was late. Then run `motorctl reset legs`, and start the controller again."
         );
     }
 }

@@ -102,6 +102,8 @@ impl JointReport {
             Some(format!("{name} does not answer."))
         } else if !self.faults.is_empty() {
             Some(format!("{name} reports {}.", self.faults.join(", ")))
+        } else if self.mismatch {
+            Some(format!("{name} differs from its configuration, and is not enabled."))
         } else {
             (self.mode == MotorMode::Fault.name()).then(|| format!("{name} reports a fault."))
         }

@@ -332,6 +332,9 @@ fn main() -> ExitCode {
             // Help and version also arrive here, and go to standard output. A closed pipe is not an
             // error.
             let _ = error.print();
+            if error.use_stderr() && std::env::args().skip(1).any(|word| means_emergency_stop(&word)) {
+                eprintln!("motorctl: NOTHING WAS STOPPED: type `motorctl estop`");
+            }
             return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
         }
     };
@@ -348,6 +351,12 @@ fn main() -> ExitCode {
             ExitCode::from(failure.status())
         }
     }
+}
+
+/// Returns whether a word of a command line that is refused was meant to stop the robot.
+fn means_emergency_stop(word: &str) -> bool {
+    let letters: String = word.chars().filter(char::is_ascii_alphabetic).collect();
+    matches!(letters.to_ascii_lowercase().as_str(), "stop" | "estop" | "emergencystop" | "halt" | "stopp")
 }
 
 fn run(instance: &str, command: Command) -> Result<(), Failure> {

@@ -20,7 +20,7 @@ pub(crate) enum Operate {
     /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
     #[command(after_help = "Example:\n  motorctl enable legs")]
     Enable(GroupArgument),
-    /// Damp the motors of a group, then stop them.
+    /// Damp the motors of a group, then stop them. Waits until they are stopped.
     #[command(after_help = "Example:\n  motorctl disable legs")]
     Disable(GroupArgument),
     /// Clear the latched cause that stopped a group. No motor moves.
@@ -46,6 +46,7 @@ pub(crate) enum Operate {
     ///
     /// This is a software stop. It does not replace a switch that cuts the power.
     #[command(
+        visible_aliases = ["e-stop", "emergency-stop"],
         after_help = "Examples:\n  motorctl estop || echo 'cut the power'\n  motorctl estop --all      # every robot of this computer"
     )]
     Estop {
@@ -120,7 +121,8 @@ fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     let client = Client::connect(instance)?;
     let (mut silent, mut outcome) = (Vec::new(), Ok(()));
     for group in groups(&client, group) {
-        let offline = client.disable(&group).map(|()| client.offline_joints(Some(&group), PATIENCE));
+        let stopped = client.disable(&group).and_then(|()| client.wait_for(&group, Phase::Disarmed, STOPPED));
+        let offline = stopped.map(|()| client.offline_joints(Some(&group), PATIENCE));
         let done = format!("{group}: stopped, after damping what moves");
         match offline.map(|offline| confirmation::outcome(&done, offline)) {
             Ok(Ok(done)) => say(&done),

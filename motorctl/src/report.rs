@@ -271,6 +271,12 @@ fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDe
             joint.bus
         ));
     }
+    if joint.mismatch {
+        return Some(format!(
+            "{name} differs from its configuration, and its group is not enabled: the daemon's log names the difference; \
+             `{motorctl} explain mismatch`"
+        ));
+    }
     let position = joint.position_rad.filter(|_| joint.outside_limits)?;
     Some(format!(
         "{}: move it by hand, or correct its limits. If the angle is not the real one, `{motorctl} explain outside-limits` \

@@ -123,7 +123,9 @@ impl Cause {
     #[must_use]
     pub const fn advice(self) -> &'static str {
         match self {
-            Self::SetpointTimeout | Self::OwnerLost | Self::OwnerDied => "Start the controller again",
+            Self::SetpointTimeout | Self::OwnerLost | Self::OwnerDied => {
+                "Find out why the controller ended or was late"
+            }
             Self::DirectoryLost => "Find out who removed the files, and start the daemon again",
             Self::SwitchLost => "Start `motord deadman`, or find out in its log why it hangs",
             Self::EmergencyStop => "Make sure that the robot may move safely",

@@ -15,6 +15,8 @@ pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v4";
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// [`JointState::flags`]: position, velocity and torque have been received at least once since the motor came online.
 pub const JOINT_VALID: u32 = 1 << 1;
+/// [`JointState::flags`]: the motor differs from its configuration. Its group is not enabled.
+pub const JOINT_MISMATCH: u32 = 1 << 2;
 
 plain! {
     /// The command that was sent to the motor in a cycle, after all limits, joint side.
@@ -88,6 +90,8 @@ macro_rules! joint_state {
                 fresh: JOINT_FRESH, proto 11;
                 /// Position, velocity and torque were received at least once since the motor came online.
                 valid: JOINT_VALID, json valid;
+                /// The motor differs from its configuration: the daemon's log names the difference. Its group is not enabled.
+                mismatch: JOINT_MISMATCH, json mismatch;
             }
         }
     };
@@ -196,6 +200,7 @@ mod tests {
             ("receive_ns", 80, "u64"),
             ("fresh", 48, "u32"),
             ("valid", 48, "u32"),
+            ("mismatch", 48, "u32"),
         ];
         let fields = JointState::FIELDS.iter();
         let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();

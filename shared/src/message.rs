@@ -10,7 +10,7 @@ use crate::limits::{
 use crate::plain::{plain, sparse};
 
 pub use crate::imu::{IMU_FRESH, IMU_LOST, IMU_VALID, ImuState};
-pub use crate::joint::{Applied, JOINT_FRESH, JOINT_VALID, JointState};
+pub use crate::joint::{Applied, JOINT_FRESH, JOINT_MISMATCH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
 
 /// `StateMessage::flags`: the emergency stop is latched.

@@ -171,8 +171,9 @@ impl Log {
 
     /// A motor that goes silent while its group moves stops the group. That stop has a line of its own, so this one is debug.
     fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
-        let is_moving =
-            matches!(self.groups[self.motors[motor].group].phase, Phase::Starting | Phase::Active);
+        let phase = self.groups[self.motors[motor].group].phase;
+        let is_moving = matches!(phase, Phase::Starting | Phase::Active);
+        let group = if phase == Phase::Damping { "is being damped" } else { "was not moving" };
         let Motor { subject, is_missed, is_excluded, .. } = &mut self.motors[motor];
         let was_excluded = std::mem::replace(is_excluded, mode == MotorMode::Excluded);
         let is_gone = mode == MotorMode::Offline && !is_moving && !was_excluded;
@@ -184,7 +185,7 @@ impl Log {
                 cycle,
                 motor,
                 see = "motor-silent",
-                "does not answer any more: check its power and wiring; its group was not moving"
+                "does not answer any more: check its power and wiring; its group {group}"
             ),
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
             (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),

@@ -62,6 +62,35 @@ fn stop_that_motors_did_not_hear_fails() {
     assert_eq!(daemon.status()["emergency_stop"], true);
 }
 
+/// A motor that was switched off a moment ago is not offline yet.
+#[test]
+fn stop_before_a_loss_is_noticed_fails() {
+    let slow = BENCH.replacen("[safety]", "[safety]\nlost-cycles = 100", 1);
+    let slow = if slow == BENCH { format!("{BENCH}\n[safety]\nlost-cycles = 100\n") } else { slow };
+    let daemon = Daemon::start(&slow);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    assert!(daemon.motorctl(&["sim", "arm", "off"]).status.success());
+    let output = daemon.motorctl(&["estop"]);
+    assert_eq!(output.status.code(), Some(80), "{output:?}");
+    assert!(text(&output.stderr).ends_with("cut the power: arm\n"), "{output:?}");
+}
+
+#[test]
+fn mistyped_stop_says_that_nothing_stopped() {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    for line in [&["estop", "legs"][..], &["e_stop"], &["STOP"], &["--instance", "bench", "E-Stop"]] {
+        let output = daemon.motorctl(line);
+        assert_eq!(output.status.code(), Some(64), "{line:?}");
+        let said = text(&output.stderr);
+        assert!(said.ends_with("motorctl: NOTHING WAS STOPPED: type `motorctl estop`\n"), "{line:?}: {said}");
+    }
+    for line in ["e-stop", "emergency-stop"] {
+        assert!(daemon.motorctl(&[line]).status.success(), "{line}");
+        assert_eq!(daemon.status()["emergency_stop"], true);
+    }
+}
+
 #[test]
 fn disabling_that_motors_did_not_hear_fails() {
     let daemon = Daemon::start(BENCH);

@@ -3,7 +3,7 @@
 use super::{Lock, ReportedMotor, ReportedProtocol};
 use motord_protocol::{DriveConstants, MotorProtocol};
 use motord_settings::settings::{MotorSettings, Settings};
-use std::fmt;
+use std::fmt::{self, Display};
 
 /// Largest relative difference of torque constants. The vendor's figures of one motor differ by
 /// this much.
@@ -148,16 +148,26 @@ impl Compare<'_> {
     /// Bus, ids and protocol.
     fn address(&self, bus: &str) -> Vec<Finding> {
         let Self { motor, reported, .. } = self;
-        let setup = || "run `motorctl setup` again".to_owned();
+        let setup = |key: &str, reported: &dyn Display| {
+            format!(
+                "write `{key} = {reported}`; or, only if you exchanged motors on purpose, run `motorctl setup` again"
+            )
+        };
         let host_id = motor.host_id.raw();
         vec![
-            self.finding("bus", bus.into(), Some(reported.bus.clone()), reported.bus == bus, setup()),
+            self.finding(
+                "bus",
+                bus.into(),
+                Some(reported.bus.clone()),
+                reported.bus == bus,
+                setup("bus", &format!("\"{}\"", reported.bus)),
+            ),
             self.finding(
                 "id",
                 motor.id.to_string(),
                 Some(reported.id.to_string()),
                 reported.id == motor.id,
-                setup(),
+                setup("id", &reported.id),
             ),
             self.finding(
                 "host-id",

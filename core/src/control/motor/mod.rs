@@ -573,6 +573,7 @@ impl Motor {
         let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
         let fresh = if self.replies.is_fresh(publications) { message::JOINT_FRESH } else { 0 };
         let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
+        let mismatch = if self.is_mismatched { message::JOINT_MISMATCH } else { 0 };
         let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
         JointState {
             position: measured.position,
@@ -583,7 +584,7 @@ impl Motor {
             limits: self.applied.limits,
             mode: self.mode().code(),
             fault: self.faults.reported.0,
-            flags: fresh | valid,
+            flags: fresh | valid | mismatch,
             age_cycles: self.replies.age_cycles,
             missed: self.replies.missed,
             reply_latency_ns: self.replies.latency_ns,
