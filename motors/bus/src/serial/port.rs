@@ -133,8 +133,8 @@ impl Port {
         Ok(Self { file, _lock: lock })
     }
 
-    /// Opens the port of a device that sends by itself, such as an IMU, as [`open`](Self::open) does: exclusive, and
-    /// without the bytes that wait.
+    /// Opens and configures the port of a device that sends by itself, such as an IMU. Exclusive; bytes that wait are
+    /// discarded. Allocates, and takes milliseconds.
     ///
     /// # Errors
     ///
