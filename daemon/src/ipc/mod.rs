@@ -197,8 +197,9 @@ impl IpcThread {
 
     fn fetch_imu_samples(&mut self) {
         let Some((receiver, imus)) = &mut self.imus else { return };
-        let (now, mut unknown) = (clock::monotonic(), false);
-        let taken = receiver.take(|message| unknown |= !imus.receive(message, now));
+        let mut unknown = false;
+        // A sample that arrives while others are taken must not seem to be of the future.
+        let taken = receiver.take(|message| unknown |= !imus.receive(message, clock::monotonic()));
         self.count(taken.is_err() || unknown);
     }
 

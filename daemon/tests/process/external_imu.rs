@@ -107,11 +107,28 @@ fn sample() -> ImuSample {
     }
 }
 
-/// Publishes at 1 kHz in another process, until it is killed.
-fn publisher(place: &Path) -> Child {
+/// A process that publishes, killed when it is dropped.
+struct Publisher(Child);
+
+impl Publisher {
+    fn kill(mut self) {
+        kill(Pid::from_raw(self.0.id().cast_signed()), Signal::SIGKILL).unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        let _ended = self.0.kill();
+        let _reaped = self.0.wait();
+    }
+}
+
+/// Publishes at 1 kHz in another process.
+fn publisher(place: &Path) -> Publisher {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["external_imu::publishing_process", "--exact", "--nocapture"]).env(PUBLISH, place);
-    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    Publisher(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
 }
 
 /// Not a test: the process of [`publisher`].
@@ -124,11 +141,6 @@ fn publishing_process() {
         let _between_daemons = publisher.send(&sample());
         std::thread::sleep(Duration::from_millis(1));
     }
-}
-
-fn kill_now(mut process: Child) {
-    kill(Pid::from_raw(process.id().cast_signed()), Signal::SIGKILL).unwrap();
-    process.wait().unwrap();
 }
 
 /// Goal: samples are in the state through the mount, a killed publisher is lost after `lost-after-ms`, the next one takes
@@ -148,9 +160,9 @@ fn external_imu_follows_its_publishers() {
 
     let mut second = client.publish_imu("base").unwrap();
     let other = until("a refusal", || second.send(&sample()).err());
-    assert_eq!(other, Error::OtherPublisher { imu: "base".into(), process: first.id() });
+    assert_eq!(other, Error::OtherPublisher { imu: "base".into(), process: first.0.id() });
 
-    kill_now(first);
+    first.kill();
     let lost = until("the loss", || base(&client).filter(|imu| imu.lost));
     let state = client.wait(PATIENCE).unwrap();
     let silent = Duration::from_nanos(state.tick_ns() - lost.receive_ns);
@@ -167,7 +179,7 @@ fn external_imu_follows_its_publishers() {
     let daemon = daemon.restart();
     let client = connect(daemon.place.path());
     until("samples after the restart", || base(&client).filter(|imu| imu.fresh && !imu.lost));
-    kill_now(third);
+    third.kill();
 }
 
 /// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.
@@ -213,5 +225,5 @@ fn hostile_publisher_changes_nothing_else() {
     let others =
         [&before, &after].map(|state| (state.imu(0).unwrap().rejected, state.joint(0).unwrap().missed));
     assert_eq!(others[0], others[1], "rejected samples of the other IMU, missed replies");
-    kill_now(owner);
+    owner.kill();
 }
