@@ -125,9 +125,13 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     // Motors of an interface that refuses frames were not commanded.
     let silent = answers.silent(&refused);
     left_out.extend(refused.into_iter().map(|interface| LeftOut::Refused { interface }));
-    if !answers.unchecked().is_empty() {
-        let motors = answers.unchecked().join(", ");
-        tracing::info!("commanded to stop; whether these motors answer was not checked: {motors}");
+    match answers.unchecked() {
+        _ if !left_out.is_empty() || !silent.is_empty() => {}
+        [] => tracing::info!("every motor was commanded to damp and stop, and answered"),
+        motors => tracing::warn!(
+            "every motor was commanded to damp and stop; whether these answer is not known, so look at them, or cut the power: {}",
+            motors.join(", ")
+        ),
     }
     report(left_out, silent)
 }

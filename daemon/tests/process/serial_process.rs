@@ -168,6 +168,11 @@ fn safe_stop_stops_motors_of_a_line() {
     arm.start_motors();
     let output = arm.motord("safe-stop", "one").output().unwrap();
     assert!(output.status.success(), "{}", text(&output));
+    assert!(
+        text(&output).contains("whether these answer is not known, so look at them"),
+        "{}",
+        text(&output)
+    );
     assert_eq!(arm.modes(), [Mode::Stopped; 2]);
 }
 
