@@ -24,6 +24,7 @@ use motord_deadman::safe_frames::SafeFrames;
 use motord_deadman::server::Server;
 use motord_harness::robot::{self, Meaning};
 use motord_ports::instance::Instance;
+use motord_shared::message::IMU_LOST;
 use motord_shared::{
     BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,
 };
@@ -44,7 +45,7 @@ fn run(command: &str) {
 
 /// Three motors at 250 Hz, without fault polls: a cycle sends three frames. The timeouts are long,
 /// since `ip` and `tc` run between the cycles.
-fn configured(interface: &str) -> Settings {
+fn configured(interface: &str, imus: &str) -> Settings {
     let mut text = format!(
         "[cycle]\nrate-hz = 250\nmax-lateness-ms = 500\n[safety]\nsetpoint-timeout-ms = 500\nfault-poll-hz = 0\n\
          start-timeout-ms = 5000\ndamp-seconds = 0.2\n\
@@ -53,7 +54,7 @@ fn configured(interface: &str) -> Settings {
     for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
         text += &robot::motor(id, name, "can", "");
     }
-    robot::settings(&text)
+    robot::settings(&(text + imus))
 }
 
 /// Simulated motors on an interface, as other nodes, on a separate thread.
@@ -103,11 +104,16 @@ struct Robot {
 
 impl Robot {
     fn new() -> Self {
+        Self::with("")
+    }
+
+    /// Also has these IMUs.
+    fn with(imus: &str) -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let [interface, motor_side] = ["host", "motors"].map(|end| format!("{end}{number}").parse().unwrap());
         plug_in(interface, motor_side);
-        let settings = configured(interface.as_str());
+        let settings = configured(interface.as_str(), imus);
         let bus = buses::open_one(&settings, 0).unwrap().bus;
         let (cycle, ends) = assemble(&settings, vec![bus], Monotonic, 7);
         Self {
@@ -331,6 +337,49 @@ fn bus_off_pauses_sending_and_resumes_with_stops() {
     assert_eq!(robot.condition(), BusCondition::Active);
 }
 
+/// A HiPNUC of 200 Hz, and a DM-IMU-L1 that is asked in every cycle. Its samples and missing ones add up to the cycles.
+#[test]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
+fn imus_beside_motors_deliver_and_return() {
+    const CYCLES: usize = 500;
+    let mut alone = Robot::new();
+    alone.step_until(|robot| robot.are(MotorMode::Idle));
+    let missed = |robot: &mut Robot| robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>();
+    let missed_in = |robot: &mut Robot| {
+        let before = missed(robot);
+        robot.steps(CYCLES);
+        missed(robot) - before
+    };
+    let without = missed_in(&mut alone);
+    drop(alone);
+    let mut robot = Robot::with(
+        "[[imu]]\nname = 'head'\ntype = 'hipnuc-can'\nbus = 'can'\nrate-hz = 200\n\
+         [[imu]]\nname = 'base'\ntype = 'damiao'\nbus = 'can'\ncan-id = 0x30\nmaster-id = 0x31\nrate-hz = 250\n",
+    );
+    let are_lost = |robot: &mut Robot| [0, 1].map(|imu| robot.state().imus()[imu].flags & IMU_LOST != 0);
+    robot.step_until(|robot| robot.are(MotorMode::Idle) && are_lost(robot) == [false; 2]);
+    let before = robot.state();
+    let with = missed_in(&mut robot);
+    let after = robot.state();
+    let [head, base] = [0, 1].map(|imu| {
+        let [before, after] = [&before, &after].map(|state| state.imus()[imu]);
+        [after.sequence - before.sequence, u64::from(after.missing.wrapping_sub(before.missing))]
+    });
+    println!("missed replies: {without} without IMUs, {with} with; samples and missing: {head:?}, {base:?}");
+    assert!(base[0] >= 450 && base[0] + base[1] <= 501, "{base:?} of {CYCLES} cycles");
+    assert!(head[0] >= 350, "{head:?} in 2 s");
+    let counted = |state: &StateMessage| {
+        let bus = state.buses[0];
+        (bus.unexpected_id, bus.malformed, bus.duplicate)
+    };
+    assert_eq!(counted(&after), counted(&before));
+    robot.disturb("ip link set DEV down");
+    robot.steps(2);
+    assert_eq!(are_lost(&mut robot), [true; 2]);
+    robot.disturb("ip link set DEV up");
+    robot.step_until(|robot| are_lost(robot) == [false; 2]);
+}
+
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_flapping_controller_warns_and_stops_nothing() {
@@ -435,7 +484,7 @@ fn unplugged_interface_stops_group_and_returns_stopped() {
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn switch_serves_an_interface_that_appears_later() {
     let [interface, motor_side]: [InterfaceName; 2] = ["late", "later"].map(|name| name.parse().unwrap());
-    let settings = configured(interface.as_str());
+    let settings = configured(interface.as_str(), "");
     let directory = tempfile::tempdir().unwrap();
     let instance = Instance::below(directory.path(), "test").unwrap();
     let mut server = Server::new(Listener::bind(&instance).unwrap(), expect_interface);

@@ -47,6 +47,8 @@ pub(crate) struct ImuDrive {
     last: Option<Instant>,
     reading: ImuReading,
     is_new: bool,
+    /// Its bus is off or gone: frames that were not read before are not used.
+    is_cut: bool,
 }
 
 impl ImuDrive {
@@ -85,6 +87,7 @@ impl ImuDrive {
             last: None,
             reading: ImuReading::default(),
             is_new: false,
+            is_cut: false,
         }
     }
 
@@ -126,6 +129,7 @@ impl ImuDrive {
 
     /// Records that the bus accepted this number of the frames of this cycle. What was not sent is not awaited.
     pub(crate) const fn accepted(&mut self, frames: usize) {
+        self.is_cut &= frames == 0;
         self.open &= (1_u32 << if frames < 8 { frames } else { 8 }).wrapping_sub(1) as u8;
         self.is_awaited &= frames > 0;
     }
@@ -141,6 +145,9 @@ impl ImuDrive {
         let id = frame.id();
         if !self.ids.contains(&id) {
             return None;
+        }
+        if self.is_cut {
+            return Some(false);
         }
         let request = self.can.device.answered(frame.payload());
         let is_answer = request.is_some_and(|number| self.answers(number, at));
@@ -214,7 +221,12 @@ impl ImuDrive {
         self.decoder.drop_sample();
         (self.open, self.is_awaited, self.silent, self.last) = (0, false, 0, None);
         self.reading.is_connected = false;
-        self.is_new = true;
+        (self.is_new, self.is_cut) = (true, true);
+    }
+
+    /// Records that the bus can receive frames.
+    pub(crate) const fn reconnect(&mut self) {
+        self.is_cut = false;
     }
 
     /// Returns the index and the knowledge of the IMU, if that has changed since the last call.

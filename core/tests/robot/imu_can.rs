@@ -186,6 +186,22 @@ fn imu_of_broken_bus_is_lost_at_once() {
     }
 }
 
+/// A sample that arrived just before, and is read after the refusal.
+#[test]
+fn unread_sample_of_broken_bus_is_not_used() {
+    let mut robot = robot(HIPNUC);
+    robot.steps(20);
+    robot.hear(0, 0x188, &[0, 0, 0, 0, 0xE8, 3]);
+    robot.hear(0, 0x288, &[0; 6]);
+    robot.hear(0, 0x488, &[0x10, 0x27, 0, 0, 0, 0, 0, 0]);
+    inject(&robot, 0, "leg down");
+    robot.steps(2);
+    assert_eq!(imu(&mut robot, 0).flags, IMU_VALID | IMU_LOST);
+    inject(&robot, 0, "leg ok");
+    robot.steps(8);
+    assert_eq!(imu(&mut robot, 0).flags & IMU_LOST, 0);
+}
+
 /// On a bus without motors, only the refusal of a frame shows that the interface is unplugged.
 #[test]
 fn unplugged_bus_of_lone_sender_is_noticed() {

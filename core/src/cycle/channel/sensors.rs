@@ -72,6 +72,11 @@ impl Sensors {
         self.has_news = true;
     }
 
+    /// Records that the bus can receive frames. Bounded by IMUs.
+    pub(super) fn reconnect(&mut self) {
+        self.imus.iter_mut().for_each(ImuDrive::reconnect);
+    }
+
     /// Passes on the knowledge of each IMU that has changed since the last call. Bounded by IMUs.
     #[inline]
     pub(crate) fn take_news(&mut self, mut pass: impl FnMut(usize, &ImuReading)) {

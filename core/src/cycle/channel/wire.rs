@@ -84,6 +84,9 @@ impl Wire {
     /// Queues the requests to the IMUs in the cycle with this number, after the frames of the motors. Returns whether there are
     /// any. Bounded by IMUs.
     pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) -> bool {
+        if matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive) {
+            self.sensors.reconnect();
+        }
         let Self { frames, senders, sensors, .. } = self;
         self.requests = sensors.ask(cycle, now, &mut frames[senders.len()..]);
         self.requests > 0
