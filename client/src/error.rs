@@ -19,14 +19,17 @@ pub enum Error {
     /// No daemon runs this instance. Calls work again once one does.
     #[error(
         "no motord runs instance {instance:?} in {}: start it with `motord run`, or name its directory in \
-         MOTORD_RUNTIME_DIR",
-        runtime.display()
+         MOTORD_RUNTIME_DIR{}",
+        runtime.display(),
+        died.map_or_else(String::new, after_death)
     )]
     NotRunning {
         /// The instance.
         instance: String,
         /// Its runtime directory.
         runtime: PathBuf,
+        /// Process id of the last daemon, if it died without stopping its motors.
+        died: Option<u32>,
     },
     /// The daemon runs but publishes no states. Calls work again once it does.
     #[error("motord published no state for {silent_for:?}: it is stopped or overloaded; see its log")]
@@ -224,6 +227,14 @@ pub enum Error {
     Service(#[from] ServiceError),
 }
 
+/// Describes the death of the last daemon.
+fn after_death(pid: u32) -> String {
+    format!(
+        ". Process {pid} of motord died without stopping its motors: unless its dead man's switch did, they keep their last \
+         command, so cut the power, or run `motord safe-stop FILE` with its configuration"
+    )
+}
+
 /// Returns advice for a caller whose request for `operation` was not answered.
 fn without_answer(operation: Operation) -> &'static str {
     match operation {
@@ -295,7 +306,11 @@ impl Error {
     }
 
     pub(crate) fn not_running(instance: &Instance) -> Self {
-        Self::NotRunning { instance: instance.name().to_owned(), runtime: instance.runtime().to_owned() }
+        Self::NotRunning {
+            instance: instance.name().to_owned(),
+            runtime: instance.runtime().to_owned(),
+            died: instance.died(),
+        }
     }
 
     pub(crate) fn of_instance(error: InstanceError) -> Self {

@@ -30,7 +30,7 @@ mod tests {
     #[test]
     fn client_errors_have_the_listed_statuses() {
         let version = Error::NotUnderstood { operation: Operation::Claim };
-        let missing = Error::NotRunning { instance: "arm".into(), runtime: "/run".into() };
+        let missing = Error::NotRunning { instance: "arm".into(), runtime: "/run".into(), died: None };
         let statuses = [Error::OtherClaim, version, missing].map(|error| error.exit_status());
         assert_eq!(statuses, [USAGE, PROTOCOL, UNAVAILABLE]);
     }

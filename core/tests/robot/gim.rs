@@ -429,7 +429,7 @@ fn mismatched_motor_is_named_even_when_silent() {
     robot.disturb("elbow off");
     robot.steps(300);
     assert_eq!(robot.mode(1), MotorMode::Offline);
-    let flags = |joint: usize| robot.joint(joint).flags & motord_shared::message::JOINT_MISMATCH;
+    let mut flags = |joint: usize| robot.joint(joint).flags & motord_shared::message::JOINT_MISMATCH;
     assert!(flags(1) != 0 && flags(0) == 0, "the state tells it");
     robot.claim().expect("the group is free");
     robot.follow(&setpoints(SetpointMode::Torque, 0.0));

@@ -9,7 +9,7 @@ use motord_bus::{Duration, clock};
 use motord_configuration as config;
 use motord_core::settings::Settings;
 use motord_metrics::{Outputs, Wanted};
-use motord_ports::instance::Instance;
+use motord_ports::instance::{Instance, InstanceLock};
 use motord_realtime::descriptors::raise_descriptors;
 use motord_realtime::process::program;
 use motord_realtime::{forbid_deep_sleep, granted, systemd};
@@ -29,12 +29,27 @@ const WAIT_TURN: Duration = Duration::from_millis(500);
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
-    let config::Loaded { settings, telemetry, warnings, hash, .. } = config::load(path)?;
-    warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let loaded = config::load(path)?;
+    loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
-    let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
+    let lock = Arc::new(Instance::find(&loaded.settings.instance)?.lock()?);
     lock.displaced().iter().for_each(|displaced| tracing::warn!("{displaced}"));
+    let outcome = drive(path, patience, loaded, &lock);
+    if !matches!(outcome, Err(RunError::Unstopped(_))) {
+        lock.rest();
+    }
+    outcome
+}
+
+/// Opens the buses and drives their motors until a signal, or until the daemon ends by itself.
+fn drive(
+    path: &Path,
+    patience: Duration,
+    loaded: config::Loaded,
+    lock: &Arc<InstanceLock>,
+) -> Result<(), RunError> {
+    let config::Loaded { settings, telemetry, hash, .. } = loaded;
     let mut buses = await_buses(&settings, patience)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
@@ -50,7 +65,7 @@ pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
         listen: telemetry.prometheus_listen,
         hosts: telemetry.prometheus_hosts,
     });
-    let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock, outputs)?;
+    let daemon = Daemon::start(settings, Some((path, hash)), buses, lock, outputs)?;
     let realtime = granted(&[daemon.realtime(), &[deep_sleep]].concat());
     log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();

@@ -424,3 +424,22 @@ fn nobody_else_may_stop_the_robot() {
     assert!(intruder.status().unwrap().success());
     assert_eq!(robot.phase(), Some(Phase::Active));
 }
+
+/// Goal: motors that keep their last command are not taken for stopped ones.
+#[test]
+fn daemon_that_died_is_named_until_the_next() {
+    let connect = |place: &Path| motord_client::Client::connect_in(place, "robot");
+    let died = |place: &Path| match connect(place) {
+        Err(motord_client::Error::NotRunning { died, .. }) => died,
+        other => panic!("{other:?}"),
+    };
+    for signal in [Signal::SIGTERM, Signal::SIGKILL] {
+        let mut robot = Robot::start(TempDir::new().unwrap());
+        kill(robot.pid(), signal).unwrap();
+        robot.process.wait().unwrap();
+        let expected = (signal == Signal::SIGKILL).then_some(robot.process.id());
+        assert_eq!(died(robot.place.path()), expected, "{signal}");
+        let text = connect(robot.place.path()).unwrap_err().to_string();
+        assert_eq!(text.contains("died without stopping its motors"), expected.is_some(), "{text}");
+    }
+}

@@ -17,7 +17,7 @@ pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
 use crate::directory::{Directory, STICKY};
 use crate::instance_error::{ROOT_BYTES_MAX, refused};
-use crate::lock_file::{Locks, exclusive, hold, read_number};
+use crate::lock_file::{Locks, dead_holder, exclusive, hold, read_number};
 use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
@@ -240,6 +240,13 @@ impl Instance {
         }
     }
 
+    /// Returns the process id of the last daemon, if it died without [stopping its motors](InstanceLock::rest). `None` when
+    /// unknown.
+    #[must_use]
+    pub fn died(&self) -> Option<u32> {
+        dead_holder(&self.lock_path())
+    }
+
     /// A daemon locks the directory for the first milliseconds of its life. Any member can.
     fn judge_lock(&self) -> Result<Option<Attachment>, InstanceError> {
         let (path, daemon) = (self.root(), self.lock_path());
@@ -277,6 +284,12 @@ impl InstanceLock {
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance
+    }
+
+    /// Records that the motors are stopped, so that the end of this process is no [death](Instance::died).
+    pub fn rest(&self) {
+        // Without the record, a client says that motors may still move.
+        let _unwritable = self._lock.set_len(0);
     }
 
     /// Marks that this daemon uses the files of other processes, until the guard is dropped. If it

@@ -59,6 +59,14 @@ pub(crate) fn exclusive(path: &Path) -> Locks {
     table.lines().find_map(of_line).map_or(Locks::Free, |pid| Locks::Held { pid })
 }
 
+/// Returns the process that died with the lock of `path`: its id is still in the file, and neither lock nor process exist.
+/// `None` also where the file cannot be read.
+pub(crate) fn dead_holder(path: &Path) -> Option<u32> {
+    let pid: u32 = File::open(path).ok().map(|mut file| read_number(&mut file)).filter(|pid| *pid > 0)?;
+    let is_free = exclusive(path) == Locks::Free && !Path::new(&format!("/proc/{pid}")).exists();
+    is_free.then_some(pid)
+}
+
 /// Returns the number at the start of the file, or 0.
 pub(crate) fn read_number<N: FromStr + Default>(file: &mut File) -> N {
     let mut text = [0; 32];
