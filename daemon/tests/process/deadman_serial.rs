@@ -7,6 +7,7 @@ use motord_bus::{Duration, Frame, FrameId, Instant, Monotonic, Refusal};
 use motord_core::stopper::Outlet;
 use motord_deadman::interfaces::{Interface, Interfaces};
 use motord_deadman::safe_frames::InterfaceFrames;
+use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{FlowArg, tcflow};
 use std::fs::File;
@@ -29,6 +30,10 @@ impl Outlet for Recorder {
 
 fn pty() -> (File, OwnedFd, String) {
     let OpenptyResult { master, slave } = openpty(None, None).unwrap();
+    // A program that another test starts meanwhile would keep the terminal from hanging up.
+    for end in [&master, &slave] {
+        fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).unwrap();
+    }
     let device = nix::unistd::ttyname(&slave).unwrap().to_str().unwrap().to_owned();
     (master.into(), slave, device)
 }
@@ -76,9 +81,15 @@ fn motors_of_line_are_stopped_in_turn() {
 fn no_can_interface_waits_for_a_port() {
     let (_motors, host, blocked) = pty();
     tcflow(&host, FlowArg::TCOOFF).unwrap();
-    let (motors, own, unplugged) = pty();
+    let (motors, own, terminal) = pty();
+    // The kernel gives the name of the terminal to the next one, which another test may open.
+    let place = tempfile::tempdir().unwrap();
+    let link = place.path().join("ttyUSB0");
+    std::os::unix::fs::symlink(terminal, &link).unwrap();
+    let unplugged = link.to_str().unwrap().to_owned();
     let unplugs = std::thread::spawn(move || {
         std::thread::sleep(DAMP / 2);
+        std::fs::remove_file(link).unwrap();
         drop((motors, own));
     });
     for device in [unplugged.as_str(), blocked.as_str(), "/dev/motord-is-not-here"] {

@@ -1,7 +1,7 @@
 //! A pseudo terminal: the simulated device has one end, and a host in another process the other.
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{FlowArg, SetArg, cfmakeraw, tcflow, tcgetattr, tcsetattr};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -21,6 +21,10 @@ impl Terminal {
     /// replace an older symbolic link, but no other file.
     pub(crate) fn open(link: Option<&Path>) -> Result<Self, std::io::Error> {
         let ends = openpty(None, None)?;
+        // A child of this process would keep the terminal from hanging up.
+        for end in [&ends.master, &ends.slave] {
+            fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
+        }
         let mut settings = tcgetattr(&ends.slave)?;
         cfmakeraw(&mut settings);
         tcsetattr(&ends.slave, SetArg::TCSANOW, &settings)?;
