@@ -1,10 +1,12 @@
 //! The tables of the whole file.
 
-use toml::de::DeTable;
+use toml::de::{DeTable, DeValue};
 
 use super::entry::Item;
 use super::findings::Findings;
 use super::keys::{self, SECTIONS};
+use super::problem::Wrong;
+use super::similar::closest;
 use super::table::{Section, Table};
 
 /// The whole file with all keys read.
@@ -35,6 +37,29 @@ pub(super) struct ImuTables {
 
 /// The old name of `[ipc]`.
 const OLD_IPC: &str = "exchange";
+
+/// Returns what a file is that has nothing of a configuration in it.
+pub(super) fn foreign(root: &DeTable<'_>) -> Option<Wrong> {
+    let has = |name: &str| root.contains_key(name);
+    if has("form") && has(keys::Motor::PATH) && !has(keys::Bus::PATH) {
+        return Some(Wrong::LockFile);
+    }
+    let is_near = |name: &str| {
+        let names = || SECTIONS.iter().map(|(path, _)| *path).chain([OLD_IPC]);
+        let is_key = SECTIONS.iter().any(|(_, keys)| keys.contains(&name));
+        names().any(|known| known == name) || is_key || closest(name, names()).is_some()
+    };
+    let is_table = |name: &str| root.get(name).is_some_and(|value| is_table(value.get_ref()));
+    let names = || root.keys().map(|key| key.get_ref().as_ref());
+    let tables = || names().filter(|name| is_table(name));
+    let is_known = tables().any(is_near) || (tables().next().is_none() && names().any(is_near));
+    (!is_known).then_some(Wrong::NoConfiguration)
+}
+
+fn is_table(value: &DeValue<'_>) -> bool {
+    value.is_table()
+        || value.as_array().is_some_and(|items| items.iter().all(|item| item.get_ref().is_table()))
+}
 
 impl Document {
     pub(super) fn read(root: &DeTable<'_>, findings: &mut Findings<'_>) -> Self {

@@ -7,7 +7,8 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use super::problem::Wrong;
-use super::sort::{Sort, found};
+use super::sort::{Sort, cure, found};
+use super::units::{self, Shown};
 use super::value::{Misfit, Value};
 
 /// A place in the file, for reports of problems.
@@ -58,6 +59,8 @@ pub(super) struct Rule<T> {
     is_angle: bool,
     /// The advice in the error about a negative number.
     negative: Option<&'static str>,
+    /// What to write in place of a value of another sort.
+    advice: Option<&'static str>,
 }
 
 /// A key with a default.
@@ -71,6 +74,7 @@ pub(super) fn is<T>(default: T) -> Rule<T> {
         range_words: None,
         is_angle: false,
         negative: None,
+        advice: None,
     }
 }
 
@@ -108,6 +112,11 @@ impl<T: Value> Rule<T> {
         Self { negative: Some(hint), ..self }
     }
 
+    /// Says what to write in place of a value of another sort.
+    pub(super) fn instead_of_words(self, advice: &'static str) -> Self {
+        Self { advice: Some(advice), ..self }
+    }
+
     /// Reads the value of a key, or returns the reason why it is invalid.
     pub(super) fn read(&self, key: &str, written: Written<'_>, unit: &'static str) -> Result<T, Wrong> {
         let value = T::read(written.value).map_err(|misfit| match misfit {
@@ -115,7 +124,7 @@ impl<T: Value> Rule<T> {
             Misfit::Sort => Wrong::Type {
                 expected: self.expected_sort(unit).into(),
                 found: found(written.value.get_ref(), written.source).into(),
-                cure: self.instead(key, written).into(),
+                cure: self.instead(key, written, unit).into(),
             },
         })?;
         match value.number() {
@@ -144,14 +153,25 @@ impl<T: Value> Rule<T> {
         }
     }
 
-    fn instead(&self, key: &str, Written { value, source }: Written<'_>) -> String {
+    fn instead(&self, key: &str, Written { value, source }: Written<'_>, unit: &str) -> String {
         // A choice is none of the texts that a number could be.
         let sort = if T::choices().is_empty() { Some(T::SORT) } else { None };
         let example = self.example();
         match sort {
-            Some(sort) => sort.instead(key, value.get_ref(), source, &example),
+            Some(sort) => sort
+                .converted(value.get_ref(), source, unit)
+                .map(|(value, how)| cure(key, &value, how))
+                .or_else(|| {
+                    units::foreign(&value.get_ref().as_str()?.to_owned(), unit, (key, sort, &example))
+                })
+                .unwrap_or_else(|| format!("write {}, such as {key} = {example}", self.to_write())),
             None => format!("write a text, such as {key} = {example}"),
         }
+    }
+
+    /// What to write, in words.
+    fn to_write(&self) -> &'static str {
+        self.advice.unwrap_or_else(|| T::SORT.to_write())
     }
 
     /// The default, or another value, as it is written in a file.
@@ -165,6 +185,9 @@ impl<T: Value> Rule<T> {
 
     /// Returns the warning for a valid value, if any.
     pub(super) fn doubt(&self, value: &T) -> Option<Wrong> {
+        if let Some(wrong) = value.doubt() {
+            return Some(wrong);
+        }
         let number = value.number().filter(|number| self.is_angle && number.abs() > TAU)?;
         Some(Wrong::ManyTurns { value: number, degrees: degrees(number) })
     }
@@ -191,7 +214,7 @@ impl<T: Value> Rule<T> {
 /// Returns the hint for an angle beyond a turn; empty for others.
 pub(super) fn degrees(value: f64) -> String {
     match value.is_finite() && value.abs() > TAU {
-        true => format!("; is it in degrees? {value}° is {:.4} rad", value.to_radians()),
+        true => format!("; is it in degrees? {}° is {:.4} rad", Shown(value), value.to_radians()),
         false => String::new(),
     }
 }
@@ -210,6 +233,8 @@ pub(super) struct Row {
     cells: [String; 6],
     /// The sort of its values.
     pub(super) sort: Sort,
+    /// What to write, in words.
+    pub(super) to_write: &'static str,
     /// The expected value, for messages.
     pub(super) expected: String,
     /// A value, as it is written in a file.
@@ -224,7 +249,17 @@ impl Row {
         let default = rule.default_words.map_or_else(|| rule.default.default_text(), str::to_owned);
         let kind = T::SORT.name().trim_start_matches("an ").trim_start_matches("a ").to_owned();
         let cells = [code(key), kind, unit.to_owned(), default, rule.range(), meaning.to_owned()];
-        Self { cells, sort: T::SORT, expected: rule.expected_sort(unit), example: rule.example() }
+        Self {
+            cells,
+            sort: T::SORT,
+            to_write: rule.to_write(),
+            expected: rule.expected_sort(unit),
+            example: rule.example(),
+        }
+    }
+
+    pub(super) fn unit(&self) -> &str {
+        &self.cells[2]
     }
 
     pub(super) fn into_cells(self) -> [String; 6] {

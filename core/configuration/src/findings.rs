@@ -1,6 +1,6 @@
 //! The problems found, and the checks that several sections share.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::Path;
 
@@ -37,7 +37,7 @@ impl<'a> Findings<'a> {
         let Self { mut errors, mut warnings, .. } = self;
         errors.sort_by_key(line);
         warnings.sort_by_key(line);
-        (errors, warnings)
+        (without_repetitions(errors), warnings)
     }
 
     pub(super) fn error(&mut self, at: At, wrong: Wrong) {
@@ -106,6 +106,15 @@ impl<'a> Findings<'a> {
 
     /// Returns the text, if it is a valid name.
     pub(super) fn name(&mut self, entry: &Entry<Option<String>>) -> Option<String> {
+        self.name_or(entry, |name| Wrong::Name { name })
+    }
+
+    /// The same; `wrong` is the error of a name with other letters.
+    pub(super) fn name_or(
+        &mut self,
+        entry: &Entry<Option<String>>,
+        wrong: impl FnOnce(String) -> Wrong,
+    ) -> Option<String> {
         let name = entry.value.as_ref()?;
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !name.is_empty() && name.len() <= NAME_BYTES_MAX && name.chars().all(is_allowed) {
@@ -117,7 +126,7 @@ impl<'a> Findings<'a> {
             entry.at,
             match letters > NAME_BYTES_MAX {
                 true => Wrong::LongName { name: shown, letters },
-                false => Wrong::Name { name: shown },
+                false => wrong(shown),
             },
         );
         None
@@ -128,13 +137,14 @@ impl<'a> Findings<'a> {
     pub(super) fn find<'n>(
         &mut self,
         at: At,
-        name: &str,
+        (name, list): (&str, &'static str),
         names: impl Iterator<Item = &'n Entry<Option<String>>> + Clone,
         wrong: impl FnOnce(String, String) -> Wrong,
     ) -> Option<usize> {
         let index = names.clone().position(|known| known.value.as_deref() == Some(name));
-        let known: HashSet<_> = names.clone().filter_map(|known| known.value.as_deref()).collect();
-        if index.is_none() && !known.is_empty() && known.len() == names.count() {
+        let known: Vec<_> = names.clone().filter_map(|known| known.value.as_deref()).collect();
+        let is_whole = known.iter().collect::<HashSet<_>>().len() == names.count();
+        if index.is_none() && !self.spoilt.contains(&list) && !known.is_empty() && is_whole {
             let hint = suggestion(name, known.into_iter());
             self.error(at, wrong(name.to_owned(), hint));
         }
@@ -179,6 +189,38 @@ impl<'a> Findings<'a> {
             self.error(at, Wrong::NotWithinCycle { value_us, period_us });
         }
     }
+}
+
+/// Equal errors of one key that are listed once.
+const REPEATED_MIN: usize = 3;
+
+/// Joins equal errors of one key, such as the same unknown key in every motor.
+fn without_repetitions(errors: Vec<Problem>) -> Vec<Problem> {
+    let key = |problem: &Problem| {
+        let key = problem.place.as_ref().and_then(|place| place.key.clone());
+        (key, problem.wrong.to_string())
+    };
+    let mut lines: HashMap<_, Vec<usize>> = HashMap::new();
+    for problem in &errors {
+        lines.entry(key(problem)).or_default().extend(problem.place.as_ref().map(|place| place.line));
+    }
+    let joined = |mut problem: Problem| {
+        let lines = lines.get(&key(&problem)).filter(|lines| lines.len() >= REPEATED_MIN);
+        let Some(lines) = lines else { return Some(problem) };
+        let count = lines.len();
+        if problem.place.as_ref().map(|place| place.line) != lines.first().copied() {
+            return None;
+        }
+        let others: Vec<_> = lines[1..].iter().take(3).map(ToString::to_string).collect();
+        let more = count - 1 - others.len();
+        let mut others = others.join(", ");
+        if more > 0 {
+            others += &format!(" and {more} more");
+        }
+        problem.wrong = Wrong::Repeated { wrong: Box::new(problem.wrong), count, lines: others };
+        Some(problem)
+    };
+    errors.into_iter().filter_map(joined).collect()
 }
 
 /// `motor.limits.kp-max`.

@@ -194,7 +194,7 @@ sections! {
             "Largest torque of the motor. Bounds `torque-nm`.";
         "max-velocity-rad-s" max_velocity_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 1000.0),
             "Velocity without load. Bounds the default of `velocity-rad-s`.";
-        "direction" direction: i64, "" = is(1).words("1, -1"),
+        "direction" direction: i64, "" = is(1).words("1, -1").instead_of_words("1 or -1 (reversed is -1)"),
             "-1 when the joint turns against its motor.";
         "offset-rad" offset_rad: f64, "rad" = is(0.0).within(-12.5, 12.5).angle(),
             "Joint angle at the motor's zero.";

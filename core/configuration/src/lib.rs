@@ -14,12 +14,14 @@ mod keys;
 pub mod lock;
 mod machine;
 mod origin;
+mod other_unit;
 mod problem;
 mod reference;
 mod similar;
 mod sort;
 mod syntax;
 mod table;
+mod units;
 mod validate;
 mod value;
 
@@ -121,7 +123,7 @@ pub fn text(path: &Path) -> Result<String, Problem> {
     let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
     String::from_utf8(bytes).map_err(|error| {
         let place = Place::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
-        problem(Some(place), Wrong::NotUtf8)
+        problem(Some(place), Wrong::no_utf8(error.as_bytes()))
     })
 }
 
@@ -145,14 +147,17 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
     if is_utf16(bytes) {
         return Err(refuse(0, None, Wrong::Utf16));
     }
-    let text =
-        std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), None, Wrong::NotUtf8))?;
+    let text = std::str::from_utf8(bytes)
+        .map_err(|error| refuse(error.valid_up_to(), None, Wrong::no_utf8(bytes)))?;
     let (root, errors) = DeTable::parse_recoverable(text);
     if let Some(Mistake { offset, key, wrong }) = syntax::explain(text, &errors) {
         return Err(refuse(offset, key, wrong));
     }
     if root.get_ref().is_empty() {
         return Err(ConfigError::of(Problem { file: file.into(), place: None, wrong: Wrong::Empty }));
+    }
+    if let Some(wrong) = document::foreign(root.get_ref()) {
+        return Err(ConfigError::of(Problem { file: file.into(), place: None, wrong }));
     }
     let mut findings = Findings::new(file, text, machine);
     let document = Document::read(root.get_ref(), &mut findings);

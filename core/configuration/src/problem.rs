@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use motord_shared::limits::NAME_BYTES_MAX;
 
+use super::units::Shown;
+
 /// An error or a warning, and its place.
 #[derive(Debug)]
 pub struct Problem {
@@ -76,6 +78,16 @@ pub enum Wrong {
     Empty,
     #[error("is not UTF-8 here; save the file as UTF-8")]
     NotUtf8,
+    #[error("is no text, perhaps a program or a compressed file; name the configuration, a TOML file")]
+    NoText,
+    #[error(
+        "is no configuration of motord, although it is TOML: it has none of its tables, such as [cycle], [[bus]] and [[motor]]; name another file, or write one with `motord init --file FILE`"
+    )]
+    NoConfiguration,
+    #[error(
+        "is a lock file of `motorctl setup`, and no configuration; name the configuration beside it, such as motord.toml"
+    )]
+    LockFile,
     #[error(
         "is UTF-16, and not UTF-8; save the file as UTF-8, or convert it with `iconv -f UTF-16 -t UTF-8`"
     )]
@@ -114,15 +126,25 @@ pub enum Wrong {
     UnknownWord { word: String, hint: String },
     #[error("{value} is not a finite number; give a number {expected}")]
     NotFinite { value: f64, expected: String },
-    #[error("{value} is out of range; give a number {expected}{hint}")]
+    #[error("{} is out of range; give a number {expected}{hint}", Shown(*.value))]
     OutOfRange { value: f64, expected: String, hint: String },
-    #[error("{value} rad is more than a turn{degrees}")]
+    #[error("{} rad is more than a turn{degrees}", Shown(*.value))]
     ManyTurns { value: f64, degrees: String },
     #[error("{name:?} cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
     Name { name: String },
     #[error("{name:?} has {letters} letters; use at most {NAME_BYTES_MAX}")]
     LongName { name: String, letters: usize },
-    #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`")]
+    #[error(
+        "looks like radians, and this key is in degrees; {radians} rad is {degrees}°: write mount-rpy-deg = {cure}"
+    )]
+    RadiansAsDegrees { radians: f64, degrees: String, cure: String },
+    #[error(
+        "{name:?} is the name of a {what} too, and a command with it could mean either; give the IMU another name"
+    )]
+    NameOfAnother { name: String, what: &'static str },
+    #[error("{wrong}; {count} times, also in lines {lines}")]
+    Repeated { wrong: Box<Self>, count: usize, lines: String },
+    #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`, 1 to {NAME_BYTES_MAX} of them")]
     InstanceName { name: String },
     #[error("{name:?} is taken by an earlier {what}; every {what} needs its own name")]
     DuplicateName { name: String, what: &'static str },
@@ -311,7 +333,7 @@ pub enum Wrong {
     #[error("the lowest position {low} is not below the highest {high}; exchange them, or widen the range")]
     PositionOrder { low: f64, high: f64 },
     #[error(
-        "{value} is beyond ±{end} at the motor, the end of its protocol's scale; use at most {usable} there{degrees}"
+        "{} is beyond ±{end} at the motor, the end of its protocol's scale; use at most {usable} there{degrees}", Shown(*.value)
     )]
     BeyondScale { value: f64, end: f64, usable: f64, degrees: String },
     #[error(
@@ -357,6 +379,8 @@ pub enum Wrong {
     JointInTwoGroups { joint: String, group: String },
     #[error("motor {0:?} is in no group, so no client could move it; add it to one")]
     JointInNoGroup(String),
+    #[error("{count} motors are in no group, so no client could move them; add them to one: {names}")]
+    JointsInNoGroup { count: usize, names: String },
     #[error("the group has no joints; list some, or remove it")]
     EmptyGroup,
 }
@@ -365,6 +389,12 @@ pub enum Wrong {
 pub(super) const LISTS: [&str; 4] = ["bus", "motor", "group", "imu"];
 
 impl Wrong {
+    /// Bytes that are not UTF-8: text in another encoding, or no text.
+    pub(super) fn no_utf8(bytes: &[u8]) -> Self {
+        let is_of_text = |byte: &u8| !byte.is_ascii_control() || byte.is_ascii_whitespace();
+        if bytes.iter().all(is_of_text) { Self::NotUtf8 } else { Self::NoText }
+    }
+
     /// Converts a message of the TOML library about `excerpt`, where nothing better is known.
     pub(super) fn toml(message: &str, excerpt: &str) -> Self {
         let excerpt: String = excerpt.lines().next().unwrap_or_default().chars().take(40).collect();

@@ -3,6 +3,7 @@
 use toml::de::DeValue;
 
 use super::problem::plain;
+use super::units::{Reading, reading};
 
 /// Letters of a value that a message quotes.
 const QUOTED_MAX: usize = 40;
@@ -56,20 +57,21 @@ impl Sort {
         }
     }
 
-    /// Returns what to write for `key` in place of `value`, which is `source` in the file.
-    pub(super) fn instead(self, key: &str, value: &DeValue<'_>, source: &str, example: &str) -> String {
-        match self.converted(value, source) {
-            Some((value, "")) => format!("write {key} = {value}"),
-            Some((value, how)) => format!("write {key} = {value}, {how}"),
-            None => format!("write {}, such as {key} = {example}", self.to_write()),
-        }
-    }
-
     /// Returns the value of this sort that was probably meant, and how it differs.
-    fn converted(self, value: &DeValue<'_>, source: &str) -> Option<(String, &'static str)> {
+    pub(super) fn converted(
+        self,
+        value: &DeValue<'_>,
+        source: &str,
+        unit: &str,
+    ) -> Option<(String, &'static str)> {
         const NO_QUOTES: &str = "without quotes";
         match (self, value) {
-            (Self::Number | Self::Integer, DeValue::String(text)) => Some((self.number_in(text)?, NO_QUOTES)),
+            (Self::Number | Self::Integer, DeValue::String(text)) => {
+                match reading(text, unit, self == Self::Integer) {
+                    Reading::Number(number) => Some((number, NO_QUOTES)),
+                    _ => None,
+                }
+            }
             (Self::Integer, DeValue::Float(_)) => {
                 let float: f64 = source.parse().ok()?;
                 (float.fract() == 0.0 && float.abs() < 1e15)
@@ -105,24 +107,12 @@ impl Sort {
             Self::TwoNumbers | Self::ThreeNumbers | Self::Texts => false,
         }
     }
+}
 
-    /// Returns the number at the begin of a text, with a point: `20.5` of `20,5 ms`.
-    fn number_in(self, text: &str) -> Option<String> {
-        let text = text.trim();
-        if self == Self::Integer && (text.starts_with("0x") || text.starts_with("0X")) {
-            return i64::from_str_radix(&text[2..], 16).ok().map(|_| text.replacen('X', "x", 1));
-        }
-        let end = text.find(|c: char| !(c.is_ascii_digit() || "+-.,".contains(c))).unwrap_or(text.len());
-        let number = text[..end].replace(',', ".");
-        match self {
-            Self::Integer => number.parse::<i64>().ok().map(|number| number.to_string()),
-            _ => number
-                .parse::<f64>()
-                .ok()
-                .filter(|number| number.is_finite())
-                .map(|number| number.to_string()),
-        }
-    }
+/// What to write for `key`, and how it differs.
+pub(super) fn cure(key: &str, value: &str, how: &str) -> String {
+    let comma = if how.is_empty() { "" } else { ", " };
+    format!("write {key} = {value}{comma}{how}")
 }
 
 /// Returns the value of the words that people use for true and false.

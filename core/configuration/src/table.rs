@@ -5,6 +5,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::entry::{At, Entry, Item, Rule, Written};
 use super::findings::Findings;
+use super::other_unit;
 use super::problem::{LISTS, Wrong, plain};
 use super::similar::{closest, suggestion};
 use super::sort::found;
@@ -149,8 +150,11 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             }
             let wrong = match written_as_table(name, value.get_ref()) {
                 Some(table) if self.path.is_empty() => self.unknown_table(name, table, &tables),
-                _ => {
-                    let hint = self.table_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
+                table => {
+                    let hint = table.and_then(|_| self.of_file_table(name));
+                    let hint = hint.or_else(|| self.table_of(name));
+                    let hint = hint.or_else(|| other_unit::hint(self.path, (name, value), keys));
+                    let hint = hint.unwrap_or_else(|| suggestion(name, known.iter().copied()));
                     Wrong::UnknownKey { key: plain(name), hint }
                 }
             };
@@ -173,14 +177,27 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         Wrong::UnknownTable { table, hint }
     }
 
-    /// Returns the table that an unknown key belongs to: one of the same list, or the only one that
-    /// has this key.
+    /// The hint for a table of the file that was written below another one. Problems that only follow are not reported.
+    fn of_file_table(&mut self, name: &str) -> Option<String> {
+        let (path, _) = *self.known.iter().find(|(path, _)| *path == name)?;
+        self.findings.spoil(path);
+        let own = self.table.and_then(|table| table.get("name")?.get_ref().as_str().map(plain));
+        let place = match (path, self.path, own) {
+            ("motor", "bus", Some(bus)) => format!(", and in it bus = {bus:?}"),
+            _ => String::new(),
+        };
+        Some(format!("it is no part of {}: write {}{place}", header(self.path), header(path)))
+    }
+
+    /// Returns the tables that an unknown key belongs to: one of the same list, or the one or two that
+    /// have this key.
     fn table_of(&self, key: &str) -> Option<String> {
         let has_it = self.known.iter().filter(|(_, keys)| keys.contains(&key));
         let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
         let related = tables.iter().find(|table| first(table) == first(self.path));
-        let table = related.or(tables.first().filter(|_| tables.len() == 1))?;
-        Some(format!("it belongs in {}", header(table)))
+        let tables = related.map_or(tables.as_slice(), std::slice::from_ref);
+        let headers: Vec<_> = tables.iter().map(|table| header(table)).collect();
+        (1..=2).contains(&tables.len()).then(|| format!("it belongs in {}", headers.join(" or ")))
     }
 
     /// Returns `new`, or `old` where only that is written. Both are an error.

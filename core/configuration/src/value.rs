@@ -2,6 +2,7 @@
 
 use motord_protocol::MotorProtocol;
 use motord_protocol::imu::{CanProtocol, SerialProtocol};
+use std::f64::consts::FRAC_PI_2;
 use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -14,6 +15,7 @@ use toml::de::DeValue;
 use super::problem::{Wrong, plain};
 use super::similar::suggestion;
 use super::sort::Sort;
+use super::units::short;
 
 /// Why a value is no value of a type.
 #[derive(Debug)]
@@ -40,6 +42,11 @@ pub(super) trait Value: Sized {
 
     /// The value as a number, to compare it with a range.
     fn number(&self) -> Option<f64> {
+        None
+    }
+
+    /// A warning about a valid value.
+    fn doubt(&self) -> Option<Wrong> {
         None
     }
 
@@ -169,6 +176,18 @@ impl Value for [f64; 3] {
             }
             None => Ok(angles),
         }
+    }
+
+    /// Small angles, one of them near a multiple of π/2.
+    fn doubt(&self) -> Option<Wrong> {
+        let is_right = |angle: &&f64| {
+            let turns = (angle.abs() / FRAC_PI_2).round();
+            turns >= 1.0 && (angle.abs() - turns * FRAC_PI_2).abs() < 0.01
+        };
+        let radians = self.iter().find(is_right).filter(|_| self.iter().all(|angle| angle.abs() <= 6.3))?;
+        let degrees = self.map(|angle| short(angle.to_degrees()));
+        let cure = format!("[{}]", degrees.join(", "));
+        Some(Wrong::RadiansAsDegrees { radians: *radians, degrees: short(radians.to_degrees()), cure })
     }
 
     fn default_text(&self) -> String {

@@ -14,3 +14,4 @@ mod messages;
 mod mistakes;
 mod physics;
 mod shipped;
+mod slips;

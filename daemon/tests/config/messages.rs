@@ -3,7 +3,7 @@
 use crate::document::judge;
 
 /// A robot of one joint, for the tests to damage. Its line 5 is that of the rate.
-const ROBOT: &str = r#"[daemon]
+pub(crate) const ROBOT: &str = r#"[daemon]
 instance = "robot"
 
 [cycle]

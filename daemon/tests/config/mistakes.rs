@@ -45,7 +45,7 @@ pub(crate) const REFUSED: &[Case] = &[
         "expected one of \"timed\", \"spin\", found the integer 3",
     ),
     ("mode = 'timed'", "mode = 'fast' #!", "exchange.mode", "unknown value `fast`; known are timed, spin"),
-    ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be a name"),
+    ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be an instance"),
     ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),
     // Missing keys.
     ("[[bus]]\nname = 'front'", "[[bus]] #!", "bus.name", "is missing"),

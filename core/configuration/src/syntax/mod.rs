@@ -40,7 +40,17 @@ fn mistake(text: &str, error: &Error) -> Mistake {
     let excerpt = text.get(span.clone()).unwrap_or_default();
     let line = Line::at(text, span.start);
     if error.message() == "duplicate key" {
+        if let Some(mistake) = table_before_list(text, span.start, excerpt) {
+            return mistake;
+        }
         return Mistake { offset: span.start, key: line.path(), wrong: duplicate(text, span.start, excerpt) };
+    }
+    if let Some(open) = scan::unclosed_text(text) {
+        return Mistake {
+            offset: open,
+            key: Line::at(text, open).path(),
+            wrong: Wrong::Toml(text_without_end(text, open)),
+        };
     }
     if let Some(open) = scan::unclosed(text, span.start) {
         let (line, bracket) = (Line::at(text, open), if text[open..].starts_with('{') { "{" } else { "[" });
@@ -52,6 +62,35 @@ fn mistake(text: &str, error: &Error) -> Mistake {
     let wrong =
         explained.map_or_else(|| Wrong::toml(error.message(), excerpt), |text| Wrong::Toml(plain(&text)));
     Mistake { offset: span.start, key: line.path(), wrong }
+}
+
+/// A quote of a text of several lines that has no end.
+fn text_without_end(text: &str, open: usize) -> String {
+    let (marks, line) = (&text[open..open + 3], text[open..].lines().next().unwrap_or_default());
+    let key = Line::at(text, open).key.unwrap_or("KEY");
+    let value = quoted(line.trim_matches(['"', '\'']));
+    format!("the text after `{marks}` has no end; write {key} = \"{value}\"")
+}
+
+/// `[motor.limits]` before the first `[[motor]]`, which the TOML library then calls a duplicate.
+fn table_before_list(text: &str, offset: usize, name: &str) -> Option<Mistake> {
+    let begin = text[..offset].rfind('\n').map_or(0, |end| end + 1);
+    let (_, list) =
+        LISTS.iter().map(|list| (list, format!("[[{list}]]"))).find(|(list, _)| **list == name)?;
+    let is_list = |line: &str| line.trim_start().starts_with(&list);
+    if !is_list(&text[begin..]) || text[..begin].lines().any(is_list) {
+        return None;
+    }
+    let mut at = 0;
+    let below = format!("[{name}.");
+    let line = text[..begin].split_inclusive('\n').find(|line| {
+        at += line.len();
+        line.trim_start().starts_with(&below)
+    })?;
+    let wrong =
+        Wrong::Toml(format!("is before the first {list}; move it below the {list} that it belongs to"));
+    let offset = at - line.trim_start().len();
+    Some(Mistake { offset, key: Line::at(text, offset).path(), wrong })
 }
 
 /// A key or a table that is there a second time at `offset`.

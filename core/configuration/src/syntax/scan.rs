@@ -68,7 +68,10 @@ pub(super) fn earlier(text: &str, offset: usize, name: &str) -> Option<usize> {
     if own.contains(&format!("{name} =")) {
         return Some(lines.len());
     }
-    let is_key_of = |line: &str| line.split_once('=').is_some_and(|(key, _)| key.trim() == name);
+    let is_key_of = |line: &str| {
+        let is_part = |key: &str| key.split('.').any(|part| part.trim() == name);
+        line.split_once('=').is_some_and(|(key, _)| is_part(key))
+    };
     let is_table = |line: &str| {
         let table = line.trim_start_matches('[').split(']').next().unwrap_or_default();
         line.starts_with('[') && table.rsplit('.').next() == Some(name)
@@ -77,5 +80,39 @@ pub(super) fn earlier(text: &str, offset: usize, name: &str) -> Option<usize> {
     // `[a.b]` and a key `b` in `[a]` have the same name; `[a]` and a key do not.
     let (of_key, of_table) = (!own.starts_with('[') || own.contains('.'), own.starts_with('['));
     let found = |line: &&str| (of_key && is_key_of(line)) || (of_table && is_table(line.trim_start()));
-    before.iter().rposition(|line| found(&line.trim_start())).map(|index| index + 1)
+    // A key is unique in its table, and `[a.b]` in its `[[a]]`.
+    let list =
+        own.strip_prefix('[').and_then(|own| own.split_once('.')).map(|(list, _)| format!("[[{list}]]"));
+    let begins = |line: &&str| match &list {
+        Some(list) => line.trim_start().starts_with(list.as_str()),
+        None => !own.starts_with('[') && is_header(line.trim_start()),
+    };
+    let first = before.iter().rposition(|line| begins(&line)).map_or(0, |index| index + 1);
+    let at = before[first..].iter().rposition(|line| found(&line.trim_start()));
+    at.map(|index| first + index + 1)
+}
+
+/// Returns the offset of the `\"\"\"` or `'''` that has no end.
+pub(super) fn unclosed_text(text: &str) -> Option<usize> {
+    let mut open: Option<(usize, &str)> = None;
+    let mut offset = 0;
+    for line in text.split_inclusive('\n') {
+        let mut at = 0;
+        while let Some(letter) = line[at..].chars().next() {
+            let rest = &line[at..];
+            let long = ["\"\"\"", "'''"].into_iter().find(|marks| rest.starts_with(marks));
+            match (open, long) {
+                (Some((_, marks)), Some(found)) if marks == found => (open, at) = (None, at + 3),
+                (None, Some(marks)) => (open, at) = (Some((offset + at, marks)), at + 3),
+                (None, None) if letter == '#' => break,
+                (None, None) if letter == '"' || letter == '\'' => {
+                    let end = rest[1..].find(letter).map_or(rest.len(), |end| end + 2);
+                    at += end;
+                }
+                _ => at += letter.len_utf8(),
+            }
+        }
+        offset += line.len();
+    }
+    open.map(|(at, _)| at)
 }

@@ -2,6 +2,7 @@
 
 use super::super::entry::Row;
 use super::super::sort::{Sort, flag, quoted};
+use super::super::units::{Reading, foreign, reading};
 use super::line::Line;
 use super::scan::is_key;
 
@@ -10,7 +11,7 @@ const TYPOGRAPHIC: [char; 8] = ['“', '”', '„', '‘', '’', '‚', '«', 
 
 /// Explains a line whose key has `row`; `message` is that of the TOML library. `None`: not known.
 pub(super) fn explain(line: &Line<'_>, row: Option<&Row>, message: &str) -> Option<String> {
-    if let Some(explained) = of_conflict(line).or_else(|| of_letter(line)) {
+    if let Some(explained) = of_conflict(line).or_else(|| of_dash(line)).or_else(|| of_letter(line)) {
         return Some(explained);
     }
     if line.is_inside {
@@ -53,6 +54,16 @@ fn of_letter(line: &Line<'_>) -> Option<String> {
     }
 }
 
+/// Dashes that are no minus of TOML.
+const DASHES: [char; 10] = ['‐', '‑', '‒', '–', '—', '―', '−', '﹘', '﹣', '－'];
+
+/// Explains a dash outside a text.
+fn of_dash(line: &Line<'_>) -> Option<String> {
+    let unquoted = line.rest.split(['"', '\'', '#']).next()?;
+    let dash = unquoted.chars().find(|letter| DASHES.contains(letter))?;
+    Some(format!("has the dash U+{:04X} here; write `-`", u32::from(dash)))
+}
+
 fn missing_comma(message: &str) -> Option<String> {
     let is_missing = message.starts_with("missing comma") || message.starts_with("extra assignment");
     is_missing.then(|| "expected a comma after the item before this one; write one".to_owned())
@@ -60,6 +71,14 @@ fn missing_comma(message: &str) -> Option<String> {
 
 /// A line that begins like a table.
 fn of_header(text: &str) -> String {
+    let end = text.rfind(']').map_or(text.len(), |end| end + 1);
+    let (header, key) = (text[..end].trim(), text[end..].trim());
+    if key.contains('=') && is_key(header.trim_matches(['[', ']', ' '])) {
+        let (header, key) = (quoted(header), quoted(key));
+        return format!(
+            "found a table and a key in one line; write {header} in one line, and {key} in the next"
+        );
+    }
     let name = text.trim_matches(['[', ']', ' ']);
     let header = if text.starts_with("[[") { format!("[[{name}]]") } else { format!("[{name}]") };
     format!(
@@ -71,11 +90,17 @@ fn of_header(text: &str) -> String {
 /// A line without `=`.
 fn without_equals(text: &str) -> String {
     let (key, rest) = text.split_once([':', ' ', '\t']).unwrap_or((text, ""));
-    let value = rest.trim().trim_start_matches(':').trim();
+    let value = rest.trim().trim_start_matches([':', '=']).trim();
     let is_colon = text.starts_with(&format!("{key}:"));
     if [";", "//", "/*", "--"].iter().any(|mark| text.starts_with(mark)) {
         let comment = text.trim_start_matches([';', '/', '*', '-']).trim();
         return format!("a comment begins with `#`; write # {}", quoted(comment));
+    }
+    if let Some((words, value)) = text.split_once('=')
+        && is_key(&words.split_whitespace().collect::<String>())
+    {
+        let name = words.split_whitespace().collect::<Vec<_>>().join("-");
+        return format!("a key has no spaces; write {name} = {}", quoted(value));
     }
     match (is_key(key), value.is_empty()) {
         (true, true) if is_colon => {
@@ -105,7 +130,7 @@ struct Value<'v> {
 }
 
 fn of_value(value: &Value<'_>) -> Option<String> {
-    let rules: [fn(&Value<'_>) -> Option<String>; 11] = [
+    let rules: [fn(&Value<'_>) -> Option<String>; 12] = [
         nothing,
         second_equals,
         comma,
@@ -116,6 +141,7 @@ fn of_value(value: &Value<'_>) -> Option<String> {
         comment,
         second_key,
         number,
+        numbers,
         missing_quotes,
     ];
     rules.iter().find_map(|rule| rule(value)).or_else(|| value.other())
@@ -133,9 +159,25 @@ impl Value<'_> {
         self.row.map(|row| row.sort)
     }
 
+    /// A number with a unit or in a base of its own.
+    fn in_unit(&self, found: &str) -> Option<String> {
+        let row = self.row?;
+        let is_integer = row.sort == Sort::Integer;
+        match reading(self.text, row.unit(), is_integer) {
+            Reading::Number(number) => {
+                let how = if number.starts_with("0x") { "" } else { ", without a unit" };
+                Some(self.expected(found, &format!("{} = {number}{how}", self.key)))
+            }
+            _ => {
+                let foreign = foreign(self.text, row.unit(), (self.key, row.sort, &row.example))?;
+                Some(format!("expected {}, found {found}; {foreign}", row.expected))
+            }
+        }
+    }
+
     fn other(&self) -> Option<String> {
         let (key, row) = (self.key, self.row?);
-        let write = format!("{}, such as {key} = {}", row.sort.to_write(), row.example);
+        let write = format!("{}, such as {key} = {}", row.to_write, row.example);
         Some(self.expected(&format!("`{}`", quoted(self.text)), &write))
     }
 }
@@ -207,6 +249,12 @@ fn comment(value: &Value<'_>) -> Option<String> {
     }
     let (before, comment) = value.text.split_once(';').or_else(|| value.text.split_once("//"))?;
     let (before, comment) = (before.trim(), quoted(comment));
+    if comment.is_empty() {
+        return Some(format!(
+            "a value has no semicolon; write {} = {before}, without the semicolon",
+            value.key
+        ));
+    }
     Some(format!("a comment begins with `#`; write {} = {before} # {comment}", value.key))
 }
 
@@ -236,12 +284,15 @@ fn number(value: &Value<'_>) -> Option<String> {
     let (sign, size) = digits.strip_prefix('-').map_or(("", digits), |size| ("-", size));
     let key = value.key;
     match (meant, size.split_once(',')) {
-        _ if size == "0" && unit.starts_with(['x', 'X']) => {
-            Some(value.expected(
-                &found,
-                &format!("only the digits 0 to 9 and a to f after 0x, such as {key} = 0x1f"),
-            ))
-        }
+        _ if size == "0" && unit.starts_with(['x', 'X']) => value
+            .in_unit(&found)
+            .filter(|said| said.contains("write") && said.contains(" = 0x"))
+            .or_else(|| {
+                Some(value.expected(
+                    &found,
+                    &format!("only the digits 0 to 9 and a to f after 0x, such as {key} = 0x1f"),
+                ))
+            }),
         (Some(_), Some((whole, part))) if part.len() == 3 && unit.is_empty() => {
             let write = format!("{key} = {sign}{whole}{part}, or {sign}{whole}.{part} with a decimal point");
             Some(value.expected(&found, &write))
@@ -255,20 +306,33 @@ fn number(value: &Value<'_>) -> Option<String> {
         (Some(meant), None) if unit.is_empty() && size.starts_with('0') => {
             Some(value.expected(&found, &format!("{key} = {meant}, without the zero before it")))
         }
-        (Some(meant), None)
+        (Some(_), None)
             if unit.starts_with(|letter: char| letter.is_alphabetic() || "%°µ".contains(letter)) =>
         {
-            let meant = if unit.starts_with('k') { 1000.0 * meant } else { meant };
-            Some(value.expected(&found, &format!("{key} = {meant}, without a unit")))
+            value.in_unit(&found)
         }
         _ => None,
     }
+}
+
+/// A list of numbers with units, or of parts of π.
+fn numbers(value: &Value<'_>) -> Option<String> {
+    let row = value.row.filter(|row| matches!(row.sort, Sort::TwoNumbers | Sort::ThreeNumbers))?;
+    let items = value.text.strip_prefix('[')?.strip_suffix(']')?;
+    let number = |item| match reading(item, row.unit(), false) {
+        Reading::Number(number) => Some(number),
+        _ => None,
+    };
+    let numbers: Vec<_> = items.split(',').map(number).collect::<Option<_>>()?;
+    let write = format!("{} = [{}], without units", value.key, numbers.join(", "));
+    Some(value.expected(&format!("`{}`", quoted(value.text)), &write))
 }
 
 /// A word without quotes, where a text or a truth value is expected.
 fn missing_quotes(value: &Value<'_>) -> Option<String> {
     let (key, text) = (value.key, value.text);
     let found = format!("`{}`", quoted(text));
+    let text = text.trim_matches('`');
     match value.sort()? {
         Sort::Flag => Some(value.expected(&found, &format!("{key} = {}", flag(text)?))),
         Sort::Text if !text.contains(['"', '\'', '[', '{']) => {

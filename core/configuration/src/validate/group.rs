@@ -13,6 +13,9 @@ use crate::value::Listed;
 /// The group of all joints, when the file has no group.
 const ALL: &str = "all";
 
+/// Names of an error.
+const NAMED_MAX: usize = 8;
+
 /// All groups, in the order of the file; `None` when one cannot be built.
 pub(super) fn groups(
     items: &[entry::Item<Group>],
@@ -34,9 +37,16 @@ pub(super) fn groups(
         .map(|group| self::group(&group.keys, motors, &mut owners, safe_stop, findings))
         .collect();
     let groups = groups.into_iter().collect::<Option<Vec<_>>>()?;
-    for (motor, _) in motors.iter().zip(&owners).filter(|(_, owner)| owner.is_none()) {
-        if let Some(name) = &motor.keys.keys.name.value {
-            findings.error(items[0].at, Wrong::JointInNoGroup(name.clone()));
+    let alone = motors.iter().zip(&owners).filter(|(_, owner)| owner.is_none());
+    let alone: Vec<_> = alone.filter_map(|(motor, _)| motor.keys.keys.name.value.as_deref()).collect();
+    match &alone[..] {
+        [] => {}
+        [name] => findings.error(items[0].at, Wrong::JointInNoGroup((*name).to_owned())),
+        names => {
+            let more = if names.len() > NAMED_MAX { ", …" } else { "" };
+            let listed: Vec<_> = names.iter().take(NAMED_MAX).map(|name| format!("{name:?}")).collect();
+            let names = format!("{}{more}", listed.join(", "));
+            findings.error(items[0].at, Wrong::JointsInNoGroup { count: alone.len(), names });
         }
     }
     Some(groups)
@@ -59,7 +69,7 @@ fn group<'k>(
     let member = |joint: &Listed| {
         let at = At { offset: joint.offset, ..keys.joints.at };
         let names = motors.iter().map(|motor| &motor.keys.keys.name);
-        let index = findings.find(at, &joint.text, names, Wrong::UnknownJoint)?;
+        let index = findings.find(at, (&joint.text, "motor"), names, Wrong::UnknownJoint)?;
         if let Some(owner) = owners[index].replace(label) {
             let wrong = Wrong::JointInTwoGroups { joint: joint.text.clone(), group: owner.to_owned() };
             findings.error(at, wrong);

@@ -8,7 +8,7 @@ use motord_shared::limits::IMUS_MAX;
 use super::bus;
 use super::imu_can::{self, Buses};
 use super::time::{micros, millis};
-use crate::document::ImuTables;
+use crate::document::{Document, ImuTables};
 use crate::entry::Item;
 use crate::file::fnv1a;
 use crate::findings::Findings;
@@ -35,6 +35,20 @@ pub(super) fn imus(
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "IMU" });
     refuse_taken_devices(items, buses.0, findings);
     items.iter().map(|imu| self::imu(&imu.keys, buses, findings)).collect()
+}
+
+/// Reports an IMU with the name of a motor, bus or group: commands such as `motorctl sim` take each.
+pub(super) fn refuse_taken_names(document: &Document, findings: &mut Findings<'_>) {
+    let motors = document.motors.iter().map(|item| ("motor", &item.keys.keys.name.value));
+    let buses = document.buses.iter().map(|item| ("bus", &item.keys.name.value));
+    let groups = document.groups.iter().map(|item| ("group", &item.keys.name.value));
+    let taken: Vec<_> = motors.chain(buses).chain(groups).collect();
+    for Item { keys: ImuTables { keys, .. }, .. } in &document.imus {
+        let Some(name) = &keys.name.value else { continue };
+        if let Some((what, _)) = taken.iter().find(|(_, other)| other.as_ref() == Some(name)) {
+            findings.error(keys.name.at, Wrong::NameOfAnother { name: name.clone(), what });
+        }
+    }
 }
 
 /// Reports a device that a bus or an earlier IMU uses, also under another name.

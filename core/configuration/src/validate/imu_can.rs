@@ -24,7 +24,7 @@ const RATE_TOLERANCE: f64 = 0.005;
 pub(super) fn bus(keys: &keys::Imu, (items, buses): Buses<'_>, findings: &mut Findings<'_>) -> Option<usize> {
     let name = required(&keys.bus, "name the [[bus]] the IMU is on, such as bus = \"body\"", findings)?;
     let names = items.iter().map(|bus| &bus.keys.name);
-    let bus = findings.find(keys.bus.at, name, names, Wrong::UnknownBus)?;
+    let bus = findings.find(keys.bus.at, (name, "bus"), names, Wrong::UnknownBus)?;
     if buses[bus].as_ref()?.is_line() {
         findings.error(keys.bus.at, Wrong::ImuOnLine(name.to_owned()));
         return None;

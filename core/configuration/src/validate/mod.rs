@@ -45,6 +45,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
+    imu::refuse_taken_names(document, findings);
     let imus = imu::imus(&document.imus, (&document.buses, &buses), findings);
     motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
@@ -81,7 +82,8 @@ fn judge_rates(document: &Document, settings: &Settings, findings: &mut Findings
 
 /// The name of the instance. Its rule is stricter than that of other names: it becomes a part of paths and service names.
 fn instance(keys: &keys::Daemon, findings: &mut Findings<'_>) -> String {
-    let name = findings.name(&keys.instance).unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
+    let name = findings.name_or(&keys.instance, |name| Wrong::InstanceName { name });
+    let name = name.unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
     if name.bytes().any(|byte| byte.is_ascii_uppercase() || byte == b'_') {
         findings.error(keys.instance.at, Wrong::InstanceName { name: name.clone() });
     }

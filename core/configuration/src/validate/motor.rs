@@ -110,7 +110,7 @@ fn address(
     findings: &mut Findings<'_>,
 ) -> Option<Address> {
     let names = bus_items.iter().map(|bus| &bus.keys.name);
-    let bus = findings.find(keys.bus.at, keys.bus.value.as_deref()?, names, Wrong::UnknownBus)?;
+    let bus = findings.find(keys.bus.at, (keys.bus.value.as_deref()?, "bus"), names, Wrong::UnknownBus)?;
     let settings = buses[bus].as_ref()?;
     let is_serial = matches!(settings.kind, BusKind::Serial { .. });
     if is_serial && keys.protocol.value == Some(MotorProtocol::Mit) {

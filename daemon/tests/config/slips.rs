@@ -1,0 +1,255 @@
+//! Values in other units and bases, and slips of the form: what is written instead keeps the meaning.
+
+use crate::document::{GOOD, judge};
+use crate::messages::ROBOT;
+
+/// A part of [`ROBOT`], what is written instead, the line of the message and a part of it.
+type Slip<'s> = (&'s str, &'s str, usize, &'s str);
+
+/// Returns every message about `text`.
+fn said(text: &str) -> String {
+    judge(text).map_or_else(
+        |error| error.to_string(),
+        |loaded| {
+            let warnings: Vec<_> = loaded.warnings.iter().map(ToString::to_string).collect();
+            format!("is accepted; {}", warnings.join("\n"))
+        },
+    )
+}
+
+/// Asserts that each slip has a message in its line with this part.
+fn assert_said(slips: &[Slip<'_>]) {
+    let wrong: Vec<_> = slips
+        .iter()
+        .filter_map(|(part, instead, line, expected)| {
+            assert!(ROBOT.contains(part), "nothing to damage: {part}");
+            let said = said(&ROBOT.replacen(part, instead, 1));
+            let place = format!("robot.toml:{line}:");
+            let is_said = said.lines().any(|one| one.contains(&place) && one.contains(expected));
+            (!is_said).then(|| format!("{instead}\n  said:     {said}\n  expected: {place} … {expected}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{} of {} differ:\n{}", wrong.len(), slips.len(), wrong.join("\n"));
+}
+
+const MOTOR: &str = "model = \"GIM8108-8\"";
+const RATE: &str = "rate-hz = 1000";
+const TIMEOUT: &str = "setpoint-timeout-ms = 20.0";
+const LIMITS: &str = "velocity-rad-s = 25.0";
+const BUS: &str = "type = \"simulated\"";
+
+#[test]
+fn value_in_another_unit_is_converted() {
+    assert_said(&[
+        (BUS, "type = \"simulated\"\nbitrate = 1M", 13, "write bitrate = 1000000, without a unit"),
+        (BUS, "type = \"simulated\"\nbitrate = 500k", 13, "write bitrate = 500000, without a unit"),
+        (BUS, "type = \"simulated\"\nbitrate = \"500 kbit/s\"", 13, "write bitrate = 500000, without quotes"),
+        (TIMEOUT, "setpoint-timeout-ms = 1s", 8, "write setpoint-timeout-ms = 1000, without a unit"),
+        (TIMEOUT, "setpoint-timeout-ms = 0.06 s", 8, "write setpoint-timeout-ms = 60, without a unit"),
+        (TIMEOUT, "setpoint-timeout-ms = \"60ms\"", 8, "write setpoint-timeout-ms = 60, without quotes"),
+        (LIMITS, "torque-nm = 500mNm", 20, "write torque-nm = 0.5, without a unit"),
+        (LIMITS, "velocity-rad-s = 30rpm", 20, "write velocity-rad-s = 3.1416, without a unit"),
+        (RATE, "reply-deadline-percent = 80%", 5, "write reply-deadline-percent = 80, without a unit"),
+        ("[-1.0, 1.0]", "[-45deg, 45°]", 20, "write position-rad = [-0.7854, 0.7854], without units"),
+        ("[-1.0, 1.0]", "[-pi/2, pi]", 20, "write position-rad = [-1.5708, 3.1416], without units"),
+        (
+            TIMEOUT,
+            "setpoint-timeout-ms = 5furlongs",
+            8,
+            "`furlongs` is no unit of time; write a number in ms",
+        ),
+        (TIMEOUT, "setpoint-timeout-ms = \"5 Nm\"", 8, "`Nm` is no unit of time; write a number in ms"),
+        ("id = 1", "id = 3q", 17, "`q` is no part of a number; write an integer"),
+    ]);
+}
+
+/// Without its base a number would be another id, which is accepted.
+#[test]
+fn id_in_another_base_keeps_its_value() {
+    assert_said(&[
+        ("id = 1", "id = 10h", 17, "write id = 0x10"),
+        ("id = 1", "id = 1\nhost-id = 103h", 18, "write host-id = 0x103"),
+        ("id = 1", "id = \"10h\"", 17, "write id = 0x10"),
+        ("id = 1", "id = \"0b11\"", 17, "write id = 3, without quotes"),
+        ("id = 1", "id = \"0o17\"", 17, "write id = 15, without quotes"),
+        ("id = 1", "id = \"3 or 4\"", 17, "write an integer, such as id = 1"),
+    ]);
+}
+
+#[test]
+fn key_with_another_unit_is_converted() {
+    let imu = |key: &str| format!("{MOTOR}\n[[imu]]\nname = \"body\"\ntype = \"simulated\"\n{key}\n");
+    let imu = imu("mount-rpy-rad = [0, 0, 1.57]");
+    assert_said(&[
+        (
+            MOTOR,
+            &format!("{MOTOR}\noffset-deg = 3"),
+            20,
+            "`offset-rad` is in rad; 3° is 0.0524 rad: write offset-rad = 0.0524",
+        ),
+        (MOTOR, &format!("{MOTOR}\noffset_deg = 3"), 20, "write offset-rad = 0.0524"),
+        ("position-rad = [", "position-deg = [", 20, "write position-rad = [-0.0175, 0.0175]"),
+        (
+            LIMITS,
+            "velocity-rpm = 30",
+            20,
+            "`velocity-rad-s` is in rad/s; 30 rpm is 3.1416 rad/s: write velocity-rad-s = 3.1416",
+        ),
+        (LIMITS, "velocity-deg-s = 90", 20, "write velocity-rad-s = 1.5708"),
+        (LIMITS, "torque-mnm = 500", 20, "write torque-nm = 0.5"),
+        (TIMEOUT, "setpoint-timeout-s = 0.1", 8, "write setpoint-timeout-ms = 100"),
+        (TIMEOUT, "setpoint-timeout-s = \"short\"", 8, "`setpoint-timeout-ms` is in ms, and not in s"),
+        (TIMEOUT, "damp-ms = 500", 8, "write damp-seconds = 0.5"),
+        (TIMEOUT, "setpoint_timeout_ms = 50", 8, "did you mean `setpoint-timeout-ms`?"),
+        (
+            MOTOR,
+            &imu,
+            23,
+            "`mount-rpy-deg` is in °; [0, 0, 1.57] rad is [0, 0, 89.9544]°: write mount-rpy-deg = [0, 0, 89.9544]",
+        ),
+    ]);
+}
+
+#[test]
+fn mount_that_looks_like_radians_warns() {
+    let imu = |value: &str| {
+        format!("{ROBOT}[[imu]]\nname = \"body\"\ntype = \"simulated\"\nmount-rpy-deg = {value}\n")
+    };
+    for value in ["[0, 0, 1.5708]", "[3.14, 0, -1.57]", "[0, 4.7124, 0.1]"] {
+        let said = said(&imu(value));
+        assert!(said.contains("is accepted") && said.contains("looks like radians"), "{value}: {said}");
+    }
+    for value in ["[0, 0, 0]", "[0, 0, 90]", "[0, 1.5, 2]", "[180, 0, 1.57]"] {
+        let said = said(&imu(value));
+        assert!(!said.contains("looks like radians"), "{value}: {said}");
+    }
+}
+
+#[test]
+fn direction_in_words_offers_both() {
+    let expected = "write 1 or -1 (reversed is -1)";
+    assert_said(&[
+        (MOTOR, &format!("{MOTOR}\ndirection = \"reversed\""), 20, expected),
+        (MOTOR, &format!("{MOTOR}\ndirection = reversed"), 20, expected),
+        (MOTOR, &format!("{MOTOR}\ndirection = true"), 20, expected),
+    ]);
+}
+
+#[test]
+fn slip_of_form_proposes_the_line() {
+    assert_said(&[
+        (
+            "[cycle]\nrate-hz = 1000",
+            "[cycle] rate-hz = 500",
+            4,
+            "write [cycle] in one line, and rate-hz = 500 in the next",
+        ),
+        (RATE, "rate hz = 500", 5, "write rate-hz = 500"),
+        (RATE, "rate-hz := 500", 5, "write rate-hz = 500"),
+        (RATE, "rate–hz = 500", 5, "has the dash U+2013 here; write `-`"),
+        (RATE, "busy-poll-us = −5", 5, "has the dash U+2212 here; write `-`"),
+        ("[-1.0, 1.0]", "[−2.0, −0.2]", 20, "has the dash U+2212 here; write `-`"),
+        ("name = \"hip\"", "name = \"\"\"hip", 15, "`\"\"\"` has no end; write name = \"hip\""),
+        ("name = \"hip\"", "name = `hip`", 15, "write name = \"hip\""),
+        (RATE, "rate-hz = 500;", 5, "write rate-hz = 500, without the semicolon"),
+        (LIMITS, "velocity-rad-s = 1e300", 20, "1e300 is beyond"),
+        ("\"robot\"", "\"my robot\"", 2, "cannot be an instance; use only a-z, 0-9 and `-`, 1 to 32"),
+    ]);
+}
+
+#[test]
+fn table_in_a_wrong_place_is_named() {
+    let limits = "[motor.limits]\nposition-rad = [-1.0, 1.0]\n\n[[motor]]";
+    let tables = ROBOT.find("[daemon]").expect("it has one");
+    let first = format!("rate-hz = 500\n{}", &ROBOT[tables..]);
+    assert!(said(&first).contains("it belongs in [cycle] or [[imu]]"), "{}", said(&first));
+    let joints = format!("joints = ['hip']\n{}", &ROBOT[tables..]);
+    assert!(said(&joints).contains("it belongs in [[group]]"), "{}", said(&joints));
+    let deep = ROBOT.replace("[[motor]]", "[[bus.motor]]");
+    let deep = said(&deep);
+    assert!(deep.contains("write [[motor]], and in it bus = \"desk\""), "{deep}");
+    assert_eq!(deep.lines().count(), 1, "{deep}");
+    assert_said(&[("[[motor]]", limits, 14, "move it below the [[motor]] that it belongs to")]);
+}
+
+/// The first line is one of the same motor, not of an earlier one.
+#[test]
+fn key_twice_names_the_line_of_its_table() {
+    let second =
+        GOOD.replace("limits = { position-rad = [-2, 2] }", "limits.kp-max = 9\n[motor.limits]\nkd-max = 1");
+    let first = 1 + second.lines().position(|line| line.starts_with("limits.kp-max")).expect("it has one");
+    let said = said(&second);
+    assert!(said.contains(&format!("`limits` is there twice, first in line {first}; keep one")), "{said}");
+    let next = GOOD.replace("id = 2\n", "id = 2\nname = 'knee'\n");
+    let name = 1 + next.lines().position(|line| line == "name = 'knee'").expect("it has one");
+    let said = crate::slips::said(&next);
+    assert!(said.contains(&format!("`name` is there twice, first in line {name}")), "{said}");
+}
+
+#[test]
+fn imu_shares_no_name_of_another() {
+    for (name, what) in [("hip", "motor"), ("desk", "bus"), ("legs", "group")] {
+        let text = format!("{ROBOT}[[imu]]\nname = \"{name}\"\ntype = \"simulated\"\n");
+        let said = said(&text);
+        let expected = format!("imu.name: {name:?} is the name of a {what} too");
+        assert!(said.contains(&expected), "{said}");
+    }
+}
+
+#[test]
+fn file_that_is_no_configuration_is_named() {
+    for foreign in [
+        "version = 4\n[[package]]\nname = \"libc\"\nversion = \"0.2\"\n",
+        "[[package]]\nname = \"numpy\"\n[metadata]\nlock-version = \"2.0\"\n",
+        "[workspace]\nmembers = []\n",
+    ] {
+        let said = said(foreign);
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(said.starts_with("robot.toml: is no configuration of motord"), "{said}");
+    }
+    let lock = said("form = 1\n[[motor]]\nname = \"hip\"\nbus = \"desk\"\nid = 1\nfirmware = \"2\"\n");
+    assert!(lock.starts_with("robot.toml: is a lock file of `motorctl setup`"), "{lock}");
+    assert_eq!(lock.lines().count(), 1, "{lock}");
+}
+
+#[test]
+fn bytes_that_are_no_text_are_named() {
+    let said = |bytes: &[u8]| {
+        let path = std::path::Path::new("robot.toml");
+        let machine = crate::document::machine();
+        motord_configuration::parse(path, bytes, &machine).expect_err("no text").to_string()
+    };
+    for bytes in [&b"\x7fELF\x02\x01\x01\0\0\0\xff\xfe"[..], b"\x1f\x8b\x08\0\0\0\0\0\0\x03\xcb"] {
+        assert!(said(bytes).contains("is no text"), "{}", said(bytes));
+    }
+    assert!(said(b"name = \"h\xfcfte\"\n").contains("is not UTF-8 here"));
+}
+
+#[test]
+fn equal_errors_are_listed_once() {
+    let (head, _) = ROBOT.split_once("[[group]]").expect("it has one");
+    let motor = |id: usize| {
+        format!(
+            "[[motor]]\nname = \"m{id}\"\nbus = \"desk\"\nid = {id}\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\nfirmware = 2\n"
+        )
+    };
+    let motors: String = (2..12).map(motor).collect();
+    let said = said(&format!("{head}{motors}[[group]]\nname = \"legs\"\njoints = [\"hip\"]\n"));
+    let of = |part: &str| said.lines().filter(|line| line.contains(part)).collect::<Vec<_>>();
+    assert_eq!(of("unknown key `firmware`").len(), 1, "{said}");
+    assert!(of("firmware")[0].ends_with("; 10 times, also in lines 35, 42, 49 and 6 more"), "{said}");
+    assert_eq!(of("in no group").len(), 1, "{said}");
+    assert!(
+        of("in no group")[0].contains("10 motors are in no group, so no client could move them"),
+        "{said}"
+    );
+}
+
+#[test]
+fn known_names_have_the_order_of_the_file() {
+    let text = ROBOT.replace("[[motor]]", "[[bus]]\nname = 'aft'\ntype = 'simulated'\n[[motor]]");
+    let text = text.replace("bus = \"desk\"", "bus = \"xyz\"");
+    for _ in 0..20 {
+        assert!(said(&text).contains("there is no bus \"xyz\"; known are desk, aft"), "{}", said(&text));
+    }
+}
