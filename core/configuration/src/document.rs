@@ -64,7 +64,7 @@ fn is_table(value: &DeValue<'_>) -> bool {
 impl Document {
     pub(super) fn read(root: &DeTable<'_>, findings: &mut Findings<'_>) -> Self {
         let mut root = Table::of_file(root, SECTIONS, findings);
-        root.refuse_unknown(&[OLD_IPC]);
+        root.refuse_unknown(&[OLD_IPC], &[]);
         let ipc = root.renamed(OLD_IPC, keys::Ipc::PATH);
         Self {
             daemon: root.section(keys::Daemon::PATH),
@@ -83,6 +83,7 @@ impl Document {
 impl Section for MotorTables {
     const PATH: &'static str = keys::Motor::PATH;
     const KEYS: &'static [&'static str] = keys::Motor::KEYS;
+    const UNITS: &'static [&'static str] = keys::Motor::UNITS;
 
     fn read(table: &mut Table<'_, '_, '_>) -> Self {
         Self {
@@ -96,6 +97,7 @@ impl Section for MotorTables {
 impl Section for ImuTables {
     const PATH: &'static str = keys::Imu::PATH;
     const KEYS: &'static [&'static str] = keys::Imu::KEYS;
+    const UNITS: &'static [&'static str] = keys::Imu::UNITS;
 
     fn read(table: &mut Table<'_, '_, '_>) -> Self {
         Self { keys: keys::Imu::read(table), simulation: table.section(keys::ImuSimulation::PATH) }

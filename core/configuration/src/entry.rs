@@ -8,7 +8,7 @@ use toml::de::DeValue;
 
 use super::problem::Wrong;
 use super::sort::{Sort, cure, found};
-use super::units::{self, Shown};
+use super::units::Shown;
 use super::value::{Misfit, Value};
 
 /// A place in the file, for reports of problems.
@@ -59,7 +59,7 @@ pub(super) struct Rule<T> {
     is_angle: bool,
     /// The advice in the error about a negative number.
     negative: Option<&'static str>,
-    /// What to write in place of a value of another sort.
+    /// Words after "write" in the error about a value of another sort.
     advice: Option<&'static str>,
 }
 
@@ -161,15 +161,13 @@ impl<T: Value> Rule<T> {
             Some(sort) => sort
                 .converted(value.get_ref(), source, unit)
                 .map(|(value, how)| cure(key, &value, how))
-                .or_else(|| {
-                    units::foreign(&value.get_ref().as_str()?.to_owned(), unit, (key, sort, &example))
-                })
+                .or_else(|| sort.foreign(value.get_ref().as_str()?, unit, (key, &example)))
                 .unwrap_or_else(|| format!("write {}, such as {key} = {example}", self.to_write())),
             None => format!("write a text, such as {key} = {example}"),
         }
     }
 
-    /// What to write, in words.
+    /// The expected value, after "write".
     fn to_write(&self) -> &'static str {
         self.advice.unwrap_or_else(|| T::SORT.to_write())
     }
@@ -233,7 +231,7 @@ pub(super) struct Row {
     cells: [String; 6],
     /// The sort of its values.
     pub(super) sort: Sort,
-    /// What to write, in words.
+    /// The expected value, after "write".
     pub(super) to_write: &'static str,
     /// The expected value, for messages.
     pub(super) expected: String,

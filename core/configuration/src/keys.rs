@@ -31,6 +31,7 @@ macro_rules! sections {
             impl Section for $Section {
                 const PATH: &'static str = $path;
                 const KEYS: &'static [&'static str] = &[$($key),*];
+                const UNITS: &'static [&'static str] = &[$($unit),*];
 
                 fn read(table: &mut Table<'_, '_, '_>) -> Self {
                     Self { $($field: table.entry($key, $unit, $rule),)* }

@@ -51,6 +51,8 @@ pub struct Loaded {
     pub telemetry: TelemetrySettings,
     /// The effective limits of each motor and where they come from, in the order of `settings.motors`.
     pub limits: Vec<Vec<Limit>>,
+    /// The line of the file that each `[[motor]]` begins in, from 1, in the order of `settings.motors`.
+    pub motor_lines: Vec<usize>,
     /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
     /// FNV-1a of the file's bytes, to detect later changes of the file.
@@ -171,7 +173,9 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
                 prometheus_listen: document.telemetry.prometheus_listen.value,
                 prometheus_hosts: document.telemetry.prometheus_hosts.value.unwrap_or_default(),
             };
-            Ok(Loaded { settings, telemetry, limits, warnings, hash: fnv1a(bytes) })
+            let line = |offset| problem::line(bytes, offset);
+            let motor_lines = document.motors.iter().map(|motor| line(motor.at.offset)).collect();
+            Ok(Loaded { settings, telemetry, limits, motor_lines, warnings, hash: fnv1a(bytes) })
         }
         refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),
     }

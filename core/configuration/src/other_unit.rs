@@ -3,19 +3,18 @@
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::keys::row;
 use super::similar::closest;
-use super::units::{Unit, short};
+use super::units::{Shown, Unit, short};
 use super::value::Value;
 
 /// Returns the hint for the unknown key `name`: the same number would mean something else in the known key.
 pub(super) fn hint(
-    section: &str,
     (name, value): (&str, &Spanned<DeValue<'_>>),
     keys: &[&'static str],
+    units: &[&'static str],
 ) -> Option<String> {
     let name = &kebab(name);
-    let own = |key: &str| Unit::of_key(row(section, key)?.unit());
+    let own = |key: &str| Unit::of_key(units.get(keys.iter().position(|known| *known == key)?)?);
     let of_stem = |key: &&&'static str| {
         own(key).is_some_and(|own| {
             name.strip_prefix(stem(key, own))
@@ -51,11 +50,11 @@ fn stem<'k>(key: &'k str, own: &Unit) -> &'k str {
 fn converted(value: &Spanned<DeValue<'_>>, to: &Unit, from: &Unit) -> Option<(String, String)> {
     let Some(items) = value.get_ref().as_array() else {
         let number = f64::read(value).ok().filter(|number| number.is_finite())?;
-        return Some((number.to_string(), short(to.convert(number, from)?)));
+        return Some((Shown(number).to_string(), short(to.convert(number, from)?)));
     };
     let pairs = items.iter().map(|item| {
         let number = f64::read(item).ok().filter(|number| number.is_finite())?;
-        Some((number.to_string(), short(to.convert(number, from)?)))
+        Some((Shown(number).to_string(), short(to.convert(number, from)?)))
     });
     let (written, converted): (Vec<_>, Vec<_>) = pairs.collect::<Option<Vec<_>>>()?.into_iter().unzip();
     Some((format!("[{}]", written.join(", ")), format!("[{}]", converted.join(", "))))

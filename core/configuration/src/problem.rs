@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use motord_shared::limits::NAME_BYTES_MAX;
 
-use super::units::Shown;
+use super::units::{Shown, short};
 
 /// An error or a warning, and its place.
 #[derive(Debug)]
@@ -135,9 +135,9 @@ pub enum Wrong {
     #[error("{name:?} has {letters} letters; use at most {NAME_BYTES_MAX}")]
     LongName { name: String, letters: usize },
     #[error(
-        "looks like radians, and this key is in degrees; {radians} rad is {degrees}°: write mount-rpy-deg = {cure}"
+        "looks like radians, and this key is in degrees; {radians} rad is {}°: write mount-rpy-deg = {cure}", short(radians.to_degrees())
     )]
-    RadiansAsDegrees { radians: f64, degrees: String, cure: String },
+    RadiansAsDegrees { radians: f64, cure: String },
     #[error(
         "{name:?} is the name of a {what} too, and a command with it could mean either; give the IMU another name"
     )]

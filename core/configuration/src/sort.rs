@@ -3,7 +3,7 @@
 use toml::de::DeValue;
 
 use super::problem::plain;
-use super::units::{Reading, reading};
+use super::units::{Reading, Unit, reading};
 
 /// Letters of a value that a message quotes.
 const QUOTED_MAX: usize = 40;
@@ -98,6 +98,21 @@ impl Sort {
         }
     }
 
+    /// Explains a text whose unit is not one of the key; `None` for one that begins with no number. Proposes no number of it: in
+    /// the unit of the key it is another value.
+    pub(super) fn foreign(self, text: &str, unit: &str, (key, example): (&str, &str)) -> Option<String> {
+        if !matches!(self, Self::Number | Self::Integer) {
+            return None;
+        }
+        let Reading::Foreign(rest) = reading(text, unit, self == Self::Integer) else { return None };
+        let rest = quoted(&rest);
+        let (what, write) = match Unit::of_key(unit) {
+            Some(own) => (format!("unit of {}", own.quantity()), format!("a number in {unit}")),
+            None => ("part of a number".to_owned(), self.to_write().to_owned()),
+        };
+        Some(format!("`{rest}` is no {what}; write {write}, such as {key} = {example}"))
+    }
+
     fn is(self, value: &DeValue<'_>) -> bool {
         match self {
             Self::Number => matches!(value, DeValue::Integer(_) | DeValue::Float(_)),
@@ -109,7 +124,7 @@ impl Sort {
     }
 }
 
-/// What to write for `key`, and how it differs.
+/// The line to write for `key`, and how it differs.
 pub(super) fn cure(key: &str, value: &str, how: &str) -> String {
     let comma = if how.is_empty() { "" } else { ", " };
     format!("write {key} = {value}{comma}{how}")

@@ -17,6 +17,8 @@ pub(super) trait Section: Sized {
     const PATH: &'static str;
     /// The names of its keys.
     const KEYS: &'static [&'static str];
+    /// Their units; empty for a key without one.
+    const UNITS: &'static [&'static str];
 
     /// Reads every key. A key that is missing or wrong has its default.
     fn read(table: &mut Table<'_, '_, '_>) -> Self;
@@ -81,7 +83,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
 
     /// Every key of this table.
     fn keys<S: Section>(&mut self) -> S {
-        self.refuse_unknown(S::KEYS);
+        self.refuse_unknown(S::KEYS, S::UNITS);
         S::read(self)
     }
 
@@ -135,7 +137,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     }
 
     /// Reports every key that is neither one of `keys` nor a table below this one.
-    pub(super) fn refuse_unknown(&mut self, keys: &[&'static str]) {
+    pub(super) fn refuse_unknown(&mut self, keys: &[&'static str], units: &[&'static str]) {
         let below = |section: &'static str| match self.path {
             "" => Some(section),
             path => section.strip_prefix(path)?.strip_prefix('.'),
@@ -153,7 +155,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
                 table => {
                     let hint = table.and_then(|_| self.of_file_table(name));
                     let hint = hint.or_else(|| self.table_of(name));
-                    let hint = hint.or_else(|| other_unit::hint(self.path, (name, value), keys));
+                    let hint = hint.or_else(|| other_unit::hint((name, value), keys, units));
                     let hint = hint.unwrap_or_else(|| suggestion(name, known.iter().copied()));
                     Wrong::UnknownKey { key: plain(name), hint }
                 }

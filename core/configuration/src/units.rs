@@ -2,10 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::problem::plain;
-use super::sort::Sort;
-
-/// What a unit measures.
+/// The quantity of a unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Quantity {
     Time,
@@ -136,6 +133,11 @@ impl Unit {
         format!("{value}{space}{}", self.name)
     }
 
+    /// The name of its quantity.
+    pub(super) const fn quantity(&self) -> &'static str {
+        self.quantity.name()
+    }
+
     pub(super) const fn name(&self) -> &'static str {
         self.name
     }
@@ -172,25 +174,6 @@ pub(super) fn reading(text: &str, unit: &str, is_integer: bool) -> Reading {
     }
 }
 
-/// Explains a text whose unit is not one of the key; `None` for one that begins with no number. Proposes no number of it: in the
-/// unit of the key it is another value.
-pub(super) fn foreign(text: &str, unit: &str, (key, sort, example): (&str, Sort, &str)) -> Option<String> {
-    if !matches!(sort, Sort::Number | Sort::Integer) {
-        return None;
-    }
-    let Reading::Foreign(rest) = reading(text, unit, sort == Sort::Integer) else { return None };
-    let rest = plain(&rest);
-    Some(match Unit::of_key(unit) {
-        Some(own) => format!(
-            "`{rest}` is no unit of {}; write a number in {unit}, such as {key} = {example}",
-            own.quantity.name()
-        ),
-        None => {
-            format!("`{rest}` is no part of a number; write {}, such as {key} = {example}", sort.to_write())
-        }
-    })
-}
-
 /// Converts a value with the text `rest` after it.
 fn in_unit(value: f64, rest: &str, unit: &str) -> Option<f64> {
     let own = Unit::of_key(unit);
@@ -212,12 +195,15 @@ fn round(value: f64) -> f64 {
 /// `0x10` of `10h` or `0X10`, 3 of `0b11`, 15 of `0o17`.
 fn in_base(text: &str) -> Option<String> {
     let lower = text.to_ascii_lowercase();
-    let of = |digits: &str, radix| i64::from_str_radix(digits, radix).ok();
+    let is_digits = |digits: &&str| digits.chars().all(|digit| digit.is_ascii_alphanumeric());
+    let of = |digits: &str, radix| i64::from_str_radix(Some(digits).filter(is_digits)?, radix).ok();
     if let Some(digits) = lower.strip_prefix("0x") {
         return of(digits, 16).map(|_| format!("0x{}", &text[2..]));
     }
     if let Some(digits) = lower.strip_suffix('h') {
-        return of(digits, 16).map(|_| format!("0x{}", digits.trim_start_matches('0')));
+        // Other texts end with `h`, too: `each`.
+        let is_number = digits.starts_with(|digit: char| digit.is_ascii_digit());
+        return of(digits, 16).filter(|_| is_number).map(|value| format!("{value:#x}"));
     }
     let binary = lower.strip_prefix("0b").and_then(|digits| of(digits, 2));
     binary.or_else(|| of(lower.strip_prefix("0o")?, 8)).map(|value| value.to_string())
@@ -242,7 +228,7 @@ fn pi(text: &str) -> Option<(f64, &str)> {
 /// A number with four decimals at most; smaller ones have three digits.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
-    if size >= 1e15 {
+    if size >= 1e15 || (size > 0.0 && size < 1e-6) {
         return format!("{value:e}");
     }
     let decimals = if size > 0.0 && size < 0.01 { 2 - size.log10().floor() as i32 } else { 4 };

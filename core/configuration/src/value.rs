@@ -187,7 +187,7 @@ impl Value for [f64; 3] {
         let radians = self.iter().find(is_right).filter(|_| self.iter().all(|angle| angle.abs() <= 6.3))?;
         let degrees = self.map(|angle| short(angle.to_degrees()));
         let cure = format!("[{}]", degrees.join(", "));
-        Some(Wrong::RadiansAsDegrees { radians: *radians, degrees: short(radians.to_degrees()), cure })
+        Some(Wrong::RadiansAsDegrees { radians: *radians, cure })
     }
 
     fn default_text(&self) -> String {

@@ -96,6 +96,31 @@ fn every_difference_names_motor_value_and_cure() {
     }
 }
 
+/// A serial frame has one byte for the host id.
+#[test]
+fn line_is_proposed_no_long_host_id() {
+    let settings = settings();
+    let motor = settings.motors.iter().find(|motor| motor.name == "elbow").unwrap();
+    let cure = |bus: &str| {
+        let reported = ReportedMotor { bus: bus.into(), host_id: Some(0x102), ..elbow() };
+        let mut settings = settings.clone();
+        settings.buses[motor.bus].kind = if bus.starts_with('/') {
+            motord_settings::settings::BusKind::Serial {
+                device: bus.into(),
+                baud: 921_600,
+                turnaround: std::time::Duration::ZERO,
+            }
+        } else {
+            settings.buses[motor.bus].kind.clone()
+        };
+        let findings = motord_configuration::lock::findings(&settings, motor, Some(&reported));
+        findings.into_iter().find(|finding| finding.value == "host-id").unwrap().cure
+    };
+    assert!(cure("can0").contains("host-id = 0x102"), "{}", cure("can0"));
+    let line = cure("/dev/ttyUSB0");
+    assert!(!line.contains("0x102") && line.contains("host-id"), "{line}");
+}
+
 #[test]
 fn a_motor_of_another_family_is_named() {
     let settings = settings();

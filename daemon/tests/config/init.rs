@@ -88,6 +88,15 @@ fn init_gives_line_motors_affordable_turns() {
 }
 
 #[test]
+fn serial_bus_needs_no_protocol() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("arm.toml");
+    let loaded = written(&file, &["--legs", "1", "--buses", "/dev/ttyUSB0", "--yes"]);
+    assert!(loaded.settings.motors.iter().all(|motor| motor.protocol.name() == "gim"));
+    assert!(fs::read_to_string(&file).unwrap().contains("\nturnaround-us = 1500\n"));
+}
+
+#[test]
 fn existing_file_is_replaced_only_on_request() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
@@ -120,6 +129,13 @@ fn an_answer_that_cannot_be_used_is_named() {
 
 #[test]
 fn terminal_prompts_with_defaults_for_empty_answers() {
+    assert_eq!(answered(["2", "", "GIM6010-8", "", "simulated"]), (6, 2));
+    assert_eq!(answered(["1", "", "", "", ""]), (3, 1));
+    assert_eq!(answered(["6", "", "", "", ""]), (18, 6));
+}
+
+/// Motors and buses of the configuration that is written after these answers.
+fn answered(answers: [&str; 5]) -> (usize, usize) {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
     let terminal = openpty(None, None).unwrap();
@@ -130,14 +146,14 @@ fn terminal_prompts_with_defaults_for_empty_answers() {
     drop(terminal.slave);
     let mut master = File::from(terminal.master);
     // Legs, joints, model, protocol, buses.
-    for answer in ["2", "", "GIM6010-8", "", "simulated"] {
+    for answer in answers {
         wait_for(&mut master, ": ");
         master.write_all(format!("{answer}\r").as_bytes()).unwrap();
         wait_for(&mut master, "\n");
     }
     assert!(asked.wait().unwrap().success());
     let loaded = config::load(&file).unwrap();
-    assert_eq!((loaded.settings.motors.len(), loaded.settings.buses.len()), (6, 2));
+    (loaded.settings.motors.len(), loaded.settings.buses.len())
 }
 
 /// Goal: `motord init` on a terminal writes a file, and overwrites none without asking.

@@ -160,15 +160,18 @@ fn joints_with_equal_limits_share_a_table() {
     check(&shipped("quadruped.toml"), Wanted { joints: true, ..TEXT }, &mut out).unwrap();
     let said = String::from_utf8(out).unwrap();
     let heads: Vec<_> = said.lines().filter(|line| line.contains(": GIM")).collect();
-    let of = |joint: &str, ids: &str| {
-        let names = ["fl", "fr", "rl", "rr"].map(|leg| format!("{leg}-{joint}")).join(", ");
-        format!("{names}: GIM8108-8, mit, ids {ids}")
+    let text = fs::read_to_string(shipped("quadruped.toml")).unwrap();
+    let of = |joint: &str, first: usize| {
+        let legs = ["fl", "fr", "rl", "rr"].iter().enumerate();
+        let names = legs.map(|(leg, name)| {
+            let name = format!("{name}-{joint}");
+            let written = text.lines().position(|line| line == format!("name = {name:?}")).unwrap();
+            // The line before it is that of [[motor]].
+            format!("{name} id {} (line {written})", first + 3 * leg)
+        });
+        format!("{}: GIM8108-8, mit", names.collect::<Vec<_>>().join(", "))
     };
-    assert_eq!(
-        heads,
-        [of("hip", "1, 4, 7, 10"), of("thigh", "2, 5, 8, 11"), of("knee", "3, 6, 9, 12")],
-        "{said}"
-    );
+    assert_eq!(heads, [of("hip", 1), of("thigh", 2), of("knee", 3)], "{said}");
     let row = said.lines().find(|line| line.trim_start().starts_with("position-rad")).unwrap();
     let lines =
         row.rsplit("lines ").next().unwrap().split(", ").filter(|line| line.parse::<usize>().is_ok()).count();

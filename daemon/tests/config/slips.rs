@@ -72,6 +72,8 @@ fn id_in_another_base_keeps_its_value() {
         ("id = 1", "id = \"10h\"", 17, "write id = 0x10"),
         ("id = 1", "id = \"0b11\"", 17, "write id = 3, without quotes"),
         ("id = 1", "id = \"0o17\"", 17, "write id = 15, without quotes"),
+        ("id = 1", "id = \"each\"", 17, "write an integer, such as id = 1"),
+        ("id = 1", "id = 0h", 17, "write id = 0x0"),
         ("id = 1", "id = \"3 or 4\"", 17, "write an integer, such as id = 1"),
     ]);
 }

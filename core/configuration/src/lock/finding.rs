@@ -174,14 +174,20 @@ impl Compare<'_> {
                 format!("{host_id:#x}"),
                 reported.host_id.map(|id| format!("{id:#x}")),
                 reported.host_id == Some(host_id),
-                format!(
-                    "write `host-id = {:#x}`, or {}",
-                    reported.host_id.unwrap_or(host_id),
-                    self.set("host-id", host_id)
-                ),
+                self.host_id_cure(),
             ),
             self.protocol(),
         ]
+    }
+
+    /// On a serial line a host id is one byte, so another one of the motor cannot be configured.
+    fn host_id_cure(&self) -> String {
+        let host_id = self.motor.host_id.raw();
+        let set = self.set("host-id", host_id);
+        match self.reported.host_id.unwrap_or(host_id) {
+            reported if self.bus.starts_with('/') && reported > u8::MAX.into() => set,
+            reported => format!("write `host-id = {reported:#x}`, or {set}"),
+        }
     }
 
     fn protocol(&self) -> Finding {

@@ -45,7 +45,7 @@ fn mistake(text: &str, error: &Error) -> Mistake {
         }
         return Mistake { offset: span.start, key: line.path(), wrong: duplicate(text, span.start, excerpt) };
     }
-    if let Some(open) = scan::unclosed_text(text) {
+    if let Some(open) = scan::unclosed_text(text).filter(|open| *open <= span.start) {
         return Mistake {
             offset: open,
             key: Line::at(text, open).path(),

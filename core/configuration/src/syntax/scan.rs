@@ -87,7 +87,7 @@ pub(super) fn earlier(text: &str, offset: usize, name: &str) -> Option<usize> {
         Some(list) => line.trim_start().starts_with(list.as_str()),
         None => !own.starts_with('[') && is_header(line.trim_start()),
     };
-    let first = before.iter().rposition(|line| begins(&line)).map_or(0, |index| index + 1);
+    let first = before.iter().rposition(begins).map_or(0, |index| index + 1);
     let at = before[first..].iter().rposition(|line| found(&line.trim_start()));
     at.map(|index| first + index + 1)
 }

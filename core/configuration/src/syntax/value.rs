@@ -2,7 +2,7 @@
 
 use super::super::entry::Row;
 use super::super::sort::{Sort, flag, quoted};
-use super::super::units::{Reading, foreign, reading};
+use super::super::units::{Reading, reading};
 use super::line::Line;
 use super::scan::is_key;
 
@@ -169,7 +169,7 @@ impl Value<'_> {
                 Some(self.expected(found, &format!("{} = {number}{how}", self.key)))
             }
             _ => {
-                let foreign = foreign(self.text, row.unit(), (self.key, row.sort, &row.example))?;
+                let foreign = row.sort.foreign(self.text, row.unit(), (self.key, &row.example))?;
                 Some(format!("expected {}, found {found}; {foreign}", row.expected))
             }
         }

@@ -58,33 +58,31 @@ pub(super) fn reports(loaded: &Loaded) -> Vec<JointReport<'_>> {
 /// The same for people: joints with equal limits in one table, which has a line for each limit.
 pub(super) fn print(loaded: &Loaded, out: &mut impl Write) -> io::Result<()> {
     for equal in groups(loaded) {
-        let Some((first, limits)) = equal.first() else { continue };
-        let names: Vec<_> = equal.iter().map(|(motor, _)| motor.name.as_str()).collect();
-        let mut ids: Vec<_> = equal.iter().map(|(motor, _)| motor.id.to_string()).collect();
-        // Motors on different buses may have one id.
-        ids.dedup();
-        let id = if ids.len() == 1 { "id" } else { "ids" };
+        let Some((first, limits, _)) = equal.first() else { continue };
+        let name = |(motor, _, line): &Joint<'_>| format!("{} id {} (line {line})", motor.name, motor.id);
+        let names: Vec<_> = equal.iter().map(name).collect();
         let (model, protocol) = (&first.model, first.protocol.name());
-        writeln!(out, "\n{}: {model}, {protocol}, {id} {}", names.join(", "), ids.join(", "))?;
+        writeln!(out, "\n{}: {model}, {protocol}", names.join(", "))?;
         for (index, limit) in limits.iter().enumerate() {
             let value = format!("{} {}", value(limit), if limit.max.is_some() { limit.unit } else { "" });
-            let origins: Vec<_> = equal.iter().map(|(_, limits)| limits[index].origin).collect();
+            let origins: Vec<_> = equal.iter().map(|(_, limits, _)| limits[index].origin).collect();
             writeln!(out, "  {:<26}  {:<24}  {}", limit.key, value.trim_end(), origin(&origins))?;
         }
     }
     Ok(())
 }
 
-/// A motor and its limits.
-type Joint<'a> = (&'a MotorSettings, &'a [Limit]);
+/// A motor, its limits and its line of the file.
+type Joint<'a> = (&'a MotorSettings, &'a [Limit], usize);
 
 /// Joints with equal limits, in the order of their first one.
 fn groups(loaded: &Loaded) -> Vec<Vec<Joint<'_>>> {
     let mut groups: Vec<Vec<Joint<'_>>> = Vec::new();
-    for (motor, limits) in loaded.settings.motors.iter().zip(&loaded.limits) {
-        match groups.iter_mut().find(|group| are_equal(group[0], (motor, limits))) {
-            Some(group) => group.push((motor, limits)),
-            None => groups.push(vec![(motor, limits)]),
+    let joints = loaded.settings.motors.iter().zip(&loaded.limits).zip(&loaded.motor_lines);
+    for ((motor, limits), &line) in joints {
+        match groups.iter_mut().find(|group| are_equal(group[0], (motor, limits, line))) {
+            Some(group) => group.push((motor, limits, line)),
+            None => groups.push(vec![(motor, limits, line)]),
         }
     }
     groups

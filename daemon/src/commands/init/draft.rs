@@ -13,7 +13,7 @@ pub struct Draft {
     pub joints: Vec<String>,
     /// Model of every motor, such as `GIM8108-8`.
     pub model: String,
-    /// Protocol of every motor.
+    /// Protocol of every motor on CAN. Those on a serial line have `gim`.
     pub protocol: MotorProtocol,
     /// Where the motors are.
     pub place: MotorPlace,
@@ -29,6 +29,14 @@ pub enum MotorPlace {
     Buses(Vec<String>),
 }
 
+impl MotorPlace {
+    /// A CAN interface for each leg: can0, can1 and so on.
+    #[must_use]
+    pub fn one_bus_each(legs: usize) -> Self {
+        Self::Buses((0..legs).map(|bus| format!("can{bus}")).collect())
+    }
+}
+
 const HEAD: &str = "\
 # Written by `motord init`. Every key and its default: docs/configuration.md. `motord check FILE` judges the file.
 #
@@ -41,6 +49,10 @@ const HEAD: &str = "\
 
 /// Host id of a motor on a serial line, above its id: above all ids of a robot, and of one byte.
 const SERIAL_REPLY_OFFSET: usize = 0x40;
+
+/// A key of a serial bus and its reason.
+const TURNAROUND: &str =
+    "# An adapter on USB delivers its bytes once per millisecond.\nturnaround-us = 1500\n";
 
 const FOUR_LEGS: [(&str, &str); 4] =
     [("fl", "front-left"), ("fr", "front-right"), ("rl", "rear-left"), ("rr", "rear-right")];
@@ -178,7 +190,10 @@ impl Bus {
         let kind = match &self.device {
             None => "type = \"simulated\"".into(),
             Some(device) if self.is_serial() => {
-                format!("type = \"serial\"\ndevice = {}\nbaud = 921600\nevery = {every}", quoted(device))
+                format!(
+                    "type = \"serial\"\ndevice = {}\nbaud = 921600\n{TURNAROUND}every = {every}",
+                    quoted(device)
+                )
             }
             Some(interface) => {
                 format!("type = \"socketcan\"\ninterface = {}\nbitrate = 1000000", quoted(interface))
@@ -208,6 +223,8 @@ impl Motor<'_> {
             let offset = if bus.is_serial() { SERIAL_REPLY_OFFSET } else { profile.ids.reply_offset.into() };
             let _infallible = writeln!(text, "host-id = {:#x}", offset + id);
         }
+        // MIT is spoken over CAN only.
+        let protocol = if bus.is_serial() { MotorProtocol::Gim } else { protocol };
         // Half of the rated torque, rounded down to 0.1 N·m, and 0.1 N·m at least.
         let torque = (model.rated_torque * 5.0).floor().max(1.0) / 10.0;
         let velocity = model.max_velocity.min(5.0);

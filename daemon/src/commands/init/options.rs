@@ -17,7 +17,7 @@ pub struct Options {
     /// Model of the motors.
     #[arg(long, value_name = "NAME")]
     model: Option<String>,
-    /// Protocol that the motors are set to: `gim` is SteadyWin's native protocol.
+    /// Protocol that the motors on CAN are set to: `gim` is SteadyWin's native protocol, and the only one of a serial line.
     #[arg(long, value_name = "NAME", value_parser = ["mit", "gim"])]
     protocol: Option<String>,
     /// CAN interfaces and serial devices. Neighbouring legs share a bus where there are fewer buses than legs.
@@ -47,7 +47,7 @@ impl Options {
         let names = ["hip", "thigh", "knee"].map(str::to_owned).to_vec();
         let place = match &self.buses[..] {
             [] if self.simulated => MotorPlace::Simulated,
-            [] => MotorPlace::Buses((0..legs).map(|bus| format!("can{bus}")).collect()),
+            [] => MotorPlace::one_bus_each(legs),
             buses => MotorPlace::Buses(buses.to_vec()),
         };
         let draft = Draft {

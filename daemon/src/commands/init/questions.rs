@@ -12,7 +12,9 @@ use std::path::PathBuf;
 /// When there is no terminal, or the questions are broken off.
 pub(super) fn ask(defaults: Draft) -> Result<Draft, InitError> {
     let Draft { legs, joints, model, protocol, place } = defaults;
+    let is_default = place == MotorPlace::one_bus_each(legs);
     let legs = answer("Legs (1 for an arm), 1 to 8", legs)?;
+    let place = if is_default { MotorPlace::one_bus_each(legs.min(8)) } else { place };
     let joints = list(&answer("Joints of each leg", joints.join(" "))?);
     let model = ask_model(model)?;
     let protocol = ask_protocol(protocol, &model)?;
