@@ -8,8 +8,12 @@
 mod line;
 
 use line::{Calls, Line, motor};
+use motord_bus::socketcan::SocketCanBus;
+use motord_bus::{Bus as _, Frame, FrameId, clock};
 use motord_protocol::gim::{Access, CONFIGURATION, INDICATORS, PARAMETERS, ValueType};
 use motord_simulator::{Dialect, MotorSettings};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 fn in_mit(name: &str, id: u16) -> MotorSettings {
     MotorSettings { dialect: Dialect::Mit, host_id: 0x100 + id, ..motor(name, id) }
@@ -235,4 +239,37 @@ fn interface_in_use_is_refused_with_process_id() {
     assert!(refused.contains(&format!("process {}", first.id())), "{refused}");
     first.kill().unwrap();
     first.wait().unwrap();
+}
+
+/// A HiPNUC sends its TPDOs at 100 Hz beside a motor. The bytes are those of a level device, by the vendor's manual.
+#[test]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
+fn hipnuc_beside_a_motor_is_found() {
+    let line = knee();
+    let frames = [
+        Frame::new(FrameId::new(0x188).unwrap(), &[0, 0, 0, 0, 0xE8, 0x03]),
+        Frame::new(FrameId::new(0x288).unwrap(), &[0; 6]),
+        Frame::new(FrameId::new(0x388).unwrap(), &[0; 6]),
+        Frame::new(FrameId::new(0x488).unwrap(), &[0x10, 0x27, 0, 0, 0, 0, 0, 0]),
+    ];
+    let frames = frames.map(Option::unwrap);
+    let is_over = AtomicBool::new(false);
+    let found = std::thread::scope(|threads| {
+        threads.spawn(|| {
+            let mut bus = SocketCanBus::open_as_is("vcan0".parse().unwrap()).unwrap();
+            while !is_over.load(Ordering::Relaxed) {
+                bus.send(clock::monotonic(), &frames);
+                std::thread::sleep(Duration::from_millis(10));
+            }
+        });
+        let found = line.json("imu find --bus vcan0");
+        is_over.store(true, Ordering::Relaxed);
+        found
+    });
+    let imu = &found["imus"][0];
+    assert_eq!((imu["type"].as_str(), imu["bus"].as_str()), (Some("hipnuc-can"), Some("vcan0")), "{found}");
+    assert_eq!((imu["node_id"].as_u64(), found["imus"].as_array().map(Vec::len)), (Some(8), Some(1)));
+    assert!(imu["lines"].as_str().is_some_and(|lines| lines.contains("node-id = 8\n")), "{found}");
+    let nothing = line.bad("imu find --bus vcan1", 69);
+    assert!(nothing.contains("vcan1: no HiPNUC IMU sends its TPDOs"), "{nothing}");
 }

@@ -1,6 +1,7 @@
-//! `motorctl imu find`: IMUs on serial ports. Only listens: these devices send without a request.
+//! `motorctl imu find`: IMUs on serial ports and CAN interfaces. Only listens: these devices send without a request.
 
 use crate::failure::DirectFailure;
+use crate::imu_bus::{self, Node};
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::imu::{Sample, SerialDecoder, SerialProtocol};
@@ -43,6 +44,9 @@ pub struct ImuFind {
     /// UART (ttyUSB, ttyACM, ttyAMA, ttyTHS).
     #[arg(long = "device", value_name = "PATH")]
     devices: Vec<String>,
+    /// A CAN interface, on which HiPNUC IMUs send; may be given several times. No serial port is tried then, unless one is given.
+    #[arg(long = "bus", value_name = "INTERFACE")]
+    buses: Vec<String>,
     /// Try only this baud rate. Without it, all of the vendors.
     #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(1..))]
     baud: Option<u32>,
@@ -56,8 +60,15 @@ pub struct ImuFind {
 struct FoundImu {
     #[serde(rename = "type")]
     kind: &'static str,
-    device: String,
-    baud: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    baud: Option<u32>,
+    /// The CAN interface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bus: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    node_id: Option<u8>,
     /// Samples per second, as measured.
     measured_hz: f64,
     /// The nearest rate of such devices.
@@ -77,12 +88,26 @@ struct Found {
 impl FoundImu {
     /// Gives it the lines of the IMU with this number: each name occurs once.
     fn named(self, index: usize) -> Self {
-        let Self { kind, ref device, baud, rate_hz, .. } = self;
+        let Self { kind, rate_hz, .. } = self;
         let name = if index == 0 { "base".to_owned() } else { format!("imu-{}", index + 1) };
-        let lines = format!(
-            "[[imu]]\nname = \"{name}\"\ntype = \"{kind}\"\ndevice = \"{device}\"\nbaud = {baud}\nrate-hz = {rate_hz}\n"
-        );
+        let place = match (&self.device, self.baud, &self.bus, self.node_id) {
+            (Some(device), Some(baud), ..) => format!("device = \"{device}\"\nbaud = {baud}\n"),
+            (_, _, Some(bus), Some(node)) => {
+                format!("bus = \"NAME\"  # of the [[bus]] with interface = \"{bus}\"\nnode-id = {node}\n")
+            }
+            _ => String::new(),
+        };
+        let lines = format!("[[imu]]\nname = \"{name}\"\ntype = \"{kind}\"\n{place}rate-hz = {rate_hz}\n");
         Self { lines, ..self }
+    }
+
+    /// Where it is, and how it was heard.
+    fn place(&self) -> [String; 2] {
+        let text = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
+        match (&self.bus, self.node_id) {
+            (Some(bus), Some(node)) => [bus.clone(), format!("node {node}")],
+            _ => [text(self.device.clone()), text(self.baud.map(|baud| baud.to_string()))],
+        }
     }
 }
 
@@ -137,7 +162,8 @@ enum Outcome {
 /// No IMU was found, or the output cannot be written.
 pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
     let interrupt = Interrupt::register();
-    let devices = if arguments.devices.is_empty() { ports() } else { arguments.devices.clone() };
+    let is_given = !arguments.devices.is_empty() || !arguments.buses.is_empty();
+    let devices = if is_given { arguments.devices.clone() } else { ports() };
     let bauds = arguments.baud.map_or_else(bauds, |baud| vec![baud]);
     let outcomes: Vec<_> = std::thread::scope(|scope| {
         let started = devices.iter().map(|device| scope.spawn(|| one(device, &bauds, &interrupt)));
@@ -148,6 +174,17 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
         return Err(motord_commissioning::Error::Interrupted.into());
     }
     let mut found = Found { imus: Vec::new(), notes: Vec::new() };
+    for bus in &arguments.buses {
+        let nodes = imu_bus::listen(bus, &interrupt)?;
+        if nodes.is_empty() {
+            found.notes.push(format!(
+                "{bus}: no HiPNUC IMU sends its TPDOs 1, 2 and 4; a Damiao IMU answers requests only: write its ids by hand"
+            ));
+        }
+        for node in nodes {
+            found.imus.push(on_bus(bus, &node).named(found.imus.len()));
+        }
+    }
     for outcome in outcomes {
         match outcome {
             Outcome::Imu(imu) => found.imus.push(imu.named(found.imus.len())),
@@ -156,7 +193,7 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
     }
     print(&found, arguments.json)?;
     match found.imus.is_empty() {
-        true => Err(DirectFailure::NoImu { ports: devices.len() }),
+        true => Err(DirectFailure::NoImu { ports: devices.len() + arguments.buses.len() }),
         false => Ok(()),
     }
 }
@@ -253,12 +290,29 @@ fn listen(port: &Port, heard: &mut [Heard], duration: Duration, ends: impl Fn(&[
 }
 
 fn report(device: &str, baud: u32, heard: &Heard) -> FoundImu {
-    let measured_hz = heard.rate_hz().unwrap_or(0.0);
+    FoundImu {
+        device: Some(lasting_name(device)),
+        baud: Some(baud),
+        complete: heard.count > 0 && heard.complete == heard.count,
+        ..measured(heard.protocol.name(), heard.rate_hz().unwrap_or(0.0))
+    }
+}
+
+fn on_bus(bus: &str, node: &Node) -> FoundImu {
+    FoundImu {
+        bus: Some(bus.to_owned()),
+        node_id: Some(node.id),
+        complete: true,
+        ..measured("hipnuc-can", node.measured_hz)
+    }
+}
+
+/// An IMU at no place yet.
+fn measured(kind: &'static str, measured_hz: f64) -> FoundImu {
     let near = RATES.into_iter().find(|rate| (measured_hz / rate - 1.0).abs() < 0.04);
     let rate_hz = near.unwrap_or_else(|| measured_hz.round().max(1.0));
-    let (kind, device) = (heard.protocol.name(), lasting_name(device));
-    let complete = heard.count > 0 && heard.complete == heard.count;
-    FoundImu { kind, device, baud, measured_hz, rate_hz, complete, lines: String::new() }
+    let (device, baud, bus, node_id) = (None, None, None, None);
+    FoundImu { kind, device, baud, bus, node_id, measured_hz, rate_hz, complete: false, lines: String::new() }
 }
 
 fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
@@ -267,16 +321,12 @@ fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
         return Ok(json::write_line(out, found)?);
     }
     if !found.imus.is_empty() {
-        let mut table = Table::new(&["type", "device", "baud", "Hz", "samples"]);
+        let mut table = Table::new(&["type", "device or bus", "baud or node", "Hz", "samples"]);
         for imu in &found.imus {
             let samples = if imu.complete { "complete" } else { "INCOMPLETE" };
-            let cells = [
-                imu.kind.to_owned(),
-                imu.device.clone(),
-                imu.baud.to_string(),
-                format!("{:.1}", imu.measured_hz),
-                samples.to_owned(),
-            ];
+            let [place, heard] = imu.place();
+            let cells =
+                [imu.kind.to_owned(), place, heard, format!("{:.1}", imu.measured_hz), samples.to_owned()];
             table.row(cells.map(Cell::plain).into());
         }
         table.write(out, Palette::of_stdout())?;
@@ -289,7 +339,7 @@ fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
         let needed = protocol.map_or("", SerialProtocol::complete_samples);
         eprintln!(
             "{}: samples lack a quantity, and motord rejects them; set in the device: {needed}",
-            imu.device
+            imu.place()[0]
         );
     }
     found.notes.iter().for_each(|note| eprintln!("{note}"));

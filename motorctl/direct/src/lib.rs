@@ -10,6 +10,7 @@ mod file;
 mod find;
 mod guard;
 mod imu;
+mod imu_bus;
 mod jog;
 mod journal;
 mod memory;

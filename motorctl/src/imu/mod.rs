@@ -9,13 +9,14 @@ use motord_direct as direct;
 /// The commands about IMUs.
 #[derive(Debug, Subcommand)]
 pub(crate) enum ImuCommand {
-    /// Find IMUs on serial ports, and print their lines for the configuration. Needs no daemon.
+    /// Find IMUs on serial ports and CAN interfaces, and print their lines for the configuration. Needs no daemon.
     ///
     /// The command only listens: these devices send by themselves. It tries the protocols and baud rates of the vendors on each
     /// port, which takes up to 7 s, and measures the rate. A port that a daemon or another program uses is left out. A device
-    /// whose output is switched off is silent. Exit status 69: none was found.
+    /// whose output is switched off is silent. On a CAN interface it finds HiPNUC devices, also beside a daemon; a Damiao sends
+    /// only on request, and a request to a wrong id could command a motor. Exit status 69: none was found.
     #[command(
-        after_help = "Examples:\n  motorctl imu find\n  motorctl imu find --device /dev/ttyUSB0 --baud 921600\n  motorctl imu find --json | jq -r '.imus[].lines'"
+        after_help = "Examples:\n  motorctl imu find\n  motorctl imu find --device /dev/ttyUSB0 --baud 921600\n  motorctl imu find --bus can0\n  motorctl imu find --json | jq -r '.imus[].lines'"
     )]
     Find(direct::ImuFind),
     /// Compute `mount-rpy-deg` of an IMU from the direction of gravity, while the robot is level and at rest.
