@@ -17,12 +17,7 @@ use std::time::Duration;
 #[non_exhaustive]
 pub enum Error {
     /// No daemon runs this instance. Calls work again once one does.
-    #[error(
-        "no motord runs instance {instance:?} in {}: start it with `motord run`, or name its directory in \
-         MOTORD_RUNTIME_DIR{}",
-        runtime.display(),
-        died.map_or_else(String::new, after_death)
-    )]
+    #[error("no motord runs instance {instance:?} in {}: {}", runtime.display(), without_daemon(*died))]
     NotRunning {
         /// The instance.
         instance: String,
@@ -227,11 +222,16 @@ pub enum Error {
     Service(#[from] ServiceError),
 }
 
-/// Describes the death of the last daemon.
-fn after_death(pid: u32) -> String {
-    format!(
-        ". Process {pid} of motord died without stopping its motors: unless its dead man's switch did, they keep their last \
-         command, so cut the power, or run `motord safe-stop FILE` with its configuration"
+/// Returns advice where no daemon runs; `died` is the process that did not stop its motors.
+fn without_daemon(died: Option<u32>) -> String {
+    died.map_or_else(
+        || "start it with `motord run`, or name its directory in MOTORD_RUNTIME_DIR".to_owned(),
+        |pid| {
+            format!(
+                "process {pid} died without stopping its motors. Unless a dead man's switch did, cut the power or run \
+                 `motord safe-stop FILE`"
+            )
+        },
     )
 }
 

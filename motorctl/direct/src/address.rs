@@ -61,13 +61,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
         return Err(DirectFailure::Usage(usage));
     }
     let mut session = arguments.target.open_gim()?;
-    if let Some(host_id) = arguments.set_host_id
-        && host_id.byte().is_none()
-        && session.line.link.wire() == Wire::Serial
-    {
-        let usage = "a host id on a serial line is one byte: give 0 to 255".to_owned();
-        return Err(DirectFailure::Usage(usage));
-    }
     let present = read(&mut session)?;
     if arguments.changes_nothing() {
         return show(&session, &present, arguments.json);
