@@ -24,8 +24,8 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{JoinHandle, sleep, spawn};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -61,6 +61,13 @@ const INTRUDE: &str = "MOTORD_TEST_INTRUDE";
 const NOBODY: u32 = 65_534;
 /// Number of processes that send requests without pause.
 const CROWD: usize = 24;
+
+/// Held by a test of this file: the crowd of one is an overload for the robot of another.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// A daemon, and its motor that follows setpoints.
 struct Robot {
@@ -101,7 +108,12 @@ impl Robot {
         let (ports, over) = (Arc::clone(&self.ports), Arc::clone(&self.over));
         self.owner = Some(spawn(move || hold(&ports, lease, position, &over)));
         until("an owner", || (self.ask(Operation::Enable)?.refusal == 0).then_some(()));
-        until("an active arm", || (self.phase()? == Phase::Active).then_some(()));
+        let begun = Instant::now();
+        while self.phase() != Some(Phase::Active) {
+            let log = || fs::read_to_string(self.place.path().with_extension("log")).unwrap_or_default();
+            assert!(begun.elapsed() < PATIENCE, "no active arm: {}", log());
+            sleep(Duration::from_millis(1));
+        }
     }
 
     fn ask(&self, operation: Operation) -> Option<AdminReply> {
@@ -351,6 +363,7 @@ impl Row {
 
 #[test]
 fn emergency_stop_is_confirmed_in_worst_moments() {
+    let _alone = alone();
     let moments: [(&str, Begin); 6] = [
         ("none", none),
         ("the directory is emptied", directory_emptied),
@@ -379,6 +392,7 @@ fn emergency_stop_is_confirmed_on_full_filesystem() {
         if lacks(&["unshare", "mount"]) {
             return;
         }
+        let _alone = alone();
         let mut inside = Command::new("unshare");
         inside.args(["--user", "--map-root-user", "--mount"]).arg(std::env::current_exe().unwrap());
         inside.args(["--exact", NAME, "--nocapture"]).env(INSIDE, "1");
@@ -433,6 +447,7 @@ fn daemon_that_died_is_named_until_the_next() {
         Err(motord_client::Error::NotRunning { died, .. }) => died,
         other => panic!("{other:?}"),
     };
+    let _alone = alone();
     for signal in [Signal::SIGTERM, Signal::SIGKILL] {
         let mut robot = Robot::start(TempDir::new().unwrap());
         kill(robot.pid(), signal).unwrap();
