@@ -5,7 +5,7 @@ use motord_client::{Claim, Client, State};
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, PoisonError, TryLockError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
 
 /// An object with a mark by which a freed or foreign pointer is found, where its memory was not used again.
 #[repr(C)]
@@ -185,48 +185,42 @@ pub(crate) fn guarded(call: impl FnOnce() -> Result<(), Failure>) -> Status {
     }
 }
 
-/// Runs `call` with the content of a handle that one thread uses at a time. Never waits for another thread.
-fn with<T, R>(
-    content: &Mutex<Option<T>>,
-    (name, missing): (&str, &str),
-    call: impl FnOnce(&mut T) -> Result<R, Failure>,
-) -> Result<R, Failure> {
-    let mut content = match content.try_lock() {
-        Ok(content) => content,
-        Err(TryLockError::Poisoned(content)) => content.into_inner(),
+/// Returns the content of a handle that one thread uses at a time. Never waits for another thread.
+fn locked<'a, T>(content: &'a Mutex<Option<T>>, name: &str) -> Result<MutexGuard<'a, Option<T>>, Failure> {
+    match content.try_lock() {
+        Ok(content) => Ok(content),
+        Err(TryLockError::Poisoned(content)) => Ok(content.into_inner()),
         Err(TryLockError::WouldBlock) => {
-            let message = format!("another thread uses this {name}");
-            return Err(Failure { status: Status::Busy, message });
+            Err(Failure { status: Status::Busy, message: format!("another thread uses this {name}") })
         }
-    };
-    call(content.as_mut().ok_or_else(|| Failure::bad_argument(format!("this {name} {missing}")))?)
+    }
 }
 
 impl ClaimHandle {
+    fn released() -> Failure {
+        Failure::bad_argument(format!("this {} was released", Self::NAME))
+    }
+
     /// Takes the claim out of its handle.
     pub(crate) fn take(&self) -> Result<Claim, Failure> {
-        let busy =
-            || Failure { status: Status::Busy, message: format!("another thread uses this {}", Self::NAME) };
-        let mut claim = match self.0.try_lock() {
-            Ok(claim) => claim,
-            Err(TryLockError::Poisoned(claim)) => claim.into_inner(),
-            Err(TryLockError::WouldBlock) => return Err(busy()),
-        };
-        claim.take().ok_or_else(|| Failure::bad_argument(format!("this {} was released", Self::NAME)))
+        locked(&self.0, Self::NAME)?.take().ok_or_else(Self::released)
     }
 
     pub(crate) fn with<R>(&self, call: impl FnOnce(&mut Claim) -> Result<R, Failure>) -> Result<R, Failure> {
-        with(&self.0, (Self::NAME, "was released"), call)
+        call(locked(&self.0, Self::NAME)?.as_mut().ok_or_else(Self::released)?)
     }
 }
 
 impl StateHandle {
     pub(crate) fn with<R>(&self, call: impl FnOnce(&mut State) -> Result<R, Failure>) -> Result<R, Failure> {
-        with(&self.0, (Self::NAME, "is empty: wait for the first state"), call)
+        let empty =
+            || Failure::bad_argument(format!("this {} is empty: wait for the first state", Self::NAME));
+        call(locked(&self.0, Self::NAME)?.as_mut().ok_or_else(empty)?)
     }
 
     /// Replaces the state.
-    pub(crate) fn put(&self, state: State) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(state);
+    pub(crate) fn put(&self, state: State) -> Result<(), Failure> {
+        *locked(&self.0, Self::NAME)? = Some(state);
+        Ok(())
     }
 }

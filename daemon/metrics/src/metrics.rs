@@ -175,13 +175,7 @@ impl Metrics {
 
     fn imus(&self, state: &StateMessage) -> [MetricFamily; 4] {
         let imus = || self.names.imus.iter().zip(state.imus());
-        let lost = imus().map(|(name, imu)| {
-            let mut gauge = Gauge::default();
-            gauge.set_value(f64::from(u8::from(imu.flags & IMU_LOST != 0)));
-            let mut metric = Metric::from_label(pairs(labels([("imu", name)])));
-            metric.set_gauge(gauge);
-            metric
-        });
+        let lost = imus().map(|(name, imu)| flag(labels([("imu", name)]), imu.flags & IMU_LOST != 0));
         let counted = |name, help, count: fn(&ImuState) -> u64| {
             counter(name, help, imus().map(|(name, imu)| (labels([("imu", name)]), count(imu))))
         };
@@ -208,12 +202,7 @@ impl Metrics {
         let groups = self.names.groups.iter().zip(state.groups());
         let samples = groups.flat_map(|(name, group): (_, &GroupState)| {
             Phase::ALL.iter().map(move |phase| {
-                let mut gauge = Gauge::default();
-                gauge.set_value(f64::from(u8::from(group.phase == phase.code())));
-                let mut metric =
-                    Metric::from_label(pairs(labels([("group", name), ("phase", phase.name())])));
-                metric.set_gauge(gauge);
-                metric
+                flag(labels([("group", name), ("phase", phase.name())]), group.phase == phase.code())
             })
         });
         family(
@@ -248,6 +237,15 @@ fn family(name: &str, help: &str, kind: MetricType, samples: impl Iterator<Item 
     family.set_field_type(kind);
     family.set_metric(samples.collect());
     family
+}
+
+/// Returns a gauge of 1 where `is_set`, else of 0.
+fn flag(labels: Labels<'_>, is_set: bool) -> Metric {
+    let mut gauge = Gauge::default();
+    gauge.set_value(f64::from(u8::from(is_set)));
+    let mut metric = Metric::from_label(pairs(labels));
+    metric.set_gauge(gauge);
+    metric
 }
 
 fn counter<'a>(name: &str, help: &str, samples: impl IntoIterator<Item = (Labels<'a>, u64)>) -> MetricFamily {

@@ -3,14 +3,14 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_client::{Client, Error, Imu, ImuSample};
+use motord_harness::daemon::{Daemon, PATIENCE, until};
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ImuMessage;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
-use tempfile::TempDir;
+use std::time::Duration;
 
 const CONFIG: &str = r#"
 [daemon]
@@ -39,52 +39,9 @@ lost-after-ms = 200
 when-lost = "stop"
 "#;
 
-/// Longer than a busy machine stalls.
-const PATIENCE: Duration = Duration::from_secs(30);
 const LOST_AFTER: Duration = Duration::from_millis(200);
 /// Variable for a process that publishes samples until it is killed: its runtime directory.
 const PUBLISH: &str = "MOTORD_TEST_PUBLISH_IMU";
-
-/// A daemon with an external IMU, killed when it is dropped.
-struct Daemon {
-    process: Child,
-    place: TempDir,
-}
-
-impl Daemon {
-    fn start(place: TempDir) -> Self {
-        let path = place.path().join("robot.toml");
-        std::fs::write(&path, CONFIG).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", place.path());
-        Self { process: command.stderr(Stdio::null()).spawn().unwrap(), place }
-    }
-
-    fn restart(mut self) -> Self {
-        self.process.kill().unwrap();
-        self.process.wait().unwrap();
-        let place = std::mem::replace(&mut self.place, TempDir::new().unwrap());
-        Self::start(place)
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ended = self.process.kill();
-        let _reaped = self.process.wait();
-    }
-}
-
-fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
-    let begun = Instant::now();
-    loop {
-        if let Some(found) = found() {
-            return found;
-        }
-        assert!(begun.elapsed() < PATIENCE, "{what} within {PATIENCE:?}");
-        std::thread::sleep(Duration::from_millis(1));
-    }
-}
 
 fn connect(place: &Path) -> Client {
     until("a daemon", || Client::connect_in(place, "robot").ok())
@@ -147,10 +104,10 @@ fn publishing_process() {
 /// over, and one survives a restart of the daemon.
 #[test]
 fn external_imu_follows_its_publishers() {
-    let daemon = Daemon::start(TempDir::new().unwrap());
-    let client = connect(daemon.place.path());
+    let mut daemon = Daemon::start(CONFIG);
+    let client = connect(daemon.directory.path());
     assert!(until("a state", || base(&client)).lost);
-    let first = publisher(daemon.place.path());
+    let first = publisher(daemon.directory.path());
     let imu = until("a sample", || base(&client).filter(|imu| imu.fresh));
     let [roll, pitch, yaw] = imu.roll_pitch_yaw().unwrap();
     assert!(roll.abs() < 1e-3 && pitch.abs() < 1e-3 && (yaw - std::f32::consts::FRAC_PI_2).abs() < 1e-3);
@@ -173,11 +130,12 @@ fn external_imu_follows_its_publishers() {
     });
     drop(second);
 
-    let third = publisher(daemon.place.path());
+    let third = publisher(daemon.directory.path());
     until("the loss", || base(&client).filter(|imu| imu.lost));
     until("the third publisher", || base(&client).filter(|imu| imu.fresh));
-    let daemon = daemon.restart();
-    let client = connect(daemon.place.path());
+    daemon.kill();
+    daemon.restart();
+    let client = connect(daemon.directory.path());
     until("samples after the restart", || base(&client).filter(|imu| imu.fresh && !imu.lost));
     third.kill();
 }
@@ -185,12 +143,12 @@ fn external_imu_follows_its_publishers() {
 /// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.
 #[test]
 fn hostile_publisher_changes_nothing_else() {
-    let daemon = Daemon::start(TempDir::new().unwrap());
-    let client = connect(daemon.place.path());
-    let owner = publisher(daemon.place.path());
+    let daemon = Daemon::start(CONFIG);
+    let client = connect(daemon.directory.path());
+    let owner = publisher(daemon.directory.path());
     until("a sample", || base(&client).filter(|imu| imu.fresh));
     let before = client.wait(PATIENCE).unwrap();
-    let attachment = Instance::below(daemon.place.path(), "robot").unwrap().attach().unwrap().unwrap();
+    let attachment = Instance::below(daemon.directory.path(), "robot").unwrap().attach().unwrap().unwrap();
     let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
     let mut random = 1_u64;
     for turn in 0..40_000_u32 {

@@ -110,8 +110,7 @@ unsafe fn receive(
         let client = unsafe { borrow(client) }?;
         // SAFETY: by the contract of this function.
         let state = unsafe { borrow(state) }?;
-        state.put(wait(&client.client)?);
-        Ok(())
+        state.put(wait(&client.client)?)
     })
 }
 
