@@ -3,8 +3,8 @@
  * A program connects, claims a group of joints, and sends a setpoint for each joint in every cycle. If it stops sending, or dies, the
  * daemon damps the group. Every function that can fail returns a motord_status; motord_error_message() explains the failure.
  *
- * A client may be used by several threads; a state and a claim by one at a time. Reading and sending wait for no other thread. No pointer may be used after it was freed; the library finds some of these mistakes, and returns
- * MOTORD_STATUS_BAD_ARGUMENT.
+ * Several threads may use a client; one at a time a state and a claim: a second one gets MOTORD_STATUS_BUSY. Do not use a pointer after
+ * you freed it: the library finds some of these mistakes, and returns MOTORD_STATUS_BAD_ARGUMENT.
  *
  * Units are SI, joint side. docs/cpp.md is the guide.
  */

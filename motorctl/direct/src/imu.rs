@@ -101,7 +101,7 @@ impl FoundImu {
         Self { lines, ..self }
     }
 
-    /// Where it is, and how it was heard.
+    /// Returns its port or interface, and its baud rate or node.
     fn place(&self) -> [String; 2] {
         let text = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         match (&self.bus, self.node_id) {

@@ -76,7 +76,7 @@ impl Curve {
         }
     }
 
-    /// Merges pairs of steps. A pair with a gap within stays as it is, unless there are so many that little would be gained.
+    /// Merges pairs of steps. It keeps pairs that contain a gap apart, unless most pairs contain one.
     fn halve(&mut self) {
         let steps = merged(&self.steps, |next| !next.follows_gap);
         let is_shorter = steps.len() <= STEPS_MAX * 3 / 4;

@@ -9,7 +9,7 @@ use serde::Deserialize;
 pub struct WiredImu {
     /// Its interface in candump.
     pub interface: String,
-    /// No motor is on its bus. Only there a HiPNUC is told to start.
+    /// No motor is on its bus: motord starts a HiPNUC only there.
     pub is_alone: bool,
     device: Device,
 }
