@@ -210,6 +210,8 @@ impl State {
             setpoint_age: (group.sequence != 0).then(|| Duration::from_nanos(group.setpoint_age_ns)),
             setpoint_period: (group.setpoint_period_ns != 0)
                 .then(|| Duration::from_nanos(group.setpoint_period_ns)),
+            setpoint_horizon: (group.setpoint_horizon_ns != 0)
+                .then(|| Duration::from_nanos(group.setpoint_horizon_ns.into())),
             control_cycles: group
                 .used_cycle
                 .checked_sub(group.answered_cycle)
@@ -266,6 +268,9 @@ pub struct Group {
     /// Mean time between two setpoint messages of the owner. While `setpoint-timeout` is latched, that
     /// of the owner that was stopped. `None` when unknown.
     pub setpoint_period: Option<Duration>,
+    /// [Horizon](crate::Claim::set_horizon) of the setpoint in use. While `setpoint-timeout` is latched, that of the last
+    /// one. `None` without one.
+    pub setpoint_horizon: Option<Duration>,
     /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1
     /// for a timely setpoint. `None` when unknown.
     pub control_cycles: Option<u64>,

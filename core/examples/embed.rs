@@ -116,6 +116,7 @@ fn settings() -> Settings {
         },
         safety: SafetySettings {
             setpoint_timeout: milliseconds(20),
+            setpoint_horizon_max: milliseconds(40),
             safe_stop: SafeStop::Damp,
             damp: Duration::from_secs(2),
             rest_velocity: 0.2,

@@ -291,6 +291,7 @@ fn indicator((indicator, value): (Indicator, f32)) -> (&'static str, IndicatorRe
 
 impl GroupReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
+        let horizon = group.setpoint_horizon.unwrap_or_default();
         let rejected = Rejection::ALL.iter().map(|reason| (reason.name(), group.rejected(*reason)));
         Self {
             name: name.to_owned(),
@@ -299,7 +300,8 @@ impl GroupReport {
             owner: None,
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
             setpoint_period_us: group.setpoint_period.map(|period| period.as_secs_f64() * 1e6),
-            slow_owner: group.setpoint_period.and_then(|period| robot.slow_owner(period)),
+            slow_owner: group.setpoint_period.and_then(|period| robot.slow_owner(period, horizon)),
+            setpoint_horizon_us: group.setpoint_horizon.map(|horizon| horizon.as_secs_f64() * 1e6),
             control_cycles: group.control_cycles,
             accepted: group.accepted,
             late: group.late,
@@ -329,7 +331,9 @@ impl StopReport {
         let is_of_bus = matches!(group.cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
         let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
         if group.cause == Some(Cause::SetpointTimeout)
-            && let Some(remedy) = group.setpoint_period.and_then(|period| robot.slow_owner(period))
+            && let Some(remedy) = group.setpoint_period.and_then(|period| {
+                robot.slow_owner(period, group.setpoint_horizon.unwrap_or_default())
+            })
         {
             steps.remedy = remedy.into();
         }

@@ -376,6 +376,7 @@ codes! {
         JointCount = 5 "joint-count" "It did not have exactly the joints of the group.",
         Mode = 6 "mode" "A joint's mode is unknown, or its motor does not support it.",
         Negative = 7 "negative" "A stiffness or damping was negative.",
+        Horizon = 8 "horizon" "Its horizon was longer than `setpoint-horizon-max-ms`.",
     }
 }
 

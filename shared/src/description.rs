@@ -21,6 +21,9 @@ pub struct RobotDescription {
     /// Maximum interval between setpoints of a group's owner. In JSON a number, s.
     #[serde(with = "seconds")]
     pub setpoint_timeout: Duration,
+    /// Longest horizon of setpoints. In JSON a number, s.
+    #[serde(with = "seconds")]
+    pub setpoint_horizon_max: Duration,
     /// Joints.
     pub joints: Vec<JointDescription>,
     /// Groups.
@@ -38,10 +41,11 @@ pub struct RobotDescription {
 }
 
 impl RobotDescription {
-    /// Returns the next step for an owner whose setpoints come every `period`; see [`slow_owner`].
+    /// Returns the next step for an owner whose setpoints come every `period` and have this `horizon`; see
+    /// [`slow_owner`].
     #[must_use]
-    pub fn slow_owner(&self, period: Duration) -> Option<String> {
-        slow_owner(period, self.setpoint_timeout)
+    pub fn slow_owner(&self, period: Duration, horizon: Duration) -> Option<String> {
+        slow_owner(period, self.setpoint_timeout, horizon)
     }
 
     /// Returns the time from tick to tick; zero without a rate.
@@ -52,12 +56,12 @@ impl RobotDescription {
 }
 
 /// Returns the next step for an owner whose setpoints come so rarely that one that is lost or late
-/// exceeds `timeout`; `None` for a faster one.
+/// exceeds `timeout` after its `horizon`; `None` for a faster one.
 #[must_use]
-pub fn slow_owner(period: Duration, timeout: Duration) -> Option<String> {
-    let [every, limit] = [period, timeout].map(|time| time.as_secs_f64() * 1e3);
-    let enough = (3.0 * every).ceil().min(1000.0);
-    (period > timeout / 2).then(|| {
+pub fn slow_owner(period: Duration, timeout: Duration, horizon: Duration) -> Option<String> {
+    let [every, limit, after] = [period, timeout, horizon].map(|time| time.as_secs_f64() * 1e3);
+    let enough = (3.0 * every - after).ceil().min(1000.0);
+    (period > (timeout + horizon) / 2).then(|| {
         format!(
             "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, or send more often"
         )
@@ -329,14 +333,15 @@ mod tests {
     #[test]
     fn slow_owner_advice_names_period_timeout_and_key() {
         let ms = Duration::from_millis;
-        let advice = slow_owner(ms(20), ms(20)).unwrap();
+        let advice = slow_owner(ms(20), ms(20), ms(0)).unwrap();
         assert!(
             advice.starts_with("Setpoints come every 20.0 ms; setpoint-timeout-ms is 20: raise it"),
             "{advice}"
         );
         assert!(advice.contains("to 60,"), "{advice}");
-        assert_eq!(slow_owner(ms(1), ms(20)), None, "a fast owner that stops is not slow");
-        assert_eq!(slow_owner(ms(10), ms(20)), None, "one lost message is no timeout");
+        assert_eq!(slow_owner(ms(1), ms(20), ms(0)), None, "a fast owner that stops is not slow");
+        assert_eq!(slow_owner(ms(10), ms(20), ms(0)), None, "one lost message is no timeout");
+        assert_eq!(slow_owner(ms(20), ms(20), ms(25)), None, "the timeout begins at the end of the horizon");
     }
 
     #[test]

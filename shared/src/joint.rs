@@ -6,9 +6,9 @@ use crate::plain::plain;
 
 /// Name and version of the message with the states of all joints. Each change of the table or of
 /// the meaning of a field raises the version, here and in [`RECORD_TYPE`].
-pub(crate) const STATE_TYPE: &str = "motord.State.v8";
+pub(crate) const STATE_TYPE: &str = "motord.State.v9";
 /// Name and version of the message for recorders, which contains the state.
-pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v4";
+pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v5";
 
 /// [`JointState::flags`]: position, velocity and torque were received since the previous states
 /// were published, in answer to the command of their turn.
@@ -205,7 +205,7 @@ mod tests {
         let fields = JointState::FIELDS.iter();
         let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();
         assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 88));
-        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v8", "motord.CycleRecord.v4"));
+        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v9", "motord.CycleRecord.v5"));
     }
 
     #[test]

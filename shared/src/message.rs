@@ -60,6 +60,8 @@ plain! {
         /// Accepted messages that missed the first cycle after the one that they answer, modulo
         /// 2³².
         pub late: u32,
+        /// Horizon of the setpoint in use, ns; 0 for none. While `setpoint-timeout` is latched, that of the last one.
+        pub setpoint_horizon_ns: u32,
         /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
         pub rejected: [u32; Rejection::COUNT],
     }
@@ -249,15 +251,15 @@ plain! {
         pub cycle: u64,
         /// Joints in use: exactly the joints of the group.
         pub joint_count: u32,
-        /// Keeps the layout free of implicit padding.
-        pub reserved: u32,
+        /// Horizon, ns: until this long after `time_ns`, the daemon moves the setpoints linearly to these. 0: at once.
+        pub horizon_ns: u32,
         /// Joints of the group, in the order of the configuration.
         pub joints: [JointSetpoint; JOINTS_MAX],
     }
 }
 
 impl Message for SetpointMessage {
-    const TYPE_NAME: &'static str = "motord.Setpoint.v1";
+    const TYPE_NAME: &'static str = "motord.Setpoint.v2";
 }
 
 sparse!(SetpointMessage { joints by joint_count, });
@@ -271,7 +273,7 @@ impl SetpointMessage {
         self.time_ns = other.time_ns;
         self.cycle = other.cycle;
         self.joint_count = other.joint_count;
-        self.reserved = other.reserved;
+        self.horizon_ns = other.horizon_ns;
     }
 }
 
@@ -433,7 +435,7 @@ impl AdminAnswer {
 const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
-    assert!(size_of::<GroupState>() == 72 + 4 * Rejection::COUNT);
+    assert!(size_of::<GroupState>() == 76 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
     assert!(offset_of!(StateMessage, joints) == 72);

@@ -116,6 +116,8 @@ sections! {
     Safety "safety" {
         "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
             "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles. Three periods of the controller: [slow controllers](slow-controllers.md).";
+        "setpoint-horizon-max-ms" setpoint_horizon_max_ms: f64, "ms" = is(40.0).within(0.0, 1000.0),
+            "The longest horizon of setpoints: a slow controller may have the cycle move to its setpoints over such a time. The timeout begins at its end, so a controller that hangs is followed for this long more. 0 permits none.";
         "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
             "Reaction of a group to a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a GIM motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp immediately.";
         "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),

@@ -134,6 +134,8 @@ pub enum FaultPolicy {
 pub struct SafetySettings {
     /// An owner that sends no valid setpoint for this long loses its group.
     pub setpoint_timeout: Duration,
+    /// Longest horizon of setpoints; zero permits none.
+    pub setpoint_horizon_max: Duration,
     /// The way a group stops when there is a cause, where the group has no such setting.
     pub safe_stop: SafeStop,
     /// The longest a group is damped before its motors are stopped.

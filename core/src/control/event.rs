@@ -63,6 +63,8 @@ pub enum Event {
         group: usize,
         /// Mean time between two messages of its owner.
         period: Duration,
+        /// Horizon of the last message.
+        horizon: Duration,
     },
     /// A group was stopped for a cause, which is latched.
     Stopped {

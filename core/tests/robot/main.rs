@@ -11,6 +11,7 @@ mod faults_motor;
 mod faults_time;
 mod foreign;
 mod gim;
+mod horizon;
 mod imu;
 mod imu_can;
 mod late;

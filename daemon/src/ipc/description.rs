@@ -35,6 +35,7 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         boot_id,
         rate_hz: settings.cycle.rate_hz,
         setpoint_timeout: settings.safety.setpoint_timeout,
+        setpoint_horizon_max: settings.safety.setpoint_horizon_max,
         joints: joints.collect(),
         groups: groups.collect(),
         imus: settings.imus.iter().map(imu).collect(),

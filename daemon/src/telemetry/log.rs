@@ -71,7 +71,7 @@ struct Group {
     /// The cycle of the last stop.
     stopped_in: u64,
     /// Time between its setpoints when they timed out last.
-    period: Option<Duration>,
+    period: Option<[Duration; 2]>,
 }
 
 impl Subject {
@@ -156,7 +156,9 @@ impl Log {
             Event::LostTurns { motor, milliradians } => self.log_lost_turns(cycle, motor, milliradians),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
-            Event::SetpointPeriod { group, period } => self.groups[group].period = Some(period),
+            Event::SetpointPeriod { group, period, horizon } => {
+                self.groups[group].period = Some([period, horizon]);
+            }
             Event::Stopped { group, cause, motor, pid } => {
                 let asker = pid.map(|pid| (pid, askers.program(pid)));
                 self.log_stop(cycle, group, cause, motor, asker);
@@ -299,7 +301,7 @@ impl Log {
         let group = &mut self.groups[group];
         group.stopped_in = cycle;
         let period = group.period.take().filter(|_| cause == Cause::SetpointTimeout);
-        let advice = period.and_then(|period| slow_owner(period, self.setpoint_timeout));
+        let advice = period.and_then(|[period, horizon]| slow_owner(period, self.setpoint_timeout, horizon));
         let advice = advice.unwrap_or_else(|| cause.advice().into());
         let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied);
         let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();

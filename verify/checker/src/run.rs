@@ -5,7 +5,7 @@
 //! | I1 | no start, zero or clear command without a request; never the all-zero frame |
 //! |    | a native motor receives only control, start, stop and queries, harmless to one in MIT mode |
 //! | I2 | decoded position, velocity, gains, torque, slews and total torque are within the limits |
-//! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
+//! | I3 | no motion when the owner's newest good setpoint, from the end of its horizon, is older than its timeout |
 //! | I4 | a stopped motor receives only stop and queries, and only an active group moves |
 //! | I5 | at most one command per motor, and one fault request per bus, in a cycle |
 //! | I6 | a state is fresh when a reply with it was on the wire in this cycle; otherwise it reports its age: also a state
@@ -44,8 +44,8 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
 
-/// Velocity, rad/s, that only messages without the owner's lease contain (I7). No slew delays the
-/// velocity of an impedance, so it reaches the wire in the cycle that uses it.
+/// Velocity, rad/s, that only messages without the owner's lease contain, and that no way of a horizon passes (I7). No
+/// slew delays the velocity of an impedance, so it reaches the wire in the cycle that uses it.
 pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 
 /// Time after which a request to clear a fault causes no more frames: a second, and a late cycle.
@@ -62,7 +62,7 @@ const HELD: f64 = 1e-5;
 /// The requests and messages of a test to one group.
 #[derive(Debug, Clone, Default)]
 struct Watched {
-    /// Time of its owner's last message that is good in every respect.
+    /// Time of its owner's last message that is good in every respect, or the end of its horizon.
     good_setpoint: Option<Instant>,
     /// A message arrived since the last cycle.
     delivered: bool,
@@ -206,9 +206,10 @@ impl Checker {
         }
     }
 
-    /// Records a message of the group's owner that is good in every respect.
-    pub fn good_setpoint(&mut self, group: usize, now: Instant) {
-        self.groups[group].good_setpoint = Some(now);
+    /// Records a message of the group's owner that is good in every respect. Its setpoints are reached at `end`: when it
+    /// was sent, or at the end of its horizon.
+    pub fn good_setpoint(&mut self, group: usize, end: Instant) {
+        self.groups[group].good_setpoint = Some(end);
     }
 
     /// Records that a message that names the group is in flight.

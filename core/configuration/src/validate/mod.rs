@@ -150,6 +150,7 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
     findings.two_cycles(&keys.setpoint_timeout_ms, cycle.period);
     SafetySettings {
         setpoint_timeout: millis(keys.setpoint_timeout_ms.value.unwrap_or(f64::max(20.0, 2.0 * cycle_ms))),
+        setpoint_horizon_max: millis(keys.setpoint_horizon_max_ms.value),
         safe_stop: keys.safe_stop.value,
         damp: Duration::from_secs_f64(keys.damp_seconds.value),
         rest_velocity: keys.rest_velocity_rad_s.value as f32,

@@ -120,8 +120,9 @@ impl Group {
         let ramp = cx.now.since(self.since).as_secs_f32() / cx.safety.start_ramp.as_secs_f32();
         let Self { motors, setpoints, held_until, over_voltage, .. } = self;
         setpoints.begin_use(cx.wake.cycle);
+        let share = setpoints.share(cx.now);
         for (place, motor) in motors.iter_mut().enumerate() {
-            let wanted = setpoints.get(place);
+            let wanted = setpoints.get(place, share);
             let orders = Orders { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
             commands[motor.joint] = motor.command(&orders, cx);
             motor.watch_request(cx);
@@ -202,21 +203,29 @@ impl Group {
     /// that was stopped.
     fn setpoint_period(&self) -> Option<Duration> {
         match self.cause() {
-            Some(Cause::SetpointTimeout) => self.setpoints.period_at_stop,
+            Some(Cause::SetpointTimeout) => self.setpoints.at_stop.map(|(period, _)| period),
             _ => self.setpoints.period(),
         }
     }
 
-    /// Returns whether the setpoints in use are not older than the limit.
+    /// Returns the horizon of the setpoints in use; after `setpoint-timeout`, of the last ones.
+    fn setpoint_horizon(&self) -> Duration {
+        match self.cause() {
+            Some(Cause::SetpointTimeout) => self.setpoints.at_stop.map_or(Duration::ZERO, |(_, last)| last),
+            _ => self.setpoints.horizon,
+        }
+    }
+
+    /// Returns whether the end of the horizon of the setpoints in use is not longer ago than the limit.
     pub(super) fn has_fresh_setpoints(&self, cx: &Context) -> bool {
-        self.setpoint_age(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
+        self.setpoints.age_after_horizon(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
     }
 
     /// Returns the first motor whose setpoint would make it jump.
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
         let mut included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
         included.find_map(|(place, motor)| {
-            let wanted = self.setpoints.get(place)?;
+            let wanted = self.setpoints.target(place)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
             // The target is the applied position, not the wanted one: a joint outside its limits would be pulled back into them.
@@ -239,6 +248,8 @@ impl Group {
             used_cycle: self.setpoints.used,
             accepted: self.accepted,
             late: self.late,
+            // A message cannot have a longer one.
+            setpoint_horizon_ns: self.setpoint_horizon().as_nanos() as u32,
             rejected: self.rejected,
         }
     }

@@ -3,9 +3,9 @@
 use super::{Group, Owner};
 use crate::control::context::Context;
 use crate::joint::{Impedance, JointSide, Setpoint};
-use crate::settings::MotorSettings;
+use crate::settings::{MotorSettings, SafetySettings};
 use motord_bus::{Duration, Instant};
-use motord_shared::{JointSetpoint, Rejection, SetpointMessage, SetpointMode};
+use motord_shared::{JointSetpoint, Phase, Rejection, SetpointMessage, SetpointMode};
 
 /// A setpoint may be stamped this much later than the cycle's reading of the clock.
 const FUTURE_MAX: Duration = Duration::from_millis(1);
@@ -17,8 +17,8 @@ impl Group {
     /// rejection. `cx` is that of the previous cycle. Does not allocate; bounded by the joints of
     /// one message.
     pub(crate) fn offer(&mut self, message: &SetpointMessage, now: Instant, cx: &Context) {
-        match self.check(message, now, cx.safety.setpoint_timeout) {
-            Ok(()) => self.accept(message, now, cx.wake.cycle),
+        match self.check(message, now, &cx.safety) {
+            Ok(()) => self.accept(message, now, cx),
             Err(rejection) => {
                 let counter = &mut self.rejected[rejection.code() as usize];
                 *counter = counter.wrapping_add(1);
@@ -26,16 +26,23 @@ impl Group {
         }
     }
 
-    /// `before` is the number of the previous cycle.
-    fn accept(&mut self, message: &SetpointMessage, now: Instant, before: u64) {
+    fn accept(&mut self, message: &SetpointMessage, now: Instant, cx: &Context) {
+        let before = cx.wake.cycle;
+        // Motors that follow nothing yet have no way to go.
+        let is_active = self.phase == Phase::Active;
+        let horizon = Duration::from_nanos(if is_active { message.horizon_ns.into() } else { 0 });
+        if !horizon.is_zero() {
+            self.begin_way(message, now);
+        }
         let Self { setpoints, owner, accepted, late, .. } = self;
+        setpoints.begin_way(cx.now, horizon);
         setpoints.answered = if message.cycle > before { 0 } else { message.cycle };
         setpoints.used = 0;
         let is_late = setpoints.answered > 0 && setpoints.answered < before;
         *late = late.wrapping_add(u32::from(is_late));
         setpoints.sent(Instant::from_nanos(message.time_ns).min(now));
-        for (kept, joint) in setpoints.joints.iter_mut().zip(&message.joints) {
-            *kept = setpoint(joint);
+        for (place, joint) in message.joints.iter().enumerate().take(self.motors.len()) {
+            setpoints.aim(place, setpoint(joint));
         }
         if let Some(owner) = owner {
             owner.sequence = message.sequence;
@@ -44,7 +51,22 @@ impl Group {
         *accepted = accepted.wrapping_add(1);
     }
 
-    fn check(&self, message: &SetpointMessage, now: Instant, timeout: Duration) -> Result<(), Rejection> {
+    /// Notes where each joint begins its way to the setpoints of `message`.
+    #[cold]
+    fn begin_way(&mut self, message: &SetpointMessage, now: Instant) {
+        let share = self.setpoints.share(now);
+        for (place, (motor, joint)) in self.motors.iter().zip(&message.joints).enumerate() {
+            let origin = motor.departure(self.setpoints.get(place, share), setpoint(joint));
+            self.setpoints.depart(place, origin);
+        }
+    }
+
+    fn check(
+        &self,
+        message: &SetpointMessage,
+        now: Instant,
+        safety: &SafetySettings,
+    ) -> Result<(), Rejection> {
         let sent = Instant::from_nanos(message.time_ns);
         let is_owner = |owner: &Owner| owner.lease.raw() == message.lease;
         let owner = self.owner.filter(is_owner).ok_or(Rejection::WrongLease)?;
@@ -57,8 +79,11 @@ impl Group {
         if sent > now + FUTURE_MAX {
             return Err(Rejection::FromFuture);
         }
-        if now.since(sent) > timeout {
+        if now.since(sent) > safety.setpoint_timeout {
             return Err(Rejection::Stale);
+        }
+        if Duration::from_nanos(message.horizon_ns.into()) > safety.setpoint_horizon_max {
+            return Err(Rejection::Horizon);
         }
         let mut joints = self.motors.iter().zip(&message.joints);
         joints.try_for_each(|(motor, joint)| match check_joint(joint, &motor.settings) {

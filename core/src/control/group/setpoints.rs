@@ -1,6 +1,16 @@
 //! The setpoints of a group, kept until newer ones arrive.
+//!
+//! ```text
+//!  setpoint                                         ┌──── target, kept until the timeout
+//!     │                                    ·  ·  ·  ·
+//!     │                          ·  ·  ·
+//!     │   applied ───────·  ·  ·
+//!     └──────────────────┬────────────────────────┬──────────────────────────────▶ time
+//!                        begun: the cycle         sent + horizon: the timeout begins
+//!                        before the message
+//! ```
 
-use crate::joint::Setpoint;
+use crate::joint::{Impedance, JointSide, Setpoint};
 use motord_bus::{Duration, Instant};
 
 /// A longer distance between two messages is a pause: the mean begins again. The longest setpoint
@@ -12,31 +22,73 @@ const PERIOD_MAX: u64 = 1_000_000_000;
 pub(super) struct Setpoints {
     /// When they were sent, or when they arrived if that was earlier. `None`: there are none.
     pub(super) at: Option<Instant>,
+    /// They are reached this long after they were sent; zero: at once.
+    pub(super) horizon: Duration,
+    /// When the cycle began to move towards them.
+    begun: Instant,
     /// The cycle whose states they answer; 0 when their owner names no past cycle.
     pub(super) answered: u64,
     /// The cycle that first used them; 0 before it.
     pub(super) used: u64,
-    pub(super) joints: Vec<Setpoint>,
+    targets: Vec<Setpoint>,
+    /// Where the cycle began to move. Used only within a horizon.
+    origins: Vec<Setpoint>,
     /// Mean time between two messages of this owner, ns; 0 before the second. The newest distance
     /// weighs 1/8.
     period: u64,
-    /// The mean time when their owner was stopped last for sending none.
-    pub(super) period_at_stop: Option<Duration>,
+    /// Mean time and horizon when their owner was stopped last for sending none.
+    pub(super) at_stop: Option<(Duration, Duration)>,
 }
 
 impl Setpoints {
     /// Creates an empty buffer for a group of `joints` joints. Allocates; nothing after it does.
     pub(super) fn new(joints: usize) -> Self {
-        let joints = vec![Setpoint::NEUTRAL; joints];
-        Self { at: None, answered: 0, used: 0, joints, period: 0, period_at_stop: None }
+        let neutral = vec![Setpoint::NEUTRAL; joints];
+        Self {
+            at: None,
+            horizon: Duration::ZERO,
+            begun: Instant::ZERO,
+            answered: 0,
+            used: 0,
+            targets: neutral.clone(),
+            origins: neutral,
+            period: 0,
+            at_stop: None,
+        }
     }
 
-    pub(super) fn get(&self, place: usize) -> Option<Setpoint> {
-        self.at.and_then(|_| self.joints.get(place)).copied()
+    /// Returns the setpoint that is reached at the end of the horizon.
+    pub(super) fn target(&self, place: usize) -> Option<Setpoint> {
+        self.at.and_then(|_| self.targets.get(place)).copied()
+    }
+
+    /// Returns the setpoint at this [`share`](Self::share) of the way.
+    #[inline]
+    pub(super) fn get(&self, place: usize, share: f32) -> Option<Setpoint> {
+        let target = self.target(place)?;
+        if share >= 1.0 { Some(target) } else { Some(between(self.origins[place], target, share)) }
+    }
+
+    /// Returns the share of the way to the targets that is over at `now`, 0 to 1.
+    #[inline]
+    pub(super) fn share(&self, now: Instant) -> f32 {
+        match self.at {
+            Some(at) if !self.horizon.is_zero() => {
+                let all = (at + self.horizon).since(self.begun);
+                let gone = now.since(self.begun);
+                if gone >= all { 1.0 } else { gone.as_secs_f32() / all.as_secs_f32() }
+            }
+            _ => 1.0,
+        }
     }
 
     pub(super) fn age(&self, now: Instant) -> Option<Duration> {
         self.at.map(|at| now.since(at))
+    }
+
+    /// Returns the time since the end of the horizon; zero within it.
+    pub(super) fn age_after_horizon(&self, now: Instant) -> Option<Duration> {
+        self.at.map(|at| now.since(at + self.horizon))
     }
 
     /// Records that the newest were sent at `sent`.
@@ -51,6 +103,22 @@ impl Setpoints {
         }
     }
 
+    /// Replaces the target at `place`.
+    #[inline]
+    pub(super) fn aim(&mut self, place: usize, target: Setpoint) {
+        self.targets[place] = target;
+    }
+
+    /// The way to the newest targets begins at `begun`, at their [origins](Self::depart).
+    pub(super) const fn begin_way(&mut self, begun: Instant, horizon: Duration) {
+        (self.begun, self.horizon) = (begun, horizon);
+    }
+
+    /// The way to the target at `place` begins at `origin`.
+    pub(super) fn depart(&mut self, place: usize, origin: Setpoint) {
+        self.origins[place] = origin;
+    }
+
     /// Returns the mean time between two messages of this owner.
     pub(super) fn period(&self) -> Option<Duration> {
         (self.period > 0).then_some(Duration::from_nanos(self.period))
@@ -58,6 +126,7 @@ impl Setpoints {
 
     pub(super) const fn forget(&mut self) {
         (self.at, self.answered, self.used, self.period) = (None, 0, 0, 0);
+        self.horizon = Duration::ZERO;
     }
 
     /// Records that the cycle with this number uses them, if there are any.
@@ -66,4 +135,20 @@ impl Setpoints {
             self.used = cycle;
         }
     }
+}
+
+/// Returns position, velocity and torque between two finite setpoints, with the gains and the mode of the second. Each
+/// value stays between the two, and does not overflow.
+#[cold]
+fn between(origin: Setpoint, target: Setpoint, share: f32) -> Setpoint {
+    let mix = |from: f32, to: f32| from * (1.0 - share) + to * share;
+    let (from, to) = (origin.values, target.values);
+    let values: Impedance<JointSide> = Impedance::new(
+        mix(from.position, to.position),
+        mix(from.velocity, to.velocity),
+        to.kp,
+        to.kd,
+        mix(from.torque, to.torque),
+    );
+    Setpoint { values, ..target }
 }

@@ -61,9 +61,10 @@ impl Group {
         match self.phase {
             Phase::Starting | Phase::Active => {
                 if !self.has_fresh_setpoints(cx) {
-                    self.setpoints.period_at_stop = self.setpoints.period();
+                    let horizon = self.setpoints.horizon;
+                    self.setpoints.at_stop = self.setpoints.period().map(|period| (period, horizon));
                     if let Some(period) = self.setpoints.period() {
-                        cx.push(Event::SetpointPeriod { group: self.index, period });
+                        cx.push(Event::SetpointPeriod { group: self.index, period, horizon });
                     }
                     self.stop(Cause::SetpointTimeout, None, cx);
                     self.disown(cx);

@@ -52,6 +52,21 @@ impl Motor {
         if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
 
+    /// Returns where its way to `target` begins, when it was told to be at `wanted`: at the command of the last cycle.
+    /// What it was told last limits its torque, which the limits may have scaled for the moment.
+    pub(in crate::control) fn departure(&self, wanted: Option<Setpoint>, target: Setpoint) -> Setpoint {
+        let applied = self.applied.setpoint;
+        let (Some(wanted), Some(measured)) = (wanted, self.measured()) else { return target };
+        if self.mode != Mode::Active || wanted.mode != target.mode || applied.mode != target.mode {
+            return target;
+        }
+        let position = if applied.pulls() { applied.values.position } else { measured.position };
+        let most = self.settings.limits.torque;
+        let torque = wanted.values.torque.clamp(-most, most);
+        let values = Impedance::new(position, applied.values.velocity, 0.0, 0.0, torque);
+        Setpoint { values, ..target }
+    }
+
     fn follow(&self, orders: &Orders, cx: &Context) -> Applied {
         let (Some(wanted), Some(measured)) = (orders.wanted, self.measured()) else {
             return self.damp(None, orders, cx);

@@ -64,8 +64,8 @@ impl Checker {
     }
 
     /// Notes a valid message of the group's owner.
-    pub fn good_setpoint(&mut self, group: usize, now: Instant) {
-        self.0.good_setpoint(group, now);
+    pub fn good_setpoint(&mut self, group: usize, end: Instant) {
+        self.0.good_setpoint(group, end);
     }
 
     /// Notes any message that names the group.

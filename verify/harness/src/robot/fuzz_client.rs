@@ -23,6 +23,12 @@ const ABSURD: [f32; 12] = [
     12.5,
 ];
 
+/// The default of `setpoint-horizon-max-ms`, ns.
+const HORIZON_MAX_NS: u32 = 40_000_000;
+
+/// The largest velocity of a setpoint that is not absurd, rad/s.
+const SLOW: f32 = 16.0;
+
 const MODES: [SetpointMode; 4] =
     [SetpointMode::Impedance, SetpointMode::Torque, SetpointMode::Speed, SetpointMode::Position];
 
@@ -36,6 +42,10 @@ pub struct FuzzClient {
     claim: u32,
     /// Remaining cycles without a message.
     silent: usize,
+    /// The horizon of the next messages, ns.
+    horizon_ns: u32,
+    /// The last message had a velocity from which a way passes [`WRONG_LEASE_VELOCITY`]: the next has no horizon.
+    passes: bool,
     /// The setpoints of the next message.
     pub setpoints: Vec<JointSetpoint>,
 }
@@ -43,7 +53,7 @@ pub struct FuzzClient {
 impl FuzzClient {
     /// A client that wants `group`.
     pub fn new(group: usize) -> Self {
-        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, setpoints: Vec::new() }
+        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, horizon_ns: 0, passes: false, setpoints: Vec::new() }
     }
 
     /// Returns whether this client owns the group in the daemon's newest state.
@@ -90,8 +100,9 @@ impl FuzzClient {
     /// Sends a valid message.
     pub fn follow(&mut self, robot: &mut Robot, checker: &mut Checker) {
         let message = self.message(robot.now());
-        checker.good_setpoint(self.group, robot.now());
+        checker.good_setpoint(self.group, end(&message, robot.now()));
         self.deliver(robot, checker, &message);
+        self.passes = false;
     }
 
     /// Sends a valid message, an invalid one, or nothing.
@@ -120,13 +131,18 @@ impl FuzzClient {
             6 => {
                 self.setpoints
                     .iter_mut()
-                    .for_each(|setpoint| setpoint.velocity = random.between(-16.0, 16.0));
+                    .for_each(|setpoint| setpoint.velocity = random.between(-SLOW, SLOW));
             }
             10 => self.change_modes(random, robot),
+            11 => self.horizon_ns = *random.pick(&[0, 0, 1, 1_000_000, 25_000_000, HORIZON_MAX_NS]),
             7..=9 => {
                 let mut message = self.message(robot.now());
-                if spoil(random, &mut message, robot.now()) {
-                    checker.good_setpoint(self.group, robot.now());
+                let is_good = spoil(random, &mut message, robot.now());
+                if message.joints.iter().any(|joint| joint.velocity > SLOW) {
+                    (self.passes, message.horizon_ns) = (true, 0);
+                }
+                if is_good {
+                    checker.good_setpoint(self.group, end(&message, robot.now()));
                 }
                 self.deliver(robot, checker, &message);
             }
@@ -146,7 +162,8 @@ impl FuzzClient {
 
     fn message(&mut self, now: Instant) -> SetpointMessage {
         self.sequence += 1;
-        message(self.lease, self.sequence, now, &self.setpoints)
+        let message = message(self.lease, self.sequence, now, &self.setpoints);
+        SetpointMessage { horizon_ns: if self.passes { 0 } else { self.horizon_ns }, ..message }
     }
 
     fn deliver(&self, robot: &mut Robot, checker: &mut Checker, message: &SetpointMessage) {
@@ -157,12 +174,18 @@ impl FuzzClient {
     }
 }
 
+/// Returns the end of the horizon of a message that is sent at `now`: the timeout begins there.
+fn end(message: &SetpointMessage, now: Instant) -> Instant {
+    now + Duration::from_nanos(message.horizon_ns.into())
+}
+
 /// Changes a message so that the daemon must reject it or limit its values. Returns whether it stays
 /// valid.
 fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
     let joint = random.below(3);
     let mut only_values = false;
-    match random.below(10) {
+    match random.below(11) {
+        10 => message.horizon_ns = *random.pick(&[HORIZON_MAX_NS + 1, u32::MAX]),
         0..=4 => {
             let setpoint = &mut message.joints[joint];
             let absurd = *random.pick(&ABSURD);
