@@ -207,7 +207,7 @@ impl Member {
                 1 => message.sequence = random.bits(),
                 2 => message.time_ns = random.bits(),
                 3 => message.joint_count = random.bits() as u32,
-                4 => message.reserved = random.bits() as u32,
+                4 => message.horizon_ns = random.bits() as u32,
                 _ => message.cycle = random.bits(),
             }
         }

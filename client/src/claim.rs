@@ -154,6 +154,22 @@ impl Claim {
         Ok(())
     }
 
+    /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly
+    /// from the present command to the setpoint within this time after it was sent, inside all limits. Zero, as at first:
+    /// at once. The setpoint timeout begins at the end of the horizon.
+    ///
+    /// For a controller slower than the cycle, such as a policy at 50 Hz: a horizon of its period and what its setpoints
+    /// may be late gives even motion. Setpoints sent while the group is not active have none.
+    ///
+    /// # Errors
+    /// [`Error::HorizonTooLong`]; the horizon stays as it was.
+    pub fn set_horizon(&mut self, horizon: Duration) -> Result<(), Error> {
+        let most = self.members.horizon_max;
+        let nanos = u32::try_from(horizon.as_nanos()).ok().filter(|_| horizon <= most);
+        self.message.horizon_ns = nanos.ok_or(Error::HorizonTooLong { horizon, most })?;
+        Ok(())
+    }
+
     /// Sends the [stored](Self::set) setpoints. Call it in every cycle of the controller, even if
     /// nothing changed: the daemon stops a group when its owner sends nothing for the setpoint
     /// timeout.

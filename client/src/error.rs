@@ -144,6 +144,17 @@ pub enum Error {
         /// The reason for the rejection.
         rejection: Rejection,
     },
+    /// The daemon would reject setpoints with this horizon.
+    #[error(
+        "a horizon of {} ms is longer than setpoint-horizon-max-ms of the configuration permits: {}",
+        horizon.as_secs_f64() * 1e3, most.as_secs_f64() * 1e3
+    )]
+    HorizonTooLong {
+        /// The horizon.
+        horizon: Duration,
+        /// The longest one.
+        most: Duration,
+    },
     /// The motor has not reported its position since it came online.
     #[error("joint {joint} has not reported its position: check that its motor has power")]
     NotHeard {
@@ -259,6 +270,7 @@ impl Error {
             Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
+            | Self::HorizonTooLong { .. }
             | Self::OtherClaim => 64,
             Self::Instance(error) if error.is_a_setting() => 64,
             Self::Permission { .. }
@@ -300,6 +312,7 @@ impl Error {
             | Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
+            | Self::HorizonTooLong { .. }
             | Self::OtherClaim
             | Self::NotUnderstood { .. } => false,
         }

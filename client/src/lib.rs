@@ -86,7 +86,8 @@
 //!
 //! The newest setpoint holds until the daemon's setpoint timeout
 //! (`description().setpoint_timeout`). Then the daemon damps and stops the group, until a reset.
-//! [`Group::setpoint_age`] is the age of the setpoint in use.
+//! [`Group::setpoint_age`] is the age of the setpoint in use. A slow controller may have the daemon
+//! move to its setpoints: [`Claim::set_horizon`].
 //!
 //! # Ends and errors
 //!

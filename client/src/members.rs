@@ -3,6 +3,7 @@
 use crate::{Error, Setpoint};
 use motord_shared::Lease;
 use motord_shared::description::{JointLimits, RobotDescription};
+use std::time::Duration;
 
 /// The index of a joint in its claim's group, for repeated use: `claim.slot("fl-knee")?`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +60,7 @@ pub struct Members {
     pub(crate) joints: Vec<usize>,
     pub(crate) names: Vec<String>,
     pub(crate) limits: Vec<JointLimits>,
+    pub(crate) horizon_max: Duration,
 }
 
 impl Members {
@@ -75,6 +77,7 @@ impl Members {
             joints: group.joints.clone(),
             names: joints().map(|joint| joint.name.clone()).collect(),
             limits: joints().map(|joint| joint.limits).collect(),
+            horizon_max: robot.setpoint_horizon_max,
         }
     }
 

@@ -51,6 +51,8 @@ pub(crate) struct GroupReport {
     /// Mean time between two setpoint messages of the owner, or of the one that was stopped for `setpoint-timeout`; `null`
     /// when not known.
     pub(crate) setpoint_period_us: Option<f64>,
+    /// Horizon of the setpoint in use; `null` without one.
+    pub(crate) setpoint_horizon_us: Option<f64>,
     /// The period is more than half the timeout: the remedy.
     #[serde(skip)]
     pub(crate) slow_owner: Option<String>,
@@ -331,9 +333,9 @@ impl StopReport {
         let is_of_bus = matches!(group.cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
         let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
         if group.cause == Some(Cause::SetpointTimeout)
-            && let Some(remedy) = group.setpoint_period.and_then(|period| {
-                robot.slow_owner(period, group.setpoint_horizon.unwrap_or_default())
-            })
+            && let Some(remedy) = group
+                .setpoint_period
+                .and_then(|period| robot.slow_owner(period, group.setpoint_horizon.unwrap_or_default()))
         {
             steps.remedy = remedy.into();
         }

@@ -63,7 +63,7 @@ pub fn slow_owner(period: Duration, timeout: Duration, horizon: Duration) -> Opt
     let enough = (3.0 * every - after).ceil().min(1000.0);
     (period > (timeout + horizon) / 2).then(|| {
         format!(
-            "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, or send more often"
+            "Setpoints come every {every:.1} ms; setpoint-timeout-ms is {limit}: raise it in [safety] to {enough}, send with a horizon, or send more often"
         )
     })
 }

@@ -497,7 +497,7 @@ mod tests {
                 time_ns: 8,
                 cycle: 9,
                 joint_count,
-                reserved: 10,
+                horizon_ns: 10,
                 joints: [setpoint; JOINTS_MAX],
             };
             copy.copy_from(&original);

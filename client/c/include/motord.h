@@ -57,7 +57,7 @@ typedef enum motord_status {
    */
   MOTORD_STATUS_BAD_ARGUMENT = 8,
   /**
-   * A value is not finite, or a gain is negative.
+   * A value is not finite, a gain is negative, or a horizon is longer than the configuration permits.
    */
   MOTORD_STATUS_BAD_SETPOINT = 9,
   /**
@@ -384,6 +384,18 @@ enum motord_status motord_hold(struct motord_claim *claim,
                                struct motord_state *state,
                                double kp,
                                double kd);
+
+/**
+ * Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly from the
+ * present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, as at first: at once. The setpoint
+ * timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
+ * than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
+ *
+ * # Safety
+ * `claim` is a claim.
+ */
+enum motord_status motord_set_horizon(struct motord_claim *claim,
+                                      uint64_t horizon_ns);
 
 /**
  * Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed.

@@ -240,6 +240,13 @@ public:
     /// Stores the setpoints that hold the positions in `state`. Send them with `commit`.
     void hold(const State &state, double kp, double kd) { detail::check(motord_hold(get(), state.get(), kp, kd)); }
 
+    /// Sets the horizon of the setpoints that are sent from now on: the daemon moves to each within this time after it was sent.
+    /// For a controller slower than the cycle. At most `setpoint-horizon-max-ms` of the configuration; zero: at once.
+    void set_horizon(Nanoseconds horizon) { detail::check(try_set_horizon(horizon)); }
+    motord_status try_set_horizon(Nanoseconds horizon) noexcept {
+        return motord_set_horizon(get(), detail::nanoseconds(horizon));
+    }
+
     /// Sends the stored setpoints again.
     void commit() { detail::check(try_commit()); }
     motord_status try_commit() noexcept { return motord_commit(get()); }

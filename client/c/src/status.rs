@@ -26,7 +26,7 @@ pub enum Status {
     Unknown = 7,
     /// An argument is a null pointer, a freed handle, a wrong number of values, or no text in UTF-8.
     BadArgument = 8,
-    /// A value is not finite, or a gain is negative.
+    /// A value is not finite, a gain is negative, or a horizon is longer than the configuration permits.
     BadSetpoint = 9,
     /// A motor has not reported its position.
     NotHeard = 10,
@@ -80,7 +80,9 @@ impl Status {
             Error::UnknownGroup { .. } | Error::UnknownJoint { .. } | Error::UnknownImu { .. } => {
                 Self::Unknown
             }
-            Error::BadSetpoint { .. } | Error::BadSample { .. } => Self::BadSetpoint,
+            Error::BadSetpoint { .. } | Error::BadSample { .. } | Error::HorizonTooLong { .. } => {
+                Self::BadSetpoint
+            }
             Error::NotHeard { .. } => Self::NotHeard,
             Error::Permission { .. } => Self::Permission,
             Error::Version { .. } | Error::NotUnderstood { .. } => Self::Version,

@@ -96,8 +96,10 @@ impl Claim {
         py.detach(|| claim.release()).map_err(|error| raised(&error))
     }
 
-    /// Sends a setpoint for each joint. Each argument is a number for all of them, or an array in the order of the claim.
-    #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None))]
+    /// Sends a setpoint for each joint. Each argument is a number for all of them, or an array in the order of the claim. The
+    /// daemon moves to the setpoints within `horizon`, s.
+    #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None, horizon = 0.0))]
+    #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
         &mut self,
         q: Option<&Bound<'_, PyAny>>,
@@ -105,8 +107,10 @@ impl Claim {
         kp: Option<&Bound<'_, PyAny>>,
         kd: Option<&Bound<'_, PyAny>>,
         tau: Option<&Bound<'_, PyAny>>,
+        horizon: f64,
     ) -> PyResult<()> {
         let count = self.order.joints.len();
+        let horizon = duration("horizon", horizon)?;
         if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
             return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
         }
@@ -119,7 +123,7 @@ impl Claim {
         let claim = self.claim.as_mut();
         let claim =
             claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
-        claim.send(&setpoints[..count]).map_err(|error| raised(&error))
+        claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])).map_err(|error| raised(&error))
     }
 
     /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Raises `Stopped` when the group is stopped.

@@ -44,6 +44,7 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         | ClientError::SetpointCount { .. }
         | ClientError::NotSet { .. }
         | ClientError::BadSetpoint { .. }
+        | ClientError::HorizonTooLong { .. }
         | ClientError::BadSample { .. } => PyErr::new::<PyValueError, _>(text),
         _ => PyErr::new::<Error, _>(text),
     }

@@ -145,6 +145,7 @@ impl FakeDaemon {
             pid: NO_PROCESS,
             boot_id: self.boot_id,
             rate_hz: self.rate_hz,
+            setpoint_horizon_max: Duration::from_millis(40),
             joints: vec![joint("hip"), joint("knee")],
             groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
             ..RobotDescription::default()

@@ -5,6 +5,7 @@ use super::{PATIENCE, connect, place, until};
 use motord_client::{Client, Error, JointLimits, Rejection, Setpoint, State};
 use motord_shared::JointSetpoint;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 #[test]
 fn setpoints_arrive_whole_with_rising_sequence() {
@@ -152,4 +153,22 @@ fn group_holds_without_its_absent_excluded_joint() {
     claim.hold(&state, 5.0, 0.5).unwrap();
     claim.commit().unwrap();
     assert_eq!(last_of(&daemon, 1).map(|joint| (joint.position, joint.kp)), [(0.5, 5.0), (0.0, 0.0)]);
+}
+
+#[test]
+fn horizon_is_sent_or_refused_by_the_client() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    let most = client.description().setpoint_horizon_max;
+    claim.set_horizon(most).unwrap();
+    let refused = claim.set_horizon(most + Duration::from_nanos(1)).unwrap_err();
+    assert!(refused.to_string().contains("setpoint-horizon-max-ms"), "{refused}");
+    claim.send(&[Setpoint::torque(1.0); 2]).unwrap();
+    let sent = || daemon.setpoints().last().map(|last| last.horizon_ns);
+    assert_eq!(until("the setpoint", sent), 40_000_000, "a refusal changes nothing");
+    claim.set_horizon(Duration::ZERO).unwrap();
+    claim.commit().unwrap();
+    until("no horizon", || sent().filter(|horizon| *horizon == 0));
 }

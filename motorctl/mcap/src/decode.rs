@@ -121,6 +121,7 @@ pub(crate) fn group(group: &motord::Group, robot: &RobotDescription) -> GroupSta
         cause_pid: group.cause_pid,
         accepted: group.accepted,
         late: group.late,
+        setpoint_horizon_ns: u32::try_from(group.setpoint_horizon_ns).unwrap_or(u32::MAX),
         ..GroupState::default()
     };
     for (place, count) in state.rejected.iter_mut().zip(&group.rejected) {

@@ -118,6 +118,7 @@ pub(crate) fn group(cycle: u64, group: &GroupState, robot: &RobotDescription) ->
         accepted: group.accepted,
         late: group.late,
         rejected: group.rejected.to_vec(),
+        setpoint_horizon_ns: group.setpoint_horizon_ns.into(),
     }
 }
 

@@ -69,7 +69,7 @@ fn record(cycle: u64) -> CycleRecord {
     (group.lease, group.sequence, group.setpoint_age_ns) = (1 << 32 | 1, cycle, 800_000);
     (group.answered_cycle, group.used_cycle, group.phase) = (cycle, cycle, Phase::Active.code());
     (group.cause, group.cause_joint, group.cause_pid) = (Cause::MotorFault.code(), 1, 4711);
-    (group.accepted, group.late) = (8, 1);
+    (group.accepted, group.late, group.setpoint_horizon_ns) = (8, 1, 25_000_000);
     group.rejected[2] = 3;
     let bus = &mut state.buses[0];
     (bus.condition, bus.sent, bus.received, bus.errors) = (BusCondition::Active.code(), 24, 23, 1);

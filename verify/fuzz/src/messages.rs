@@ -68,7 +68,7 @@ fn setpoint(input: &mut Input<'_>, good: SetpointMessage) -> SetpointMessage {
         time_ns: field(2, good.time_ns),
         cycle: field(3, good.cycle),
         joint_count: field(4, good.joint_count.into()) as u32,
-        reserved: field(5, 0) as u32,
+        horizon_ns: field(5, good.horizon_ns.into()) as u32,
         joints: good.joints,
     };
     if spoiled >> 6 & 1 == 1 {
@@ -181,6 +181,7 @@ fn group_state(input: &mut Input<'_>) -> GroupState {
         lease: input.any(),
         sequence: input.any(),
         setpoint_age_ns: input.any(),
+        setpoint_horizon_ns: input.any(),
         answered_cycle: input.any(),
         used_cycle: input.any(),
         phase: input.any(),

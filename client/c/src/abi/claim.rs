@@ -103,6 +103,21 @@ pub unsafe extern "C" fn motord_hold(
     })
 }
 
+/// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly from the
+/// present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, as at first: at once. The setpoint
+/// timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
+/// than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
+///
+/// # Safety
+/// `claim` is a claim.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_set_horizon(claim: *mut ClaimHandle, horizon_ns: u64) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        unsafe { borrow(claim) }?.with(|claim| Ok(claim.set_horizon(Duration::from_nanos(horizon_ns))?))
+    })
+}
+
 /// Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed.
 ///
 /// # Safety

@@ -165,11 +165,16 @@ class Claim:
         kp: _Values | None = None,
         kd: _Values | None = None,
         tau: _Values | None = None,
+        horizon: float = 0.0,
     ) -> None:
         """Sends a setpoint for each joint: rad, rad/s, N·m/rad, N·m·s/rad, N·m.
 
         Each argument is a number for all joints, or an array in the order of the claim; the default is 0. The motor's
         torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does not wait. Call it in every cycle.
+
+        With a horizon, s, the daemon moves q, dq and tau linearly from the present command to these within that time after
+        they were sent; the setpoint timeout begins at its end. For a controller slower than the cycle: a horizon of its
+        period and what it may be late. ValueError when it is longer than setpoint-horizon-max-ms of the configuration.
         """
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Cycles:
         """Waits for the cycles that are due at hz, or for all, and yields their states.

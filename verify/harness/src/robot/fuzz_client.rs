@@ -53,7 +53,16 @@ pub struct FuzzClient {
 impl FuzzClient {
     /// A client that wants `group`.
     pub fn new(group: usize) -> Self {
-        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, horizon_ns: 0, passes: false, setpoints: Vec::new() }
+        Self {
+            group,
+            lease: 0,
+            sequence: 0,
+            claim: 0,
+            silent: 0,
+            horizon_ns: 0,
+            passes: false,
+            setpoints: Vec::new(),
+        }
     }
 
     /// Returns whether this client owns the group in the daemon's newest state.
