@@ -52,8 +52,8 @@ impl Motor {
         if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
 
-    /// Returns where its way to `target` begins, when it was told to be at `wanted`: at the command of the last cycle.
-    /// What it was told last limits its torque, which the limits may have scaled for the moment.
+    /// Returns where its way to `target` begins, if its setpoint was `wanted`: at the command of the last cycle, but with the
+    /// torque of `wanted`, since the limits may have scaled that of the command for the moment.
     pub(in crate::control) fn departure(&self, wanted: Option<Setpoint>, target: Setpoint) -> Setpoint {
         let applied = self.applied.setpoint;
         let (Some(wanted), Some(measured)) = (wanted, self.measured()) else { return target };
