@@ -3,6 +3,7 @@
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::{PyList, PyMapping};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -23,6 +24,27 @@ pub(crate) fn values(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize)
             Err(PyValueError::new_err(format!("{name}[{at}] is {}: give {expected}", values[at])))
         }
     }
+}
+
+/// Reads the position of each joint: a number, an array, or a mapping that names each joint.
+pub(crate) fn pose(value: &Bound<'_, PyAny>, names: &[String]) -> PyResult<Values> {
+    let Ok(mapping) = value.cast::<PyMapping>().cloned() else {
+        return values("pose", Some(value), names.len());
+    };
+    if let Some(other) = mapping.keys()?.iter().map(|key| key.to_string()).find(|key| !names.contains(key)) {
+        return Err(PyValueError::new_err(format!("pose has {other:?}; there are {}", names.join(", "))));
+    }
+    let mut listed = Vec::new();
+    for name in names {
+        let lacks = || PyValueError::new_err(format!("pose lacks {name}: give a position for each joint"));
+        let position = mapping.get_item(name).map_err(|_| lacks())?;
+        listed.push(
+            position
+                .extract::<f64>()
+                .map_err(|_| PyValueError::new_err(format!("pose[{name:?}] is no number")))?,
+        );
+    }
+    values("pose", Some(&PyList::new(value.py(), listed)?.into_any()), names.len())
 }
 
 /// Nothing is 0, a number is that of every joint, an array has one for each.

@@ -1,7 +1,9 @@
 //! The ownership of a group, and its loop.
 
-use crate::arrays::{JOINTS_MAX, duration, values};
+use crate::arrays::{JOINTS_MAX, Values, duration, pose, values};
 use crate::errors::raised;
+use crate::interpreter::without_lock;
+use crate::motion::Motion;
 use crate::state::{Order, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
@@ -21,23 +23,66 @@ pub(crate) struct Claim {
     /// `None` once it is released.
     claim: Option<ClientClaim>,
     order: Arc<Order>,
+    /// The place in the claim of each entry of `order`.
+    places: Vec<usize>,
     group: String,
+    /// Stiffness and damping of the last `enable`.
+    hold: (f64, f64),
+}
+
+/// Stiffness, N·m/rad, and damping, N·m·s/rad, of a group that is enabled without others.
+const HOLD: (f64, f64) = (20.0, 0.5);
+
+/// Returns the place in the group of each of `names`, which must be all of `known`.
+fn places(group: &str, known: &[&str], names: &[String]) -> PyResult<Vec<usize>> {
+    let bad = |text: String| Err(PyValueError::new_err(format!("{text}; {group} has {}", known.join(", "))));
+    let mut places = Vec::new();
+    for name in names {
+        match known.iter().position(|other| other == name) {
+            None => return bad(format!("there is no joint {name:?}")),
+            Some(place) if places.contains(&place) => return bad(format!("names has {name} twice")),
+            Some(place) => places.push(place),
+        }
+    }
+    match known.iter().enumerate().find(|(place, _)| !places.contains(place)) {
+        Some((_, name)) => bad(format!("names lacks {name}: name each joint of the group")),
+        None => Ok(places),
+    }
 }
 
 impl Claim {
-    pub(crate) fn new(client: Arc<Client>, claim: ClientClaim) -> Self {
+    /// Wraps a claim, with its joints in the order of `names`.
+    pub(crate) fn new(client: Arc<Client>, claim: ClientClaim, names: Option<Vec<String>>) -> PyResult<Self> {
+        let known: Vec<_> = claim.names().collect();
+        let places = match &names {
+            None => (0..known.len()).collect(),
+            Some(names) => places(claim.group(), &known, names)?,
+        };
         let order = Order {
-            joints: claim.joints().to_vec(),
-            names: claim.names().map(str::to_owned).collect(),
+            joints: places.iter().map(|place| claim.joints()[*place]).collect(),
+            names: places.iter().map(|place| known[*place].to_owned()).collect(),
             imus: client.description().imus.iter().map(|imu| imu.name.clone()).collect(),
             group: Some(claim.index()),
         };
         let group = claim.group().to_owned();
-        Self { client, claim: Some(claim), order: Arc::new(order), group }
+        Ok(Self { client, claim: Some(claim), order: Arc::new(order), places, group, hold: HOLD })
+    }
+
+    /// Reads stiffness and damping; those of the last `enable` where none is given.
+    fn gains(
+        &self,
+        kp: Option<&Bound<'_, PyAny>>,
+        kd: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<(Values, Values)> {
+        let or = |name, given: Option<&Bound<'_, PyAny>>, usual: f64| match given {
+            Some(given) => values(name, Some(given), self.order.joints.len()),
+            None => Ok([usual as f32; JOINTS_MAX]),
+        };
+        Ok((or("kp", kp, self.hold.0)?, or("kd", kd, self.hold.1)?))
     }
 
     /// Calls the daemon without the interpreter's lock.
-    fn call<T: Send>(
+    pub(crate) fn call<T: Send>(
         &mut self,
         py: Python<'_>,
         call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
@@ -47,7 +92,7 @@ impl Claim {
         let claim =
             claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
         let client = &self.client;
-        py.detach(|| call(client, claim)).map_err(|error| raised(&error))
+        without_lock(py, || call(client, claim))?.map_err(|error| raised(&error))
     }
 }
 
@@ -68,8 +113,9 @@ impl Claim {
     }
 
     /// Starts the motors where they are, with the stiffness and damping of `hold`, and waits until they follow.
-    #[pyo3(signature = (hold = (20.0, 0.5)))]
+    #[pyo3(signature = (hold = HOLD))]
     fn enable(&mut self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
+        self.hold = hold;
         let (kp, kd) = (hold.0 as f32, hold.1 as f32);
         self.call(py, |client, claim| {
             claim.wait_for(Phase::Disarmed, CHANGE)?;
@@ -117,13 +163,43 @@ impl Claim {
         let [q, dq, kp, kd, tau] = [("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)]
             .map(|(name, value)| values(name, value, count));
         let (q, dq, kp, kd, tau) = (q?, dq?, kp?, kd?, tau?);
-        let setpoint = |at: usize| Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
-        let setpoints: [Setpoint; JOINTS_MAX] = core::array::from_fn(setpoint);
+        let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
+        for (at, place) in self.places.iter().enumerate() {
+            setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
+        }
         let group = &self.group;
         let claim = self.claim.as_mut();
         let claim =
             claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
         claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])).map_err(|error| raised(&error))
+    }
+
+    /// Moves the joints to a pose, smoothly, within their limits of position and velocity. Returns when the pose is sent.
+    #[pyo3(signature = (pose, seconds, *, kp = None, kd = None))]
+    fn move_to(
+        &mut self,
+        py: Python<'_>,
+        pose: &Bound<'_, PyAny>,
+        seconds: f64,
+        kp: Option<&Bound<'_, PyAny>>,
+        kd: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let seconds = duration("seconds", seconds)?.as_secs_f64();
+        let goals = self::pose(pose, &self.order.names)?;
+        let (kp, kd) = self.gains(kp, kd)?;
+        let mut of_place = [[0.0; 3]; JOINTS_MAX];
+        for (at, place) in self.places.iter().enumerate() {
+            of_place[*place] = [goals[at], kp[at], kd[at]];
+        }
+        let motion = self.call(py, |client, claim| {
+            let state = client.wait(PATIENCE)?;
+            Motion::plan(claim, &state, |place| of_place[place], seconds)
+        })?;
+        let motion = motion.map_err(PyValueError::new_err)?;
+        while !self.call(py, |client, claim| motion.advance(client, claim))? {
+            py.check_signals()?;
+        }
+        Ok(())
     }
 
     /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Raises `Stopped` when the group is stopped.

@@ -3,19 +3,27 @@
 //! - `robot`: a connection.
 //! - `claim`: the ownership of a group, and its loop.
 //! - `state`: a cycle, as numpy arrays.
+//! - `motion`: a smooth motion to a pose.
 //! - `arrays`: values of a caller, one for each joint.
 //! - `errors`: the exceptions.
+//! - `interpreter`: waiting without the interpreter's lock, and the warning when that does not help.
+//! - `bench`: the loop of the benchmark without Python.
 //!
 //! Waiting releases the interpreter's lock. Sending does not: it takes microseconds.
 
 mod arrays;
+mod bench;
 mod claim;
 mod errors;
+mod interpreter;
+mod motion;
 mod robot;
 mod state;
 
 #[pyo3::pymodule]
 mod _motord {
+    #[pymodule_export]
+    use crate::bench::measure;
     #[pymodule_export]
     use crate::claim::{Claim, Cycles};
     #[pymodule_export]
@@ -23,5 +31,5 @@ mod _motord {
     #[pymodule_export]
     use crate::robot::{ImuPublisher, Robot, connect, estop};
     #[pymodule_export]
-    use crate::state::{Imu, State};
+    use crate::state::{Imu, Imus, State};
 }

@@ -3,6 +3,7 @@
 use crate::arrays::duration;
 use crate::claim::Claim;
 use crate::errors::raised;
+use crate::interpreter::{probe, without_lock};
 use crate::state::{Order, State};
 use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop};
 use pyo3::exceptions::PyValueError;
@@ -20,10 +21,11 @@ pub(crate) struct Robot {
 #[pyfunction]
 #[pyo3(signature = (instance = "robot", *, runtime = None))]
 pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) -> PyResult<Robot> {
-    let client = py.detach(|| match &runtime {
+    probe(py, 3)?;
+    let client = without_lock(py, || match &runtime {
         Some(runtime) => Client::connect_in(runtime, instance),
         None => Client::connect(instance),
-    });
+    })?;
     Ok(Robot { client: Arc::new(client.map_err(|error| raised(&error))?) })
 }
 
@@ -31,18 +33,28 @@ pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) 
 #[pyfunction]
 #[pyo3(signature = (instance = "robot"))]
 pub(crate) fn estop(py: Python<'_>, instance: &str) -> PyResult<()> {
-    py.detach(|| emergency_stop(instance)).map_err(|error| raised(&error))
+    without_lock(py, || emergency_stop(instance))?.map_err(|error| raised(&error))
+}
+
+/// Converts a value to dictionaries and lists.
+fn parsed<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    py.import("json")?.call_method1("loads", (text,))
 }
 
 impl Robot {
-    fn order(&self) -> Arc<Order> {
+    /// The joints of `names`; all joints of the robot without names.
+    fn order(&self, names: Option<Vec<String>>) -> PyResult<Arc<Order>> {
         let robot = self.client.description();
-        Arc::new(Order {
-            joints: (0..robot.joints.len()).collect(),
-            names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
+        let all = || robot.joints.iter().map(|joint| joint.name.clone()).collect();
+        let names: Vec<String> = names.unwrap_or_else(all);
+        let index = |name: &String| self.client.joint_named(name).map_err(|error| raised(&error));
+        Ok(Arc::new(Order {
+            joints: names.iter().map(index).collect::<PyResult<_>>()?,
+            names,
             imus: robot.imus.iter().map(|imu| imu.name.clone()).collect(),
             group: None,
-        })
+        }))
     }
 
     /// Calls the daemon without the interpreter's lock.
@@ -52,7 +64,7 @@ impl Robot {
         call: impl Send + FnOnce(&Client) -> Result<T, motord_client::Error>,
     ) -> PyResult<T> {
         let client = &self.client;
-        py.detach(|| call(client)).map_err(|error| raised(&error))
+        without_lock(py, || call(client))?.map_err(|error| raised(&error))
     }
 }
 
@@ -83,17 +95,30 @@ impl Robot {
         self.client.description().imus.iter().map(|imu| imu.name.clone()).collect()
     }
 
-    /// Sleeps until a new state arrives, with all joints of the robot.
-    #[pyo3(signature = (timeout = 1.0))]
-    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
-        let timeout = duration("timeout", timeout)?;
-        let state = self.call(py, |client| client.wait(timeout))?;
-        Ok(State { state, order: self.order() })
+    /// Longest time between two setpoints of a group, s.
+    #[getter]
+    fn setpoint_timeout(&self) -> f64 {
+        self.client.description().setpoint_timeout.as_secs_f64()
     }
 
-    fn claim(&self, py: Python<'_>, group: &str) -> PyResult<Claim> {
+    /// Joints, limits, groups, IMUs and buses.
+    #[getter]
+    fn description<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        parsed(py, &*self.client.description())
+    }
+
+    /// Sleeps until a new state arrives, with all joints of the robot, or those of `names`.
+    #[pyo3(signature = (timeout = 1.0, *, names = None))]
+    fn wait(&self, py: Python<'_>, timeout: f64, names: Option<Vec<String>>) -> PyResult<State> {
+        let timeout = duration("timeout", timeout)?;
+        let state = self.call(py, |client| client.wait(timeout))?;
+        Ok(State { state, order: self.order(names)? })
+    }
+
+    #[pyo3(signature = (group, *, names = None))]
+    fn claim(&self, py: Python<'_>, group: &str, names: Option<Vec<String>>) -> PyResult<Claim> {
         let claim = self.call(py, |client| client.claim(group))?;
-        Ok(Claim::new(Arc::clone(&self.client), claim))
+        Claim::new(Arc::clone(&self.client), claim, names)
     }
 
     /// Damps and stops every motor. No exception means confirmed.
@@ -111,10 +136,7 @@ impl Robot {
 
     /// Counters and latencies, as `motorctl latency --json`.
     fn telemetry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let telemetry = self.call(py, Client::telemetry)?;
-        let text =
-            serde_json::to_string(&telemetry).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        py.import("json")?.call_method1("loads", (text,))
+        parsed(py, &self.call(py, Client::telemetry)?)
     }
 
     fn publish_imu(&self, py: Python<'_>, name: &str) -> PyResult<ImuPublisher> {

@@ -1,6 +1,6 @@
 //! The state of a cycle, as numpy arrays in the order of a claim or of the robot.
 
-use motord_client::{Imu as ClientImu, Joint, State as ClientState};
+use motord_client::{Group, Imu as ClientImu, Joint, State as ClientState};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -36,6 +36,15 @@ fn read_only<'py>(py: Python<'py>, values: impl Iterator<Item = f64>) -> Array<'
 }
 
 impl State {
+    fn group(&self) -> Option<Group> {
+        self.state.group(self.order.group?)
+    }
+
+    /// Now, ns of `CLOCK_MONOTONIC`, by the age of this state.
+    fn now_ns(&self) -> u64 {
+        self.state.publish_ns().saturating_add(self.state.age().as_nanos() as u64)
+    }
+
     fn joints(&self) -> impl Iterator<Item = Option<Joint>> + '_ {
         self.order.joints.iter().map(|index| self.state.joint(*index))
     }
@@ -105,6 +114,35 @@ impl State {
         Ok(applied)
     }
 
+    #[getter]
+    fn faults(&self) -> Vec<Vec<&'static str>> {
+        let names = |joint: Joint| joint.faults.iter().map(|fault| fault.name()).collect();
+        self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
+    }
+
+    /// Times since the motors answered, s; NaN before their first answer.
+    #[getter]
+    fn joint_age<'py>(&self, py: Python<'py>) -> Array<'py> {
+        let now = self.now_ns();
+        let age = |joint: Option<Joint>| match joint.map_or(0, |joint| joint.receive_ns) {
+            0 => f64::NAN,
+            received => now.saturating_sub(received) as f64 * 1e-9,
+        };
+        read_only(py, self.joints().map(age))
+    }
+
+    /// Number of the setpoint in use; 0 for none, and for the whole robot.
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.group().map_or(0, |group| group.sequence)
+    }
+
+    /// Cycles from the states that the setpoint in use answers to its first use.
+    #[getter]
+    fn control_cycles(&self) -> Option<u64> {
+        self.group()?.control_cycles
+    }
+
     /// Time since the states were complete, s.
     #[getter]
     fn age(&self) -> f64 {
@@ -130,26 +168,55 @@ impl State {
     /// The phase of the group; `None` for the whole robot.
     #[getter]
     fn phase(&self) -> Option<&'static str> {
-        self.state.group(self.order.group?)?.phase.map(|phase| phase.name())
+        self.group()?.phase.map(|phase| phase.name())
     }
 
     /// The latched cause of the group's stop; `None` without a stop.
     #[getter]
     fn stop(&self) -> Option<&'static str> {
-        self.state.group(self.order.group?)?.cause.map(|cause| cause.name())
+        self.group()?.cause.map(|cause| cause.name())
     }
 
-    /// The IMU with this name.
-    fn imu(&self, name: &str) -> PyResult<Imu> {
-        let index = self.order.imus.iter().position(|imu| imu == name);
-        let imu = index.and_then(|index| self.state.imu(index));
-        imu.map(Imu).ok_or_else(|| {
-            PyKeyError::new_err(format!("there is no IMU {name:?}; there are {}", self.order.imus.join(", ")))
-        })
+    /// The IMUs, by name.
+    #[getter]
+    fn imu(&self) -> Imus {
+        Imus { state: self.state.clone(), order: Arc::clone(&self.order) }
     }
 
     fn __repr__(&self) -> String {
         format!("<motord.State of cycle {}: {} joints>", self.state.cycle(), self.order.joints.len())
+    }
+}
+
+/// The IMUs after a cycle, by name.
+#[pyclass(frozen, mapping, module = "motord")]
+pub(crate) struct Imus {
+    state: ClientState,
+    order: Arc<Order>,
+}
+
+#[pymethods]
+impl Imus {
+    fn __getitem__(&self, name: &str) -> PyResult<Imu> {
+        let index = self.order.imus.iter().position(|imu| imu == name);
+        let imu = index.and_then(|index| self.state.imu(index));
+        imu.map(Imu).ok_or_else(|| {
+            let known =
+                if self.order.imus.is_empty() { "none".to_owned() } else { self.order.imus.join(", ") };
+            PyKeyError::new_err(format!("there is no IMU {name:?}; there are {known}"))
+        })
+    }
+
+    fn __len__(&self) -> usize {
+        self.order.imus.len()
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.keys().into_pyobject(py)?.call_method0("__iter__")
+    }
+
+    fn keys(&self) -> Vec<String> {
+        self.order.imus.clone()
     }
 }
 

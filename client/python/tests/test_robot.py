@@ -1,22 +1,14 @@
-"""The package against a running daemon: MOTORD_RUNTIME_DIR has the instance demo, twelve simulated motors."""
+"""The package against a running daemon with twelve simulated motors."""
 
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 import motord
-
-
-@pytest.fixture
-def robot() -> Iterator[motord.Robot]:
-    robot = motord.connect("demo")
-    yield robot
-    robot.reset("legs")
+from conftest import Daemon
 
 
 def phase(robot: motord.Robot) -> str | None:
@@ -30,11 +22,11 @@ def test_states_are_read_only_arrays(robot: motord.Robot) -> None:
     with pytest.raises(ValueError):
         state.q[0] = 1.0
     assert set(state.applied) == {"q", "dq", "kp", "kd", "tau"}
-    base = state.imu("base")
+    base = state.imu["base"]
     assert not base.lost and abs(np.linalg.norm(base.orientation) - 1.0) < 1e-6
     assert base.projected_gravity[2] < -0.9 and base.acceleration[2] > 9.0
     with pytest.raises(KeyError, match="base"):
-        state.imu("head")
+        state.imu["head"]
 
 
 def test_joints_follow_setpoints(robot: motord.Robot) -> None:
@@ -81,19 +73,6 @@ def test_exception_stops_and_releases_group(robot: motord.Robot) -> None:
     assert phase(robot) == "disarmed"
 
 
-def test_stop_from_another_thread_is_not_delayed(robot: motord.Robot) -> None:
-    """The loop waits for 30 s in the daemon's next state; the stop of a second thread comes first."""
-    with robot.claim("legs") as legs:
-        legs.enable()
-        stopper = threading.Timer(0.2, robot.estop)
-        stopper.start()
-        with pytest.raises(motord.Stopped) as stopped:
-            for state in legs.cycles(timeout=30.0):
-                legs.send(q=state.q, kp=20.0, kd=0.5)
-        stopper.join()
-        assert stopped.value.cause == "emergency-stop"
-
-
 def test_errors_are_classes_with_attributes(robot: motord.Robot) -> None:
     with pytest.raises(motord.NotRunning, match="start it with `motord run`"):
         motord.connect("nobody")
@@ -106,24 +85,124 @@ def test_errors_are_classes_with_attributes(robot: motord.Robot) -> None:
         robot.publish_imu("base")
 
 
-def test_killed_controller_is_damped(robot: motord.Robot) -> None:
-    script = (
-        "import motord\n"
-        "with motord.connect('demo').claim('legs') as legs:\n"
-        "    legs.enable()\n"
-        "    print('active', flush=True)\n"
-        "    for state in legs.cycles():\n"
-        "        legs.send(q=state.q, kp=20.0, kd=0.5)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as controller:
-        assert controller.stdout and controller.stdout.readline() == "active\n"
-        controller.kill()
-    found: tuple[str | None, str | None] = (None, None)
-    for _ in range(600):
-        with robot.claim("legs") as legs:
-            state = legs.wait()
-        found = (state.stop, state.phase)
-        if found == ("owner-died", "disarmed"):
-            return
-        time.sleep(0.05)
-    raise AssertionError(found)
+def test_arrays_follow_order_of_names(robot: motord.Robot) -> None:
+    names = robot.joints[::-1]
+    with robot.claim("legs", names=names) as legs:
+        assert legs.names == names
+        legs.enable(hold=(40.0, 1.0))
+        first = legs.wait()
+        assert first.names == names and first.sequence > 0
+        goal = first.q.copy()
+        goal[names.index("fl-knee")] += 0.1
+        legs.move_to(goal, 0.5)
+        knee = robot.wait(names=["fl-knee"])
+        assert knee.q.shape == (1,) and abs(knee.q[0] - goal[names.index("fl-knee")]) < 0.02
+        assert np.abs(legs.wait().q - goal).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (lambda names: names[1:], "names lacks fl-hip"),
+        (lambda names: [*names[1:], "tail"], 'there is no joint "tail"; legs has fl-hip'),
+        (lambda names: [*names, names[0]], "names has fl-hip twice"),
+    ],
+)
+def test_bad_orders_name_joint(robot: motord.Robot, change: Callable[[list[str]], list[str]], part: str) -> None:
+    with pytest.raises(ValueError, match=part):
+        robot.claim("legs", names=change(robot.joints))
+    with pytest.raises(ValueError, match="there is no joint"):
+        robot.wait(names=["tail"])
+    robot.claim("legs").release()
+
+
+def test_move_is_smooth_and_arrives(robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable(hold=(40.0, 1.0))
+        first = legs.wait()
+        pose = dict(zip(first.names, first.q, strict=True)) | {"fl-thigh": 1.2}
+        legs.move_to(pose, 1.0)
+        last = legs.wait()
+        assert last.applied["q"][1] == pytest.approx(1.2, abs=1e-3) and abs(last.q[1] - 1.2) < 0.02
+        assert np.abs(last.q - first.q)[2:].max() < 0.02
+        assert last.applied["dq"][1] == pytest.approx(0.0, abs=0.05), "it arrives at rest"
+        assert last.applied["kp"][1] == pytest.approx(40.0, rel=0.01)
+        legs.move_to(first.q, 0.5, kp=30.0, kd=0.8)
+        assert legs.wait().applied["kp"][0] == pytest.approx(30.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("pose", "seconds", "part"),
+    [
+        (3.0, 1.0, "fl-hip: 3 rad is outside its limits, -0.9 to 0.9 rad"),
+        ([0.0, 0.8, -1.6] * 3 + [0.0, 2.5, -1.6], 0.01, "rr-thigh has 1.[0-9]+ rad to move, at most 25 rad/s: give at least 0.1"),
+        ({"fl-hip": 0.0}, 1.0, "pose lacks fl-thigh"),
+        ({"tail": 0.0}, 1.0, 'pose has "tail"; there are fl-hip'),
+        (float("nan"), 1.0, r"pose\[0\] is NaN"),
+        (0.0, -1.0, "seconds is -1"),
+    ],
+)
+def test_moves_out_of_limits_are_refused(robot: motord.Robot, pose: object, seconds: float, part: str) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable(hold=(40.0, 1.0))
+        with pytest.raises(ValueError, match=part):
+            legs.move_to(pose, seconds)  # type: ignore[arg-type]
+
+
+def test_move_of_stopped_group_raises(robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        with pytest.raises(motord.Stopped):
+            legs.move_to([0.0, 0.8, -1.6] * 4, 1.0)
+        legs.enable(hold=(40.0, 1.0))
+        stopper = threading.Timer(0.3, robot.estop)
+        stopper.start()
+        with pytest.raises(motord.Stopped) as stopped:
+            legs.move_to([0.0, 1.0, -1.6] * 4, 10.0)
+        stopper.join()
+        assert stopped.value.cause == "emergency-stop"
+
+
+def test_state_has_ages_faults_and_telemetry(robot: motord.Robot) -> None:
+    state = robot.wait()
+    assert state.joint_age.shape == (12,) and (state.joint_age < 1.0).all() and state.age < 1.0
+    assert state.faults == [[]] * 12 and list(state.imu) == ["base"] and len(state.imu) == 1
+    assert (state.sequence, state.control_cycles, state.phase) == (0, None, None)
+    assert robot.telemetry()["cycles"] > 0 and robot.setpoint_timeout == 1.0
+    assert robot.description["joints"][0]["position"] == pytest.approx([-0.9, 0.9])
+
+
+def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:
+    settings = {'type = "simulated"\nrate-hz = 500': 'type = "external"'}
+    robot = start(settings).connect()
+    publisher = robot.publish_imu("base")
+    for _ in range(200):
+        publisher.send([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.0, 9.81], temperature=40.0)
+        base = robot.wait().imu["base"]
+        if publisher.used:
+            break
+        time.sleep(0.002)
+    assert publisher.used and base.angular_velocity[2] == 0.5 and base.age is not None and base.temperature == 40.0
+    with pytest.raises(ValueError, match="no unit quaternion"):
+        publisher.send([2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.81])
+
+
+def test_restart_is_reported_once_to_robot(start: Callable[..., Daemon]) -> None:
+    settings = {"lost-cycles = 100": "lost-cycles = 101"}
+    daemon = start(settings)
+    robot = daemon.connect()
+    legs = robot.claim("legs")
+    daemon.process.kill()
+    daemon.process.wait()
+    with pytest.raises(motord.NotRunning):
+        for _ in range(5000):
+            legs.wait()
+    successor = Daemon(daemon.runtime, settings)
+    try:
+        with pytest.raises(motord.Restarted):
+            legs.send(q=0.0, kp=1.0)
+        with pytest.raises(motord.Restarted):
+            robot.claim("legs")
+        with robot.claim("legs") as again:
+            assert again.wait().phase == "disarmed"
+    finally:
+        successor.end()

@@ -15,6 +15,7 @@ from ._motord import (
     Error,
     Imu,
     ImuPublisher,
+    Imus,
     NotRunning,
     Refused,
     Restarted,
@@ -25,6 +26,8 @@ from ._motord import (
     connect,
     estop,
 )
+from .policy import Policy, PolicyError
+from .recording import Recording, RecordingError
 
 __all__ = [
     "Claim",
@@ -33,7 +36,12 @@ __all__ = [
     "Error",
     "Imu",
     "ImuPublisher",
+    "Imus",
     "NotRunning",
+    "Policy",
+    "PolicyError",
+    "Recording",
+    "RecordingError",
     "Refused",
     "Restarted",
     "Robot",

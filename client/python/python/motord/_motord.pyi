@@ -1,6 +1,6 @@
 """Types of the compiled part. Arrays have the order of the claim, or of the robot; units are SI, joint side."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any, Literal, TypedDict, final
@@ -80,6 +80,15 @@ class Imu:
         """Samples received since the daemon started."""
 
 @final
+class Imus(Mapping[str, Imu]):
+    """The IMUs after a cycle, by name."""
+
+    def __getitem__(self, name: str) -> Imu:
+        """The IMU with this name. Raises KeyError, which lists the names."""
+    def __iter__(self) -> Iterator[str]: ...
+    def __len__(self) -> int: ...
+
+@final
 class State:
     """The state of a cycle. Arrays are read-only; a value is NaN while its motor has not reported it."""
 
@@ -108,6 +117,12 @@ class State:
     def limits(self) -> list[list[str]]:
         """Limits that acted on the applied commands."""
     @property
+    def faults(self) -> list[list[str]]:
+        """Faults that the motors report."""
+    @property
+    def joint_age(self) -> _Array:
+        """Times since the motors answered, s; NaN before their first answer."""
+    @property
     def applied(self) -> _Applied:
         """The commands that the motors got, after all limits."""
     @property
@@ -128,8 +143,15 @@ class State:
     @property
     def stop(self) -> str | None:
         """The latched cause of the group's stop, such as motor-lost."""
-    def imu(self, name: str) -> Imu:
-        """The IMU with this name. Raises KeyError, which lists the names."""
+    @property
+    def sequence(self) -> int:
+        """Number of the setpoint message that the group used; 0 for none, and for the whole robot."""
+    @property
+    def control_cycles(self) -> int | None:
+        """Cycles from the states that this setpoint answers to the first cycle that used it: 1 for a timely one."""
+    @property
+    def imu(self) -> Imus:
+        """The IMUs, by name: state.imu["base"]."""
 
 @final
 class Cycles(Iterator[State]):
@@ -175,6 +197,20 @@ class Claim:
         With a horizon, s, the daemon moves q, dq and tau linearly from the present command to these within that time after
         they were sent; the setpoint timeout begins at its end. For a controller slower than the cycle: a horizon of its
         period and what it may be late. ValueError when it is longer than setpoint-horizon-max-ms of the configuration.
+        """
+    def move_to(
+        self,
+        pose: _Values | Mapping[str, float],
+        seconds: float,
+        *,
+        kp: _Values | None = None,
+        kd: _Values | None = None,
+    ) -> None:
+        """Moves the joints to a pose, rad, smoothly within seconds, and returns when the pose is sent.
+
+        pose is a number, an array, or a mapping that names each joint. The gains are those of enable unless given. Raises
+        ValueError before it moves if a joint would leave its limits of position or velocity, and Stopped when the group is
+        not active or is stopped. Send the next setpoint before the timeout.
         """
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Cycles:
         """Waits for the cycles that are due at hz, or for all, and yields their states.
@@ -223,10 +259,16 @@ class Robot:
     def groups(self) -> list[str]: ...
     @property
     def imus(self) -> list[str]: ...
-    def wait(self, timeout: float = 1.0) -> State:
-        """Waits for the next state, with all joints of the robot."""
-    def claim(self, group: str) -> Claim:
-        """Becomes the owner of a group."""
+    @property
+    def setpoint_timeout(self) -> float:
+        """Longest time between two setpoints of a group, s."""
+    @property
+    def description(self) -> dict[str, Any]:
+        """Joints with their limits, groups, IMUs and buses."""
+    def wait(self, timeout: float = 1.0, *, names: Sequence[str] | None = None) -> State:
+        """Waits for the next state, with all joints of the robot, or those of names."""
+    def claim(self, group: str, *, names: Sequence[str] | None = None) -> Claim:
+        """Becomes the owner of a group. names is the order of its joints in each array; it names each of them."""
     def estop(self) -> None:
         """Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power."""
     def disable(self, group: str) -> None:
@@ -243,3 +285,6 @@ def connect(instance: str = "robot", *, runtime: str | PathLike[str] | None = No
 
 def estop(instance: str = "robot") -> None:
     """Damps and stops every motor of an instance, over a connection of its own."""
+
+def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, int, int]:
+    """The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints."""
