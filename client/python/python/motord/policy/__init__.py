@@ -1,0 +1,266 @@
+"""Policies: neural networks in ONNX files whose metadata describes their robot. docs/python.md lists the keys."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from motord import Imu, State
+
+_Floats = NDArray[np.float64]
+
+_JOINT = -1
+"""Stands for the number of joints in the size of a term."""
+
+TERMS: dict[str, int] = {
+    "base_ang_vel": 3,
+    "projected_gravity": 3,
+    "velocity_commands": 3,
+    "command": 3,
+    "joint_pos": _JOINT,
+    "joint_pos_rel": _JOINT,
+    "joint_vel": _JOINT,
+    "joint_vel_rel": _JOINT,
+    "actions": _JOINT,
+    "last_action": _JOINT,
+}
+"""The observation terms and their sizes."""
+
+_OF_IMU = ("base_ang_vel", "projected_gravity")
+_KEYS = {
+    "joint_names": "the joints, in the order of the action",
+    "default_joint_pos": "the position of each joint for the action 0, rad",
+    "action_scale": "rad for an action of 1, one number or one for each joint",
+    "joint_stiffness": "kp of each joint, N·m/rad",
+    "joint_damping": "kd of each joint, N·m·s/rad",
+    "observation_names": "the observation terms, in their order",
+    "rate_hz": "the rate of the policy",
+}
+
+
+class PolicyError(ValueError):
+    """The policy cannot be used, or does not fit the robot. Its text names the key, the joint or the term."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """The wanted velocity of the body: m/s forward, m/s to the left, rad/s to the left."""
+
+    x: float = 0.0
+    y: float = 0.0
+    turn: float = 0.0
+
+
+class _Metadata:
+    """The metadata of a model: texts, with numbers and names separated by commas."""
+
+    def __init__(self, path: str, values: Mapping[str, str]) -> None:
+        self._path = path
+        self._values = values
+
+    def fault(self, text: str) -> PolicyError:
+        return PolicyError(f"{self._path}: {text}")
+
+    def text(self, key: str) -> str:
+        value = self._values.get(key, "").strip()
+        if not value:
+            raise self.fault(f"the metadata lacks {key}: {_KEYS[key]}")
+        return value
+
+    def names(self, key: str) -> list[str]:
+        names = [name.strip() for name in self.text(key).split(",")]
+        for name in names:
+            if not name:
+                raise self.fault(f"{key} has an empty name")
+            if names.count(name) > 1:
+                raise self.fault(f"{key} has {name} twice")
+        return names
+
+    def numbers(self, key: str, count: int, *, is_positive: bool = False, one: bool = False) -> _Floats:
+        values: list[float] = []
+        for part in self.text(key).split(","):
+            try:
+                values.append(float(part))
+            except ValueError:
+                raise self.fault(f"{key} has {part.strip()!r}, which is no number") from None
+        if one and len(values) == 1:
+            values *= count
+        if len(values) != count:
+            raise self.fault(f"{key} has {len(values)} values for {count} joints")
+        for at, value in enumerate(values):
+            if not np.isfinite(value):
+                raise self.fault(f"{key}[{at}] is {value}: give a finite number")
+            if is_positive and value < 0.0:
+                raise self.fault(f"{key}[{at}] is {value}: give 0 or more")
+        return np.array(values)
+
+    def rate(self) -> float:
+        text = self.text("rate_hz")
+        try:
+            rate = float(text)
+        except ValueError:
+            raise self.fault(f"rate_hz is {text!r}, which is no number") from None
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise self.fault(f"rate_hz is {text}: give a number above 0")
+        return rate
+
+
+class Policy:
+    """A policy. Its joints have an order of their own: claim the group with `names=policy.joints`.
+
+    Loading checks the file, and `check` whether it fits a robot. Both raise PolicyError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path: str = os.fspath(path)
+        self._session = _load(self.path)
+        metadata = _Metadata(self.path, _metadata(self._session))
+        self.joints: list[str] = metadata.names("joint_names")
+        count = len(self.joints)
+        self.default: _Floats = metadata.numbers("default_joint_pos", count)
+        self.scale: _Floats = metadata.numbers("action_scale", count, one=True)
+        self.kp: _Floats = metadata.numbers("joint_stiffness", count, is_positive=True)
+        self.kd: _Floats = metadata.numbers("joint_damping", count, is_positive=True)
+        self.terms: list[str] = metadata.names("observation_names")
+        self.rate_hz: float = metadata.rate()
+        self._sizes = [self._size(metadata, term) for term in self.terms]
+        self._names = _ports(metadata, self._session, sum(self._sizes), count, dict(zip(self.terms, self._sizes, strict=True)))
+        self._action: _Floats = np.zeros(count)
+        self._probe(metadata)
+
+    def _size(self, metadata: _Metadata, term: str) -> int:
+        if term not in TERMS:
+            raise metadata.fault(f"observation_names has {term}, which motord does not observe; it has {', '.join(TERMS)}")
+        size = TERMS[term]
+        return len(self.joints) if size == _JOINT else size
+
+    def _probe(self, metadata: _Metadata) -> None:
+        """Runs the policy in its default pose, so that a broken one is found before the robot moves."""
+        level = {"projected_gravity": np.array([0.0, 0.0, -1.0])}
+        parts = [level.get(term, np.zeros(size)) for term, size in zip(self.terms, self._sizes, strict=True)]
+        action = self._run(np.concatenate(parts))
+        for at, value in enumerate(action):
+            if not np.isfinite(value):
+                raise metadata.fault(f"the action of {self.joints[at]} in the default pose is {value}: the weights are broken")
+
+    def _run(self, observation: _Floats) -> _Floats:
+        feed = {self._names[0]: observation.astype(np.float32)[np.newaxis, :]}
+        try:
+            result = self._session.run([self._names[1]], feed)[0]
+        except Exception as error:  # onnxruntime has classes for errors without a common base
+            raise PolicyError(f"{self.path}: the network does not run: {_first_line(error)}") from error
+        return cast("_Floats", np.asarray(result, dtype=np.float64).reshape(-1))
+
+    def reset(self) -> None:
+        """Forgets the last action. Call it before the first step."""
+        self._action = np.zeros(len(self.joints))
+
+    def observe(self, state: State, command: Command = Command(), imu: Imu | None = None) -> _Floats:
+        """Returns the observation of a state in the order of `joints`."""
+
+        def of(term: str) -> _Floats:
+            match term:
+                case "base_ang_vel" if imu is not None:
+                    return imu.angular_velocity
+                case "projected_gravity" if imu is not None:
+                    return imu.projected_gravity
+                case "velocity_commands" | "command":
+                    return np.array([command.x, command.y, command.turn])
+                case "joint_pos" | "joint_pos_rel":
+                    return state.q - self.default
+                case "joint_vel" | "joint_vel_rel":
+                    return state.dq
+                case "actions" | "last_action":
+                    return self._action
+                case _:
+                    raise PolicyError(f"{self.path}: {term} needs an IMU: give one to this call")
+
+        parts = [of(term) for term in self.terms]
+        for term, part in zip(self.terms, parts, strict=True):
+            if not np.isfinite(part).all():
+                raise PolicyError(f"{self.path}: the observation {term} is not finite: a motor or an IMU has not reported it")
+        return np.concatenate(parts)
+
+    def step(self, state: State, command: Command = Command(), imu: Imu | None = None) -> _Floats:
+        """Returns the positions to send for a state, rad, in the order of `joints`."""
+        action = self._run(self.observe(state, command, imu))
+        for at, value in enumerate(action):
+            if not np.isfinite(value):
+                raise PolicyError(f"{self.path}: the action of {self.joints[at]} is {value} in cycle {state.cycle}")
+        self._action = action
+        return self.default + self.scale * action
+
+    def check(self, robot: Mapping[str, Any], group: str, hz: float | None = None) -> None:
+        """Checks that the policy fits a group of `Robot.description` and the rate at which it is to run."""
+        from ._fit import check
+
+        check(self, robot, group, hz)
+
+    @property
+    def needs_imu(self) -> bool:
+        """An observation term is one of an IMU."""
+        return any(term in _OF_IMU for term in self.terms)
+
+    def __repr__(self) -> str:
+        return f"<motord.Policy {self.path!r}: {len(self.joints)} joints at {self.rate_hz:g} Hz>"
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0]
+
+
+def _load(path: str) -> Any:
+    try:
+        import onnxruntime  # pyright: ignore
+    except ImportError as error:
+        raise ImportError("motord.Policy needs onnxruntime: pip install 'motord[policy]'") from error
+    if not Path(path).is_file():
+        raise PolicyError(f"{path}: there is no such file")
+    options: Any = onnxruntime.SessionOptions()
+    # More threads take processors from the daemon, and a policy is small.
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime has classes for errors without a common base
+        raise PolicyError(f"{path} is no readable ONNX model: {_first_line(error)}") from error
+
+
+def _metadata(session: Any) -> Mapping[str, str]:
+    return cast("Mapping[str, str]", session.get_modelmeta().custom_metadata_map)
+
+
+def _ports(
+    metadata: _Metadata, session: Any, observed: int, joints: int, sizes: Mapping[str, int]
+) -> tuple[str, str]:
+    """Returns the names of input and output, whose sizes must be those of the observation and of the joints."""
+    inputs, outputs = session.get_inputs(), session.get_outputs()
+    if len(inputs) != 1:
+        names = ", ".join(port.name for port in inputs)
+        raise metadata.fault(f"the network has {len(inputs)} inputs ({names}): it must have one, the observation")
+    if inputs[0].type != "tensor(float)":
+        raise metadata.fault(f"the input {inputs[0].name} is {inputs[0].type}: it must be tensor(float)")
+    found = _width(inputs[0].shape)
+    if found not in (None, observed):
+        terms = " + ".join(f"{term} {size}" for term, size in sizes.items())
+        raise metadata.fault(f"the network takes {found} observations; the terms have {observed} ({terms})")
+    found = _width(outputs[0].shape)
+    if found not in (None, joints):
+        raise metadata.fault(f"the network has {found} actions for {joints} joints of joint_names")
+    return inputs[0].name, outputs[0].name
+
+
+def _width(shape: Sequence[object]) -> int | None:
+    """Returns the last size of a shape; None where it is not fixed."""
+    last = shape[-1] if shape else None
+    return last if isinstance(last, int) else None
+
+
+__all__ = ["Command", "Policy", "PolicyError", "TERMS"]
