@@ -1,0 +1,47 @@
+"""The Python code of docs/python.md and of README.md runs as it stands there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import motord
+from conftest import TREE, Daemon
+
+
+def blocks(path: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```$", path.read_text(), re.DOTALL | re.MULTILINE)
+
+
+PAGE = blocks(TREE / "docs" / "python.md")
+README = blocks(TREE / "README.md")
+
+
+def run(daemon: Daemon, folder: Path, block: str) -> None:
+    (folder / "block.py").write_text(block)
+    with daemon.python("block.py", cwd=folder) as program:
+        _, errors = program.communicate(timeout=180.0)
+    assert program.returncode == 0, errors
+
+
+@pytest.mark.parametrize("at", range(len(PAGE)))
+def test_block_of_page_runs(daemon: Daemon, robot: motord.Robot, tmp_path: Path, at: int) -> None:
+    if "Recording" in PAGE[at]:
+        pytest.importorskip("mcap_protobuf")
+        daemon.recorder(tmp_path / "run.mcap", 1.0).wait(60.0)
+    if "walk.onnx" in PAGE[at]:
+        pytest.importorskip("onnxruntime")
+        pytest.importorskip("onnx")
+        from policies import save
+
+        save(tmp_path / "walk.onnx")
+    run(daemon, tmp_path, PAGE[at])
+
+
+@pytest.mark.parametrize("at", range(len(README)))
+def test_block_of_readme_runs(daemon: Daemon, robot: motord.Robot, tmp_path: Path, at: int) -> None:
+    run(daemon, tmp_path, README[at])
+
+
+def test_page_has_its_blocks() -> None:
+    assert len(PAGE) == 4, "a controller, a recording, the metadata of a policy, a policy"
