@@ -18,6 +18,7 @@ def main() -> int:
     policy = motord.Policy(path)
     robot = motord.connect(instance)
     policy.check(robot.description, group)
+    horizon = policy.horizon(robot.description)
     name = robot.imus[0] if policy.needs_imu else None
     steps = 0
     with robot.claim(group, names=policy.joints) as legs:
@@ -30,7 +31,7 @@ def main() -> int:
                 break
             command = Command(x=min(0.1 * time, 0.3))
             goal = policy.step(state, command, state.imu[name] if name else None)
-            legs.send(q=goal, kp=policy.kp, kd=policy.kd)
+            legs.send(q=goal, kp=policy.kp, kd=policy.kd, horizon=horizon)
             steps += 1
     print(f"{steps} steps")
     return 0

@@ -192,6 +192,7 @@ impl Claim {
             of_place[*place] = [goals[at], kp[at], kd[at]];
         }
         let motion = self.call(py, |client, claim| {
+            claim.set_horizon(Duration::ZERO)?;
             let state = client.wait(PATIENCE)?;
             Motion::plan(claim, &state, |place| of_place[place], seconds)
         })?;

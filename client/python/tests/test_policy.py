@@ -47,8 +47,10 @@ def test_rate_and_group_must_fit(robot: motord.Robot, good: Path) -> None:
         policy.check(robot.description, "legs", 100.0)
     with pytest.raises(motord.PolicyError, match="the robot has no group arm; it has legs"):
         policy.check(robot.description, "arm")
-    with pytest.raises(motord.PolicyError, match="every 20 ms, and setpoint-timeout-ms is 20: set it in .safety. to 60"):
-        policy.check({**robot.description, "setpoint_timeout": 0.02}, "legs")
+    with pytest.raises(motord.PolicyError, match="every 20 ms, and setpoint-timeout-ms is 20, 0 ms later"):
+        policy.check({**robot.description, "setpoint_timeout": 0.02, "setpoint_horizon_max": 0.0}, "legs")
+    policy.check({**robot.description, "setpoint_timeout": 0.02}, "legs", 50.0)
+    assert policy.horizon(robot.description) == pytest.approx(0.025)
     with pytest.raises(motord.PolicyError, match="it observes an IMU, and the robot has none"):
         policy.check({**robot.description, "imus": []}, "legs")
 

@@ -203,6 +203,12 @@ class Policy:
 
         check(self, robot, group, hz)
 
+    def horizon(self, robot: Mapping[str, Any]) -> float:
+        """Returns the horizon of its setpoints, s: a period and a quarter, at most what `Robot.description` permits."""
+        from ._fit import horizon_of
+
+        return horizon_of(self, robot)
+
     @property
     def needs_imu(self) -> bool:
         """An observation term is one of an IMU."""

@@ -41,7 +41,9 @@ def imu_name(robot: motord.Robot, policy: Policy, name: str | None) -> str | Non
 
 def run(policy: Policy, robot: motord.Robot, options: argparse.Namespace) -> int:
     """Moves the group to the default pose, and runs the policy until the time is over. Returns the number of its steps."""
-    policy.check(robot.description, options.group, options.hz)
+    description = robot.description
+    policy.check(description, options.group, options.hz)
+    horizon = policy.horizon(description)
     imu = imu_name(robot, policy, options.imu)
     limit_s = options.stale_ms * 1e-3 if options.stale_ms else 2.0 / policy.rate_hz
     command = Command(*options.command)
@@ -56,7 +58,7 @@ def run(policy: Policy, robot: motord.Robot, options: argparse.Namespace) -> int
             reason = stale(state, sample, limit_s)
             if reason:
                 raise Stale(f"{reason}: the group is damped and stopped")
-            legs.send(q=policy.step(state, command, sample), kp=policy.kp, kd=policy.kd)
+            legs.send(q=policy.step(state, command, sample), kp=policy.kp, kd=policy.kd, horizon=horizon)
             steps += 1
             if time.monotonic() > end:
                 break

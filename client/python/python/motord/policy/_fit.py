@@ -60,10 +60,15 @@ def _check_rate(policy: Policy, robot: Mapping[str, Any], hz: float | None) -> N
         raise _fault(policy, f"rate_hz is {rate:g}, no whole part of the daemon's {robot['rate_hz']:g} cycles a second")
     if rate < 3.0:
         raise _fault(policy, f"rate_hz is {rate:g}: motord stops a group without setpoints for 1 s at most; use at least 3 Hz")
-    timeout = robot["setpoint_timeout"]
-    if 1.0 / rate >= timeout:
+    timeout, horizon = robot["setpoint_timeout"], horizon_of(policy, robot)
+    if 1.0 / rate >= timeout + horizon:
         raise _fault(
             policy,
-            f"rate_hz is {rate:g}, a setpoint every {1e3 / rate:g} ms, and setpoint-timeout-ms is {1e3 * timeout:g}: set it "
-            f"in [safety] to {3e3 / rate:g}",
+            f"rate_hz is {rate:g}, a setpoint every {1e3 / rate:g} ms, and setpoint-timeout-ms is {1e3 * timeout:g}, "
+            f"{1e3 * horizon:g} ms later with a horizon: set it in [safety] to {3e3 / rate:g}",
         )
+
+
+def horizon_of(policy: Policy, robot: Mapping[str, Any]) -> float:
+    """Returns the time in which the daemon moves to the setpoints, s: a period, and a quarter for lateness."""
+    return min(1.25 / policy.rate_hz, float(robot.get("setpoint_horizon_max", 0.0)))
