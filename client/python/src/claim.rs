@@ -74,9 +74,9 @@ impl Claim {
         kp: Option<&Bound<'_, PyAny>>,
         kd: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<(Values, Values)> {
-        let or = |name, given: Option<&Bound<'_, PyAny>>, usual: f64| match given {
+        let or = |name, given: Option<&Bound<'_, PyAny>>, default: f64| match given {
             Some(given) => values(name, Some(given), self.order.joints.len()),
-            None => Ok([usual as f32; JOINTS_MAX]),
+            None => Ok([default as f32; JOINTS_MAX]),
         };
         Ok((or("kp", kp, self.hold.0)?, or("kd", kd, self.hold.1)?))
     }
