@@ -4,12 +4,11 @@ pub mod claims;
 pub mod fault_line;
 pub mod injection;
 mod opening;
-mod physics;
 pub mod reconnector;
 pub mod watch;
 
+pub use motord_twin::{physics, simulate};
 pub use opening::{BusError, line, open_one};
-pub use physics::{physics, simulate};
 
 use claims::Claims;
 use injection::Injectors;

@@ -1,12 +1,12 @@
 //! Opens one bus.
 
-use super::physics::simulate;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
 use motord_bus::{Bus, Difference, Duration, FrameId, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
+use motord_twin::simulate;
 
 /// Why a bus could not be opened.
 #[derive(Debug, thiserror::Error)]

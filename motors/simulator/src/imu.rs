@@ -69,6 +69,8 @@ struct Faults {
     is_garbage: bool,
     /// The time of the sample that is repeated.
     stuck: Option<Duration>,
+    /// The values that are repeated, of a body that the caller moves.
+    held: Option<ImuValues>,
     should_stick: bool,
     delay: Duration,
     lost: f64,
@@ -101,6 +103,29 @@ impl Imu {
         ImuOutput::Sample(self.measured(self.faults.stuck.unwrap_or(measured_at)))
     }
 
+    /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time that the sample was taken.
+    pub fn sample_of(&mut self, values: &ImuValues) -> ImuOutput {
+        let Faults { is_gone, is_off, is_garbage, lost, .. } = self.faults;
+        if is_gone {
+            return ImuOutput::Gone;
+        }
+        if is_off || self.random.fraction() < lost {
+            return ImuOutput::Nothing;
+        }
+        if is_garbage {
+            return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..*values });
+        }
+        let measured =
+            if self.faults.should_stick { *self.faults.held.get_or_insert(*values) } else { *values };
+        ImuOutput::Sample(self.with_errors(measured))
+    }
+
+    /// Time from a measurement to its arrival.
+    #[must_use]
+    pub fn delay(&self) -> Duration {
+        self.delay + self.faults.delay
+    }
+
     /// Gives it a fault, or ends all.
     ///
     /// # Errors
@@ -122,12 +147,15 @@ impl Imu {
     }
 
     fn measured(&mut self, time: Duration) -> ImuValues {
-        let ImuValues { angular_velocity, acceleration, .. } = motion(time);
+        self.with_errors(motion(time))
+    }
+
+    fn with_errors(&mut self, values: ImuValues) -> ImuValues {
         let noise = self.noise;
         ImuValues {
-            angular_velocity: angular_velocity.map(|value| value + self.bias + noise * self.normal()),
-            acceleration: acceleration.map(|value| value + ACCELERATION_NOISE * noise * self.normal()),
-            ..motion(time)
+            angular_velocity: values.angular_velocity.map(|value| value + self.bias + noise * self.normal()),
+            acceleration: values.acceleration.map(|value| value + ACCELERATION_NOISE * noise * self.normal()),
+            ..values
         }
     }
 

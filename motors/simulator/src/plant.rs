@@ -59,7 +59,8 @@ pub fn couple(buses: &[SharedBus], plant: impl Plant + 'static) -> Vec<PlantBus>
 }
 
 /// A bus whose motors a [`Plant`] moves. A call waits while another bus of the same plant is in
-/// use: for tests and simulations.
+/// use: for tests and simulations. Clones refer to the same bus.
+#[derive(Clone)]
 pub struct PlantBus {
     bus: SharedBus,
     coupling: Arc<Mutex<Coupling>>,
@@ -99,6 +100,11 @@ impl Coupling {
 }
 
 impl PlantBus {
+    /// Brings all buses of the plant to `now`, so that what the caller knows of its plant is of this time.
+    pub fn advance(&self, now: Instant) {
+        drop(self.at(now));
+    }
+
     /// Brings all buses of the plant to `now`, and locks this one.
     fn at(&self, now: Instant) -> MutexGuard<'_, crate::SimulatedBus> {
         self.coupling.lock().unwrap_or_else(PoisonError::into_inner).advance(now);

@@ -65,7 +65,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     // Stores the configured protocol, and decides nothing by it.
     "core/settings/src/settings.rs",
     // Converts the configured protocol to that of the simulator, which shares no type with it.
-    "daemon/src/buses/physics.rs",
+    "core/twin/src/physics.rs",
 ];
 
 const VENDORS: &[&str] = &["steadywin", "damiao", "robstride", "gim"];

@@ -1,0 +1,16 @@
+//! The cycle and the simulated motors of a configuration on virtual time.
+//!
+//! [`Twin`] runs the cycle of the daemon: its decisions, limits, drives and frames. Its buses have simulated motors, and a
+//! [`Plant`] moves their shafts, if the caller has one. The same calls with the same seed give the same run.
+//!
+//! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the daemon.
+
+mod imus;
+mod physics;
+mod twin;
+
+pub use imus::Body;
+pub use physics::{physics, simulate};
+pub use twin::{Options, Twin, TwinError};
+
+pub use motord_simulator::{FaultVerb, ImuValues, Plant, Shaft};

@@ -1,0 +1,263 @@
+//! One robot on virtual time, with its owner and its operator.
+
+use crate::imus::{Body, Sensor};
+use crate::physics::simulate;
+use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
+use motord_configuration::ConfigError;
+use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
+use motord_core::imu::{ImuSimulation, ImuSource};
+use motord_core::settings::Settings;
+use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
+use motord_simulator::{FaultVerb, InjectError, Plant, PlantBus, SharedBus, couple};
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// The virtual time of the first tick.
+const START: Instant = Instant::from_nanos(1_000_000_000);
+
+/// Longer than a request takes that a motor must confirm.
+const ANSWER_CYCLES: u32 = 4000;
+
+/// The choices for a twin that its configuration does not make.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Options {
+    /// Decides everything random in the motors and the sensors.
+    pub seed: u64,
+    /// Time that the controller computes: from the end of a cycle, when its states are published, to the sending of its
+    /// setpoints. Setpoints that are sent after the next cycle has fetched them are used one cycle later.
+    pub compute: Duration,
+}
+
+/// The reason why a configuration has no twin.
+#[derive(Debug)]
+pub enum TwinError {
+    /// The configuration has errors.
+    Configuration(ConfigError),
+    /// The twin has no serial lines.
+    SerialBus {
+        /// The name of the bus.
+        bus: String,
+    },
+}
+
+impl core::fmt::Display for TwinError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Configuration(error) => error.fmt(f),
+            Self::SerialBus { bus } => write!(
+                f,
+                "bus {bus} is a serial line, which a twin does not have: give its motors a CAN bus for the twin"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for TwinError {}
+
+/// A setpoint message, and when the controller sends it.
+type Outgoing = (Instant, usize, SetpointMessage);
+
+/// The cycle of a configuration on virtual time, with simulated motors and IMUs. Time passes only in [`step`](Self::step) and
+/// [`ask`](Self::ask).
+pub struct Twin {
+    settings: Settings,
+    cycle: Cycle,
+    client: LocalClient,
+    clock: VirtualClock,
+    tick: Tick,
+    buses: Vec<SharedBus>,
+    /// A bus of the plant, by which it is brought to the time of a measurement.
+    plant: Option<PlantBus>,
+    body: Option<Box<dyn Body>>,
+    sensors: Vec<Sensor>,
+    compute: Duration,
+    outgoing: VecDeque<Outgoing>,
+    /// Faults to come, the earliest first.
+    faults: VecDeque<(Instant, FaultVerb)>,
+}
+
+impl Twin {
+    /// As [`new`](Self::new), of the configuration at `path`. Its CAN interfaces and devices are not opened.
+    ///
+    /// # Errors
+    /// [`TwinError::Configuration`] with every problem of the file; those of [`new`](Self::new).
+    pub fn load(
+        path: &Path,
+        options: Options,
+        plant: Option<Box<dyn Plant>>,
+        body: Option<Box<dyn Body>>,
+    ) -> Result<Self, TwinError> {
+        let loaded = motord_configuration::load(path).map_err(TwinError::Configuration)?;
+        Self::new(loaded.settings, options, plant, body)
+    }
+
+    /// Builds the robot of `settings` with its motors off. `plant` moves the shafts; without one, each motor moves its own
+    /// inertia, as in the daemon. `body` is measured by the IMUs; without one, no IMU has a sample. The wire of an IMU is not
+    /// simulated: samples arrive at its rate, with the errors of its `[imu.simulation]`.
+    ///
+    /// # Errors
+    /// [`TwinError::SerialBus`].
+    pub fn new(
+        mut settings: Settings,
+        options: Options,
+        plant: Option<Box<dyn Plant>>,
+        body: Option<Box<dyn Body>>,
+    ) -> Result<Self, TwinError> {
+        if let Some(bus) = settings.buses.iter().find(|bus| bus.is_line()) {
+            return Err(TwinError::SerialBus { bus: bus.name.clone() });
+        }
+        let sensors = settings.imus.iter().map(|imu| Sensor::new(imu, options.seed, START)).collect();
+        for imu in &mut settings.imus {
+            let errors = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
+            imu.source = ImuSource::Simulated(errors);
+        }
+        let bus = |index: usize| SharedBus::new(simulate(&settings, index, options.seed + index as u64));
+        let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
+        let (opened, plant) = opened(&buses, plant);
+        let clock = VirtualClock::new(START);
+        let (cycle, ends) = assemble(&settings, opened, clock.clone(), options.seed | 1);
+        Ok(Self {
+            settings,
+            cycle,
+            client: LocalClient::new(ends),
+            clock,
+            tick: Tick { number: 1, at: START },
+            buses,
+            plant,
+            body,
+            sensors,
+            compute: options.compute,
+            outgoing: VecDeque::new(),
+            faults: VecDeque::new(),
+        })
+    }
+
+    /// The checked configuration.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Virtual time since the first tick.
+    #[must_use]
+    pub fn time(&self) -> Duration {
+        self.clock.now().since(START)
+    }
+
+    /// Runs one cycle: what was sent in time is used, what is due happens, and the states are those of its end.
+    pub fn step(&mut self) {
+        let at = self.tick.at;
+        self.disturb(at);
+        self.sense(at);
+        let lead = self.settings.ipc.lead;
+        while let Some((_, group, message)) = self.outgoing.pop_front_if(|(due, ..)| *due + lead <= at) {
+            self.client.deliver(group, &message);
+        }
+        self.tick = self.cycle.run(self.tick);
+        while self.client.record().is_some() {}
+        while self.client.event().is_some() {}
+    }
+
+    /// Returns the states of the last cycle.
+    pub fn state(&mut self) -> &StateMessage {
+        self.client.state()
+    }
+
+    /// Sends setpoints for the joints of a claimed group: the controller has computed for [`Options::compute`] since the end of
+    /// the last cycle.
+    ///
+    /// # Errors
+    /// [`Refusal::NotOwner`] when the group was never claimed here.
+    pub fn send(&mut self, group: usize, joints: &[JointSetpoint], horizon: Duration) -> Result<(), Refusal> {
+        let due = self.clock.now() + self.compute;
+        let cycle = self.client.state().cycle;
+        let message = self.client.message(group, due, joints).ok_or(Refusal::NotOwner)?;
+        let horizon_ns = u32::try_from(horizon.as_nanos()).unwrap_or(u32::MAX);
+        self.outgoing.push_back((due, group, SetpointMessage { horizon_ns, cycle, ..message }));
+        Ok(())
+    }
+
+    /// Sends a request as the owner of `group`, or as an operator without a lease, and runs cycles until it is answered.
+    ///
+    /// # Errors
+    /// The refusal of the cycle; [`Refusal::Busy`] after 4000 cycles without an answer.
+    pub fn ask(&mut self, operation: Operation, group: usize) -> Result<AdminReply, Refusal> {
+        let ticket = self.client.request(operation, group)?;
+        for _ in 0..ANSWER_CYCLES {
+            self.step();
+            while let Some((answered, reply)) = self.client.answer() {
+                if answered == ticket {
+                    return match reply.refusal {
+                        0 => Ok(reply),
+                        code => Err(Refusal::try_from(code).unwrap_or(Refusal::UnknownOperation)),
+                    };
+                }
+            }
+        }
+        Err(Refusal::Busy)
+    }
+
+    /// Gives a bus, a motor or an IMU a fault at the first tick that is not before `at`, counted as [`time`](Self::time).
+    ///
+    /// # Errors
+    /// The target is unknown, or does not support this fault.
+    pub fn inject_at(&mut self, at: Duration, verb: FaultVerb) -> Result<(), InjectError> {
+        let is_known = self.sensors.iter().any(|sensor| sensor.is(&verb.target))
+            || self.settings.motors.iter().any(|motor| motor.name == verb.target)
+            || self.settings.buses.iter().any(|bus| bus.name == verb.target);
+        if !is_known {
+            return Err(InjectError::NoSuchTarget);
+        }
+        let at = START + at;
+        let place = self.faults.partition_point(|(other, _)| *other <= at);
+        self.faults.insert(place, (at, verb));
+        Ok(())
+    }
+
+    fn disturb(&mut self, now: Instant) {
+        while let Some((_, verb)) = self.faults.pop_front_if(|(at, _)| *at <= now) {
+            let of_sensor = self.sensors.iter_mut().find_map(|sensor| sensor.inject(&verb));
+            if of_sensor.is_none() {
+                let _done = self.buses.iter().any(|bus| bus.lock().inject(now, &verb).is_ok());
+            }
+        }
+    }
+
+    /// Measures, and passes what has arrived.
+    fn sense(&mut self, now: Instant) {
+        let Some(body) = self.body.as_mut().filter(|_| !self.sensors.is_empty()) else { return };
+        if self.sensors.iter().any(|sensor| sensor.is_due(now)) {
+            if let Some(plant) = &self.plant {
+                plant.advance(now);
+            }
+            let values = body.measure();
+            self.sensors.iter_mut().for_each(|sensor| sensor.measure(now, &values));
+        }
+        for (index, sensor) in self.sensors.iter_mut().enumerate() {
+            if let Some(reading) = sensor.arrived(now) {
+                self.client.sample_imu(index, reading);
+            }
+        }
+    }
+}
+
+/// Returns the buses as the cycle uses them, and a handle to the plant.
+fn opened(buses: &[SharedBus], plant: Option<Box<dyn Plant>>) -> (Vec<Box<dyn Bus>>, Option<PlantBus>) {
+    match plant {
+        None => (buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect(), None),
+        Some(plant) => {
+            let coupled = couple(buses, Boxed(plant));
+            let first = coupled.first().cloned();
+            (coupled.into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect(), first)
+        }
+    }
+}
+
+/// A plant whose type is known at run time.
+struct Boxed(Box<dyn Plant>);
+
+impl Plant for Boxed {
+    fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [motord_simulator::Shaft]) {
+        self.0.step(torques, seconds, shafts);
+    }
+}

@@ -1,0 +1,173 @@
+//! A robot of the shipped configuration on virtual time, with a body that the test moves.
+
+#![expect(clippy::disallowed_types, reason = "the test shares its body with the twin")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use core::time::Duration;
+use motord_shared::{Cause, JointSetpoint, Operation, Phase, Refusal, StateMessage};
+use motord_twin::{Body, ImuValues, Options, Plant, Shaft, Twin, TwinError};
+use std::f32::consts::TAU;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+fn configuration(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(name)
+}
+
+fn twin(options: Options) -> Twin {
+    Twin::load(&configuration("quadruped-simulated.toml"), options, None, None).unwrap()
+}
+
+const fn compute(compute: Duration) -> Options {
+    Options { seed: 7, compute }
+}
+
+/// Setpoints that hold every joint where it is.
+fn hold(twin: &mut Twin) -> Vec<JointSetpoint> {
+    let joint = |joint: &motord_shared::JointState| JointSetpoint {
+        position: joint.position,
+        kp: 40.0,
+        kd: 1.0,
+        ..Default::default()
+    };
+    twin.state().joints().iter().map(joint).collect()
+}
+
+fn follow(twin: &mut Twin, joints: &[JointSetpoint]) {
+    twin.send(0, joints, Duration::ZERO).unwrap();
+    twin.step();
+}
+
+/// Claims and enables the robot, and returns what holds it.
+fn enabled(twin: &mut Twin) -> Vec<JointSetpoint> {
+    (0..20).for_each(|_| twin.step());
+    twin.ask(Operation::Claim, 0).unwrap();
+    let joints = hold(twin);
+    (0..5).for_each(|_| follow(twin, &joints));
+    twin.ask(Operation::Enable, 0).unwrap();
+    for _ in 0..300 {
+        follow(twin, &joints);
+    }
+    assert_eq!(twin.state().groups()[0].phase, Phase::Active.code());
+    joints
+}
+
+/// Every state of a second of a trot.
+fn trotted(options: Options) -> Vec<StateMessage> {
+    let mut twin = twin(options);
+    let held = enabled(&mut twin);
+    let step = |cycle: u16| {
+        let swing = (TAU * 2.0 * f32::from(cycle) * 1e-3).sin();
+        let joints: Vec<_> = held
+            .iter()
+            .map(|joint| JointSetpoint { position: joint.position + 0.1 * swing, ..*joint })
+            .collect();
+        follow(&mut twin, &joints);
+        *twin.state()
+    };
+    (0..1000).map(step).collect()
+}
+
+#[test]
+fn same_seed_gives_the_same_states() {
+    let [first, again] = [(); 2].map(|()| trotted(compute(Duration::ZERO)));
+    // As text: a value that is not known is NaN, which equals nothing.
+    assert!(format!("{first:?}") == format!("{again:?}"));
+    assert!(first.windows(2).all(|pair| pair[0].cycle < pair[1].cycle));
+}
+
+#[test]
+fn computing_time_decides_which_cycle_uses_setpoints() {
+    for (micros, cycles) in [(0, 1), (200, 1), (900, 2), (1200, 2), (2200, 3)] {
+        let mut twin = twin(compute(Duration::from_micros(micros)));
+        let joints = enabled(&mut twin);
+        let seen = (0..20).map(|_| {
+            follow(&mut twin, &joints);
+            let group = twin.state().groups()[0];
+            group.used_cycle - group.answered_cycle
+        });
+        let seen: Vec<_> = seen.collect();
+        assert!(seen[5..].iter().all(|seen| *seen == cycles), "{micros} µs: {seen:?}");
+    }
+}
+
+#[test]
+fn fault_at_a_time_stops_its_group() {
+    let mut twin = twin(compute(Duration::ZERO));
+    let joints = enabled(&mut twin);
+    let soon = twin.time() + Duration::from_millis(50);
+    let name = twin.settings().motors[2].name.clone();
+    twin.inject_at(soon, format!("{name} off").parse().unwrap()).unwrap();
+    while twin.time() < soon {
+        assert_eq!(twin.state().groups()[0].cause, 0);
+        follow(&mut twin, &joints);
+    }
+    (0..100).for_each(|_| follow(&mut twin, &joints));
+    let group = twin.state().groups()[0];
+    assert_eq!((group.cause, group.cause_joint), (Cause::MotorLost.code(), 2));
+    assert!(twin.inject_at(soon, "nobody off".parse().unwrap()).is_err());
+}
+
+#[test]
+fn silent_controller_is_stopped_and_nothing_restarts() {
+    let mut twin = twin(compute(Duration::ZERO));
+    enabled(&mut twin);
+    (0..400).for_each(|_| twin.step());
+    assert_eq!(twin.state().groups()[0].cause, Cause::SetpointTimeout.code());
+    assert_eq!(twin.ask(Operation::Enable, 0), Err(Refusal::Latched));
+}
+
+/// Shafts on a table that turns: the body of the IMU.
+#[derive(Clone, Default)]
+struct Table(Arc<Mutex<f64>>);
+
+impl Plant for Table {
+    fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]) {
+        *self.0.lock().unwrap() += seconds;
+        for (shaft, torque) in shafts.iter_mut().zip(torques) {
+            shaft.velocity += (torque - 0.1 * shaft.velocity) / 0.01 * seconds;
+            shaft.position += shaft.velocity * seconds;
+        }
+    }
+}
+
+impl Body for Table {
+    fn measure(&mut self) -> ImuValues {
+        let angle = *self.0.lock().unwrap();
+        ImuValues {
+            orientation: [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()],
+            angular_velocity: [0.0, 0.0, 1.0],
+            acceleration: [0.0, 0.0, 9.81],
+            temperature: 30.0,
+        }
+    }
+}
+
+#[test]
+fn imu_measures_body_of_plant_at_tick() {
+    let table = Table::default();
+    let (plant, body): (Box<dyn Plant>, Box<dyn Body>) = (Box::new(table.clone()), Box::new(table));
+    let mut twin = Twin::load(
+        &configuration("quadruped-simulated.toml"),
+        compute(Duration::ZERO),
+        Some(plant),
+        Some(body),
+    )
+    .unwrap();
+    (0..500).for_each(|_| twin.step());
+    let imu = twin.state().imus()[0];
+    assert!(imu.sequence > 100, "{imu:?}");
+    let [w, _, _, z] = imu.orientation;
+    let angle = 2.0 * z.atan2(w);
+    // The last tick was at 499 ms, and the last sample at most a period before.
+    assert!((0.48..=0.4995).contains(&angle), "{angle}");
+    assert!((imu.angular_velocity[2] - 1.0).abs() < 0.1 && (imu.acceleration[2] - 9.81).abs() < 1.0);
+}
+
+#[test]
+fn serial_line_is_refused_by_name() {
+    let refused = Twin::load(&configuration("arm-native.toml"), Options::default(), None, None)
+        .map(|_| ())
+        .unwrap_err();
+    assert!(matches!(&refused, TwinError::SerialBus { bus } if !bus.is_empty()), "{refused}");
+}
