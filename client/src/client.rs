@@ -4,16 +4,18 @@ use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
 use crate::publisher::{ImuPublisher, imu_of};
 use crate::records::Records;
-use crate::stop::FirstWay;
+use crate::stop::{FIRST_WAY, FirstWay};
 use crate::view::{View, nanos};
 use crate::{Error, State};
 use motord_ports::instance::Attachment;
 use motord_ports::service::ServiceError;
+use motord_ports::stop_socket::StopError;
 use motord_ports::{ClientPorts, Instance, clock};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::limits::HISTOGRAMS_MAX;
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::{Operation, Phase};
+use std::os::fd::BorrowedFd;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -150,6 +152,7 @@ impl Client {
     /// [`Error::Restarted`], once after each restart; [`Error::Service`] when the connection is
     /// damaged or every slot is taken. A lack of new states is no error here: see [`State::age`].
     pub fn newest(&self) -> Result<Option<State>, Error> {
+        self.link.clear_events()?;
         let mut view = self.link.poll()?;
         self.take(&mut view, 1)
     }
@@ -196,6 +199,7 @@ impl Client {
     /// Those of [`wait`](Self::wait).
     pub fn spin(&self, timeout: Duration) -> Result<State, Error> {
         let begun = Instant::now();
+        self.link.clear_events()?;
         loop {
             for _ in 0..GLANCES {
                 if let Some(state) = self.take(&mut self.link.glance()?, 1)? {
@@ -208,6 +212,20 @@ impl Client {
                 self.link.patience(&mut view, begun.elapsed(), timeout)?;
             }
         }
+    }
+
+    /// Returns a file descriptor that becomes readable with each state, for an event loop (`poll`, `epoll`, `select`). Read the
+    /// state with [`newest`](Self::newest) and close nothing. The descriptor belongs to the client, and survives a restart of the
+    /// daemon.
+    ///
+    /// The first call opens it and takes milliseconds. From then on each call that returns a state makes one or two further
+    /// system calls, and the daemon makes one in each cycle. The descriptor may be readable without a new state, and an ended
+    /// daemon leaves it unreadable: use a timeout, after which [`wait`](Self::wait) returns the reason.
+    ///
+    /// # Errors
+    /// [`Error::Service`] when every slot is taken or no file descriptor is free.
+    pub fn file_descriptor(&self) -> Result<BorrowedFd<'_>, Error> {
+        self.link.file_descriptor()
     }
 
     /// Receives every cycle from now on, for a process that records. Other calls skip states that
@@ -232,6 +250,7 @@ impl Client {
         let begun = Instant::now();
         loop {
             let seen = self.link.published();
+            self.link.clear_events()?;
             let mut view = self.link.glance()?;
             if let Some(state) = self.take(&mut view, n)? {
                 return Ok(state);
@@ -345,6 +364,19 @@ impl Client {
             Err(error) => Err(first.reason(Some(error), self.link.instance())),
             Ok(_) => Ok(()),
         }
+    }
+
+    /// Damps and stops every motor, from a signal handler too: async-signal-safe. It allocates nothing, takes no lock, keeps
+    /// `errno`, and uses the stack and system calls of the list in signal-safety(7) only. It needs one free file descriptor.
+    /// Usually takes a cycle or two, at most 0.2 s.
+    ///
+    /// It sends the request through the daemon's socket for emergency stops alone. [`emergency_stop`](Self::emergency_stop) has a
+    /// second path, over which it stops a robot whose socket fails.
+    ///
+    /// # Errors
+    /// The stop is unconfirmed, and motors may still move.
+    pub fn emergency_stop_signal_safe(&self) -> Result<(), StopError> {
+        self.link.stop_signal_safe(FIRST_WAY)
     }
 
     /// Sets the zero of a stopped motor to its current position.

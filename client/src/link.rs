@@ -17,15 +17,19 @@ use crate::state::Group;
 use crate::view::{View, nanos};
 use motord_ports::instance::{Attachment, pid_namespace};
 use motord_ports::service::{Obstacle, ServiceError};
-use motord_ports::{ClientPorts, ImuSender, Instance, RecordPort, SetpointPort, clock, liveness};
+use motord_ports::stop_socket::{StopError, StopPath};
+use motord_ports::{
+    ClientPorts, ImuSender, Instance, RecordPort, SetpointPort, StateEvents, clock, liveness,
+};
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::{AdminRequest, Lease, Operation, Phase, Refusal};
 use serde::de::DeserializeOwned;
 use std::ops::ControlFlow;
+use std::os::fd::{AsFd as _, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
 /// Longest time to wait for an answer. The daemon answers within a cycle or two; the rest allows
@@ -71,6 +75,10 @@ impl Subject {
 pub(crate) struct Connection {
     instance: Instance,
     ports: ClientPorts,
+    /// Found beforehand: a signal handler may use it.
+    stop_path: Result<StopPath, StopError>,
+    /// Empty until the caller wants a file descriptor.
+    events: OnceLock<StateEvents>,
     view: Mutex<View>,
     /// The description from the daemon whose states arrive. A restart replaces it, with another
     /// boot id.
@@ -109,9 +117,12 @@ impl Connection {
         let attachment = instance.attach().map_err(Error::of_instance)?;
         let attachment = attachment.ok_or_else(|| Error::not_running(&instance))?;
         let ports = open(attachment).map_err(|error| Error::of_service(error, &instance))?;
+        let stop_path = StopPath::of(&instance).map_err(StopError::System);
         let link = Self {
             instance,
             ports,
+            stop_path,
+            events: OnceLock::new(),
             view: Mutex::default(),
             robot: Mutex::default(),
             boot_id: AtomicU64::new(0),
@@ -460,6 +471,26 @@ impl Connection {
 
     pub(crate) fn setpoint_port(&self) -> Result<SetpointPort, Error> {
         self.ports.setpoint_port().map_err(|error| Error::of_service(error, &self.instance))
+    }
+
+    /// Returns a file descriptor that becomes readable with each state.
+    pub(crate) fn file_descriptor(&self) -> Result<BorrowedFd<'_>, Error> {
+        if let Some(events) = self.events.get() {
+            return Ok(events.as_fd());
+        }
+        let events = self.ports.state_events().map_err(|error| Error::of_service(error, &self.instance))?;
+        Ok(self.events.get_or_init(|| events).as_fd())
+    }
+
+    /// Makes the file descriptor unreadable until the next state, if the caller wanted one.
+    pub(crate) fn clear_events(&self) -> Result<(), Error> {
+        let cleared = self.events.get().map_or(Ok(()), StateEvents::clear);
+        cleared.map_err(|error| Error::of_service(error, &self.instance))
+    }
+
+    /// Stops every motor through the socket alone. Async-signal-safe.
+    pub(crate) fn stop_signal_safe(&self, patience: Duration) -> Result<(), StopError> {
+        self.stop_path.as_ref().map_err(|error| *error)?.stop(patience)
     }
 
     /// Returns the instance, for errors of a port of this link.

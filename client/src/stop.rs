@@ -14,7 +14,7 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// Time after which the second path is also tried. A healthy daemon confirms within a cycle or two.
-const FIRST_WAY: Duration = Duration::from_millis(100);
+pub(crate) const FIRST_WAY: Duration = Duration::from_millis(100);
 /// Interval at which the paths are checked for an answer.
 const POLL: Duration = Duration::from_millis(1);
 

@@ -7,8 +7,10 @@ use motord_client::{Client, Error, Obstacle};
 use motord_ports::{DaemonPorts, Housekeeper, Instance};
 use motord_shared::description::Telemetry;
 use motord_shared::message::StateMessage;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
+use std::time::Duration;
 
 #[test]
 fn where_no_daemon_runs_connecting_says_so() {
@@ -51,6 +53,34 @@ fn sleeping_and_spinning_clients_receive_states() {
         last = state.cycle();
     }
     assert_eq!(client.telemetry().unwrap(), Telemetry::default());
+}
+
+/// Waits until the client's file descriptor is readable.
+fn is_readable(client: &Client, at_most: Duration) -> bool {
+    let descriptor = client.file_descriptor().unwrap();
+    let mut polled = [PollFd::new(descriptor, PollFlags::POLLIN)];
+    poll(&mut polled, PollTimeout::try_from(at_most).unwrap()).unwrap() == 1
+}
+
+#[test]
+fn descriptor_is_readable_with_each_state() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let (mut states, mut readable) = (0, 0);
+    while states < 200 {
+        assert!(is_readable(&client, PATIENCE));
+        readable += 1;
+        states += u32::from(client.newest().unwrap().is_some());
+    }
+    assert!(readable < 600, "{readable} times readable for {states} states");
+    drop(daemon);
+    let _left = client.newest();
+    assert!(!is_readable(&client, Duration::from_millis(50)), "no state arrives");
+    let _next = Running::start(place.path(), 2);
+    assert!(is_readable(&client, PATIENCE));
+    assert!(matches!(client.newest(), Err(Error::Restarted)));
+    assert!(is_readable(&client, PATIENCE) && client.wait(PATIENCE).is_ok());
 }
 
 #[test]

@@ -9,6 +9,7 @@ use crate::imu::ImuSender;
 use crate::instance::Attachment;
 use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
+use crate::state_events::StateEvents;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::Publisher;
@@ -176,6 +177,16 @@ impl ClientPorts {
         let waiter = Waiter::open(self.attachment.instance()).map_err(of_waiter)?;
         *locked(&self.waiter) = Some(Arc::new(waiter));
         Ok(())
+    }
+
+    /// Returns a file descriptor that becomes readable with each state. It survives a restart of the daemon.
+    ///
+    /// # Errors
+    /// No free slot, or no free file descriptor.
+    pub fn state_events(&self) -> Result<StateEvents, ServiceError> {
+        let service = service::cycle(&locked(&self.node), self.attachment.instance()).open();
+        let events = StateEvents::new(&service.map_err(Part::Cycle.failed())?);
+        events.map_err(|error| self.explain(error))
     }
 
     /// Takes the slot of a recorder, which receives every cycle from now on.

@@ -4,7 +4,7 @@ use core::fmt::Debug;
 use core::mem::{MaybeUninit, offset_of};
 use core::ops::Deref;
 use core::ptr::{NonNull, drop_in_place};
-use iceoryx2::prelude::ZeroCopySend;
+use iceoryx2::prelude::{FileDescriptorBased, ZeroCopySend};
 use iceoryx2::response_mut::ResponseMut;
 use iceoryx2::response_mut_uninit::ResponseMutUninit;
 use iceoryx2::sample_mut::SampleMut;
@@ -16,6 +16,7 @@ use motord_shared::limits::ANSWER_BYTES_MAX;
 use motord_shared::message::{AdminAnswer, AdminReply, Message};
 use motord_shared::plain::{Plain, Sparse};
 use parking_lot::{ReentrantMutex, ReentrantMutexGuard};
+use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 
 /// A message as iceoryx2 transfers it, under the name of its layout.
@@ -182,6 +183,14 @@ impl<T: Sparse> Exposed<T> {
         // SAFETY: the first byte of the message, and no count.
         unsafe { self.byte(0).write_volatile(0) };
     }
+}
+
+/// Returns the file descriptor of a port.
+pub(crate) fn descriptor_of(port: &impl FileDescriptorBased) -> BorrowedFd<'_> {
+    // SAFETY: it is borrowed, and not closed.
+    let descriptor = unsafe { port.file_descriptor().native_handle() };
+    // SAFETY: the port, borrowed as long, keeps it open.
+    unsafe { BorrowedFd::borrow_raw(descriptor) }
 }
 
 /// Returns a copy of a message in shared memory: later changes by its sender do not reach it.

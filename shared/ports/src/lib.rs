@@ -36,6 +36,7 @@ mod presence;
 mod reserved_space;
 mod role;
 pub mod service;
+mod state_events;
 pub mod stop_socket;
 
 pub use client::{ClientPorts, Question, RecordPort, SetpointPort};
@@ -48,3 +49,4 @@ pub use peer::Impostor;
 pub use presence::Presence;
 pub use role::RoleLock;
 pub use service::ServiceError;
+pub use state_events::StateEvents;

@@ -6,7 +6,7 @@
 //! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while a recorder is connected | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
 //! | `motord/<instance>/imu` | publish-subscribe | reads every sample; only with an external IMU | publishes |
-//! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ClientPorts::sleep) |
+//! | `motord/<instance>/cycle` | event | notifies after each state | for the [file descriptor](crate::ClientPorts::state_events) of an event loop, and for other programs; a client that waits sleeps on a [number in a file](crate::ClientPorts::sleep) |
 //! | `motord/<instance>/admin` | request-response | answers | requests |
 //!
 //! Everything is a file below the instance's directory, nothing is in `/dev/shm`. All users who may

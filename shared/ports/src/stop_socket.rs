@@ -10,18 +10,21 @@
 //! in the runtime directory.
 
 use crate::instance::Instance;
-use crate::peer::{self, Impostor};
+use crate::peer::Impostor;
 use nix::errno::Errno;
+use nix::poll::{PollTimeout, poll};
 use nix::sys::socket::{
     AddressFamily, MsgFlags, SockFlag, SockType, UnixAddr, UnixCredentials, connect, getsockopt, recv, send,
     setsockopt, socket, sockopt,
 };
+use nix::sys::stat::{FileStat, lstat, stat};
 use nix::sys::time::TimeVal;
+use nix::unistd::Uid;
+use std::ffi::CString;
 use std::fs;
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
-use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// The request for an emergency stop.
@@ -38,7 +41,8 @@ pub const MESSAGE_BYTES_MAX: usize = 32;
 
 const PREFIX: &[u8] = b"motord-stop:";
 /// Pause between two attempts to reach a daemon that has too many connections.
-const RETRY: Duration = Duration::from_millis(1);
+const RETRY: Duration = Duration::from_millis(RETRY_MS as u64);
+const RETRY_MS: u8 = 1;
 
 /// The reason why an emergency stop was not confirmed through the socket.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -84,6 +88,88 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
     socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::SOCK_CLOEXEC | flags, None)
 }
 
+/// Everything that a request for an emergency stop needs, found beforehand.
+///
+/// [`stop`](Self::stop) is async-signal-safe, as is [`send`](Self::send): they use the stack and system calls of the list in
+/// signal-safety(7) only. They allocate nothing, take no lock, and need one free file descriptor.
+#[derive(Debug, Clone)]
+pub struct StopPath {
+    address: UnixAddr,
+    runtime: CString,
+    lock: CString,
+}
+
+impl StopPath {
+    /// Finds the paths of `instance`. They stay valid when another daemon starts.
+    ///
+    /// # Errors
+    /// Those of [`address`]; `EINVAL` for a path with a null byte.
+    pub fn of(instance: &Instance) -> Result<Self, Errno> {
+        let text = |path: &Path| CString::new(path.as_os_str().as_bytes()).map_err(|_| Errno::EINVAL);
+        Ok(Self {
+            address: address(instance)?,
+            runtime: text(instance.runtime())?,
+            lock: text(&instance.lock_path())?,
+        })
+    }
+
+    /// Requests the daemon to damp and stop every motor, and waits at most `patience` for the request, and again for the
+    /// confirmation. Async-signal-safe, and keeps `errno`.
+    ///
+    /// # Errors
+    /// The stop is unconfirmed: those of [`send`](Self::send) and [`AskedStop::confirm`].
+    pub fn stop(&self, patience: Duration) -> Result<(), StopError> {
+        let errno = Errno::last_raw();
+        let outcome = self.send(patience).and_then(|asked| asked.confirm(patience));
+        Errno::set_raw(errno);
+        outcome
+    }
+
+    /// Requests the daemon to damp and stop every motor. Waits at most `patience` until the request is sent. Async-signal-safe.
+    ///
+    /// # Errors
+    /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
+    pub fn send(&self, patience: Duration) -> Result<AskedStop, StopError> {
+        let end = Instant::now() + patience;
+        loop {
+            match self.try_send(end) {
+                // A daemon with too many callers drops the first ones without a request: this
+                // process may be affected.
+                Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR)
+                    if Instant::now() < end =>
+                {
+                    let _interrupted = poll(&mut [], PollTimeout::from(RETRY_MS));
+                }
+                Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR) => {
+                    return Err(StopError::NoReply);
+                }
+                Err(Errno::ECONNREFUSED) => return Err(StopError::NotRunning),
+                other => return other.map_err(StopError::System),
+            }
+        }
+    }
+
+    fn try_send(&self, end: Instant) -> Result<AskedStop, Errno> {
+        let socket = connected(&self.address, end)?;
+        send(socket.as_raw_fd(), REQUEST, MsgFlags::MSG_NOSIGNAL)?;
+        let daemon = self.judge(getsockopt(&socket, sockopt::PeerCredentials)?);
+        Ok(AskedStop { socket, daemon })
+    }
+
+    /// Checks that the listening process can be the daemon: a process that is [no
+    /// impostor](crate::peer), or of the owner of the instance's lock.
+    fn judge(&self, peer: UnixCredentials) -> Result<(), StopError> {
+        let owns = |found: nix::Result<FileStat>| found.is_ok_and(|found| found.st_uid == peer.uid());
+        let is_trusted = [0, Uid::effective().as_raw()].contains(&peer.uid())
+            || owns(stat(self.runtime.as_c_str()))
+            || owns(lstat(self.lock.as_c_str()));
+        match is_trusted {
+            true => Ok(()),
+            false => Err(StopError::NotTrusted(Impostor { pid: peer.pid(), uid: peer.uid() })),
+        }
+    }
+}
+
 /// A requested emergency stop.
 #[derive(Debug)]
 pub struct AskedStop {
@@ -99,34 +185,10 @@ impl AskedStop {
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
     pub fn send(instance: &Instance, patience: Duration) -> Result<Self, StopError> {
-        let address = address(instance).map_err(StopError::System)?;
-        let end = Instant::now() + patience;
-        loop {
-            match Self::try_send(instance, &address, end) {
-                // A daemon with too many callers drops the first ones without a request: this
-                // process may be affected.
-                Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR)
-                    if Instant::now() < end =>
-                {
-                    std::thread::sleep(RETRY);
-                }
-                Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR) => {
-                    return Err(StopError::NoReply);
-                }
-                Err(Errno::ECONNREFUSED) => return Err(StopError::NotRunning),
-                other => return other.map_err(StopError::System),
-            }
-        }
+        StopPath::of(instance).map_err(StopError::System)?.send(patience)
     }
 
-    fn try_send(instance: &Instance, address: &UnixAddr, end: Instant) -> Result<Self, Errno> {
-        let socket = connected(address, end)?;
-        send(socket.as_raw_fd(), REQUEST, MsgFlags::MSG_NOSIGNAL)?;
-        let daemon = judge(instance, getsockopt(&socket, sockopt::PeerCredentials)?);
-        Ok(Self { socket, daemon })
-    }
-
-    /// Waits for the confirmation, at most `patience`.
+    /// Waits for the confirmation, at most `patience`. Async-signal-safe.
     ///
     /// # Errors
     /// [`StopError::NoReply`] when the confirmation may still arrive; every other error is final.
@@ -163,17 +225,6 @@ fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
     let left = TimeVal::new(left.as_secs() as i64, i64::from(left.subsec_micros()));
     setsockopt(socket, sockopt::SendTimeout, &left)?;
     setsockopt(socket, sockopt::ReceiveTimeout, &left)
-}
-
-/// Checks that the listening process can be the daemon: a process that is [no
-/// impostor](crate::peer), or of the owner of the instance's lock.
-fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), StopError> {
-    let is_holder =
-        || fs::symlink_metadata(instance.lock_path()).is_ok_and(|found| found.uid() == peer.uid());
-    match peer::judge(instance, peer) {
-        Err(impostor) if !is_holder() => Err(StopError::NotTrusted(impostor)),
-        Ok(()) | Err(_) => Ok(()),
-    }
 }
 
 /// A daemon that runs in this network namespace.
@@ -227,7 +278,6 @@ fn listener(line: &[u8]) -> Option<RunningInstance> {
 mod tests {
     use super::*;
     use nix::sys::socket::{Backlog, accept, bind, listen};
-    use nix::unistd::Uid;
 
     fn listening(instance: &Instance) -> OwnedFd {
         let socket = open(SockFlag::empty()).unwrap();
@@ -302,11 +352,9 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();
         let of = |uid| UnixCredentials::from(nix::libc::ucred { pid: 7, uid, gid: 0 });
-        assert_eq!(judge(&instance, of(0)), Ok(()));
-        assert_eq!(judge(&instance, of(Uid::effective().as_raw())), Ok(()));
-        assert_eq!(
-            judge(&instance, of(54_321)),
-            Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 }))
-        );
+        let path = StopPath::of(&instance).unwrap();
+        assert_eq!(path.judge(of(0)), Ok(()));
+        assert_eq!(path.judge(of(Uid::effective().as_raw())), Ok(()));
+        assert_eq!(path.judge(of(54_321)), Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 })));
     }
 }
