@@ -100,7 +100,7 @@ def write(path: Path, messages: dict[str, list[bytes]]) -> None:
             channel = writer.register_channel(topic, "json", schema)
             for text in texts:
                 writer.add_message(channel, 1, text, 1)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def test_foreign_files_are_refused(folder: Path) -> None:

@@ -175,6 +175,7 @@ def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:
     settings = {'type = "simulated"\nrate-hz = 500': 'type = "external"'}
     robot = start(settings).connect()
     publisher = robot.publish_imu("base")
+    base = robot.wait().imu["base"]
     for _ in range(200):
         publisher.send([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.0, 9.81], temperature=40.0)
         base = robot.wait().imu["base"]

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import motord
-from motord import _motord
+
+from ._motord import measure as _rust
 
 _KP, _KD = 40.0, 1.0
 _SHARES = (50.0, 99.0, 99.9)
@@ -88,7 +89,7 @@ def measure(robot: motord.Robot, group: str, hz: float, seconds: float) -> list[
         legs.cycles(hz=hz)
         legs.enable(hold=(_KP, _KD))
         python = _row("Python", hz, _python(legs, hz, seconds))
-        rust = _row("Rust", hz, _motord.measure(legs, every, seconds))
+        rust = _row("Rust", hz, _rust(legs, every, seconds))
     return [python, rust]
 
 

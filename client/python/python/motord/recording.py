@@ -6,6 +6,7 @@ import json
 import os
 import struct
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import numpy as np
@@ -108,11 +109,11 @@ class Recording:
         self.cycle: NDArray[np.int64] = np.array(rows.cycles, dtype=np.int64)
         first = rows.times[0] if rows.times else 0
         self.begun: float = first * _NANOS
-        self.time: _Floats = (np.array(rows.times, dtype=np.int64) - first) * _NANOS
+        self.time: _Floats = _seconds(rows.times, first)
         count = len(self.names)
         measured = [_table(rows.measured[name], count) for name in _MEASURED]
         self.q, self.dq, self.tau, self.temperature = measured
-        self.fresh: NDArray[np.bool_] = np.array(rows.fresh, dtype=bool).reshape(-1, count)
+        self.fresh: NDArray[np.bool_] = np.reshape(np.array(rows.fresh, dtype=bool), (-1, count))
         self.setpoint = Command(*(_table(rows.setpoint[name], count) for name in _COMMAND))
         self.applied = Command(*(_table(rows.applied[name], count) for name in _COMMAND))
         self.imu: dict[str, ImuRecording] = {name: samples.arrays(first) for name, samples in rows.imus.items()}
@@ -144,7 +145,7 @@ class Recording:
     def frame(self) -> Any:
         """A pandas.DataFrame, indexed by time: (joint, value) such as ("fl-knee", "q") or ("fl-knee", "setpoint.q")."""
         try:
-            import pandas  # pyright: ignore
+            pandas: Any = import_module("pandas")
         except ImportError as error:
             raise ImportError("Recording.frame needs pandas: pip install pandas") from error
         columns: dict[tuple[str, str], _Floats] = {}
@@ -164,9 +165,13 @@ class Recording:
 
 
 def _table(values: list[float], count: int) -> _Floats:
-    table = np.array(values, dtype=np.float64).reshape(-1, count)
+    table = np.reshape(np.array(values, dtype=np.float64), (-1, count))
     table.setflags(write=False)
     return table
+
+
+def _seconds(times: list[int], first: int) -> _Floats:
+    return np.multiply(np.array(times, dtype=np.int64) - first, _NANOS, dtype=np.float64)
 
 
 class _Samples:
@@ -189,9 +194,9 @@ class _Samples:
         self.lost.append(message.lost)
 
     def arrays(self, first: int) -> ImuRecording:
-        values = np.array(self.values, dtype=np.float64).reshape(-1, 11)
+        values = np.reshape(np.array(self.values, dtype=np.float64), (-1, 11))
         return ImuRecording(
-            time=(np.array(self.times, dtype=np.int64) - first) * _NANOS,
+            time=_seconds(self.times, first),
             orientation=values[:, 0:4],
             angular_velocity=values[:, 4:7],
             acceleration=values[:, 7:10],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -156,7 +157,7 @@ class Policy:
             result = self._session.run([self._names[1]], feed)[0]
         except Exception as error:  # onnxruntime has classes for errors without a common base
             raise PolicyError(f"{self.path}: the network does not run: {_first_line(error)}") from error
-        return cast("_Floats", np.asarray(result, dtype=np.float64).reshape(-1))
+        return np.ravel(np.asarray(result, dtype=np.float64))
 
     def reset(self) -> None:
         """Forgets the last action. Call it before the first step."""
@@ -224,7 +225,7 @@ def _first_line(error: Exception) -> str:
 
 def _load(path: str) -> Any:
     try:
-        import onnxruntime  # pyright: ignore
+        onnxruntime: Any = import_module("onnxruntime")
     except ImportError as error:
         raise ImportError("motord.Policy needs onnxruntime: pip install 'motord[policy]'") from error
     if not Path(path).is_file():
