@@ -6,6 +6,7 @@
 //!
 //! `keys` is the table of all keys. [`reference()`] writes `docs/configuration.md` from it.
 
+mod describe;
 mod document;
 mod entry;
 mod file;
@@ -29,6 +30,7 @@ use std::fmt;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
+pub use describe::describe;
 pub use machine::Machine;
 pub use origin::{Limit, Origin};
 pub use problem::{Place, Problem, Wrong};

@@ -1,16 +1,18 @@
 //! The cycle and the simulated motors of a configuration on virtual time.
 //!
-//! [`Twin`] runs the cycle of the daemon: its decisions, limits, drives and frames. Its buses have simulated motors, and a
-//! [`Plant`] moves their shafts, if the caller has one. The same calls with the same seed give the same run.
+//! [`Twin`] runs the cycle of the daemon: its decisions, limits, drives and frames. Its buses have simulated motors, and
+//! [`Mechanics`] of the caller move their joints, such as a physics engine. The same calls with the same seed give the same run.
 //!
 //! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the daemon.
 
 mod imus;
+mod joints;
 mod physics;
 mod twin;
 
 pub use imus::Body;
+pub use joints::{JointPhysics, Mechanics};
 pub use physics::{physics, simulate};
 pub use twin::{Options, Twin, TwinError};
 
-pub use motord_simulator::{FaultVerb, ImuValues, Plant, Shaft};
+pub use motord_simulator::{FaultVerb, ImuValues, InjectError};

@@ -1,6 +1,7 @@
 //! One robot on virtual time, with its owner and its operator.
 
 use crate::imus::{Body, Sensor};
+use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
 use motord_configuration::ConfigError;
@@ -8,7 +9,7 @@ use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_core::imu::{ImuSimulation, ImuSource};
 use motord_core::settings::Settings;
 use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
-use motord_simulator::{FaultVerb, InjectError, Plant, PlantBus, SharedBus, couple};
+use motord_simulator::{FaultVerb, InjectError, PlantBus, SharedBus, couple};
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -84,14 +85,14 @@ impl Twin {
     pub fn load(
         path: &Path,
         options: Options,
-        plant: Option<Box<dyn Plant>>,
+        mechanics: Option<Box<dyn Mechanics>>,
         body: Option<Box<dyn Body>>,
     ) -> Result<Self, TwinError> {
         let loaded = motord_configuration::load(path).map_err(TwinError::Configuration)?;
-        Self::new(loaded.settings, options, plant, body)
+        Self::new(loaded.settings, options, mechanics, body)
     }
 
-    /// Builds the robot of `settings` with its motors off. `plant` moves the shafts; without one, each motor moves its own
+    /// Builds the robot of `settings` with its motors off. `mechanics` move the joints; without them, each motor moves its own
     /// inertia, as in the daemon. `body` is measured by the IMUs; without one, no IMU has a sample. The wire of an IMU is not
     /// simulated: samples arrive at its rate, with the errors of its `[imu.simulation]`.
     ///
@@ -100,7 +101,7 @@ impl Twin {
     pub fn new(
         mut settings: Settings,
         options: Options,
-        plant: Option<Box<dyn Plant>>,
+        mechanics: Option<Box<dyn Mechanics>>,
         body: Option<Box<dyn Body>>,
     ) -> Result<Self, TwinError> {
         if let Some(bus) = settings.buses.iter().find(|bus| bus.is_line()) {
@@ -111,6 +112,7 @@ impl Twin {
             let errors = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
             imu.source = ImuSource::Simulated(errors);
         }
+        let plant = mechanics.map(|mechanics| JointPlant::new(mechanics, &mut settings));
         let bus = |index: usize| SharedBus::new(simulate(&settings, index, options.seed + index as u64));
         let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
         let (opened, plant) = opened(&buses, plant);
@@ -242,22 +244,13 @@ impl Twin {
 }
 
 /// Returns the buses as the cycle uses them, and a handle to the plant.
-fn opened(buses: &[SharedBus], plant: Option<Box<dyn Plant>>) -> (Vec<Box<dyn Bus>>, Option<PlantBus>) {
+fn opened(buses: &[SharedBus], plant: Option<JointPlant>) -> (Vec<Box<dyn Bus>>, Option<PlantBus>) {
     match plant {
         None => (buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect(), None),
         Some(plant) => {
-            let coupled = couple(buses, Boxed(plant));
+            let coupled = couple(buses, plant);
             let first = coupled.first().cloned();
             (coupled.into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect(), first)
         }
-    }
-}
-
-/// A plant whose type is known at run time.
-struct Boxed(Box<dyn Plant>);
-
-impl Plant for Boxed {
-    fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [motord_simulator::Shaft]) {
-        self.0.step(torques, seconds, shafts);
     }
 }

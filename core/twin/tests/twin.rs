@@ -5,7 +5,7 @@
 
 use core::time::Duration;
 use motord_shared::{Cause, JointSetpoint, Operation, Phase, Refusal, StateMessage};
-use motord_twin::{Body, ImuValues, Options, Plant, Shaft, Twin, TwinError};
+use motord_twin::{Body, ImuValues, JointPhysics, Mechanics, Options, Twin, TwinError};
 use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -117,16 +117,20 @@ fn silent_controller_is_stopped_and_nothing_restarts() {
     assert_eq!(twin.ask(Operation::Enable, 0), Err(Refusal::Latched));
 }
 
-/// Shafts on a table that turns: the body of the IMU.
+/// Joints on a table that turns: the body of the IMU.
 #[derive(Clone, Default)]
 struct Table(Arc<Mutex<f64>>);
 
-impl Plant for Table {
-    fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]) {
+impl Mechanics for Table {
+    fn begin(&mut self, positions: &mut [f64]) {
+        positions[2] = -1.5;
+    }
+
+    fn step(&mut self, torques: &[f64], seconds: f64, positions: &mut [f64], velocities: &mut [f64]) {
         *self.0.lock().unwrap() += seconds;
-        for (shaft, torque) in shafts.iter_mut().zip(torques) {
-            shaft.velocity += (torque - 0.1 * shaft.velocity) / 0.01 * seconds;
-            shaft.position += shaft.velocity * seconds;
+        for ((position, velocity), torque) in positions.iter_mut().zip(velocities).zip(torques) {
+            *velocity += (torque - 0.1 * *velocity) / 0.01 * seconds;
+            *position += *velocity * seconds;
         }
     }
 }
@@ -146,7 +150,7 @@ impl Body for Table {
 #[test]
 fn imu_measures_body_of_plant_at_tick() {
     let table = Table::default();
-    let (plant, body): (Box<dyn Plant>, Box<dyn Body>) = (Box::new(table.clone()), Box::new(table));
+    let (plant, body): (Box<dyn Mechanics>, Box<dyn Body>) = (Box::new(table.clone()), Box::new(table));
     let mut twin = Twin::load(
         &configuration("quadruped-simulated.toml"),
         compute(Duration::ZERO),
@@ -157,6 +161,10 @@ fn imu_measures_body_of_plant_at_tick() {
     (0..500).for_each(|_| twin.step());
     let imu = twin.state().imus()[0];
     assert!(imu.sequence > 100, "{imu:?}");
+    assert!(
+        (twin.state().joints()[2].position + 1.5).abs() < 1e-3,
+        "the joints begin where the mechanics have them"
+    );
     let [w, _, _, z] = imu.orientation;
     let angle = 2.0 * z.atan2(w);
     // The last tick was at 499 ms, and the last sample at most a period before.
@@ -170,4 +178,12 @@ fn serial_line_is_refused_by_name() {
         .map(|_| ())
         .unwrap_err();
     assert!(matches!(&refused, TwinError::SerialBus { bus } if !bus.is_empty()), "{refused}");
+}
+
+/// A GIM8108-8: 6e-5 kg·m² behind a gear of 8.
+#[test]
+fn joint_physics_are_those_of_the_motors() {
+    let physics = JointPhysics::of(twin(Options::default()).settings());
+    assert_eq!(physics.len(), 12);
+    assert!((physics[0].armature - 3.84e-3).abs() < 1e-6, "{:?}", physics[0]);
 }

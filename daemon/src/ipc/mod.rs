@@ -3,7 +3,6 @@
 //! Not real-time: iceoryx2 allocates once with every message, and maps files when a client connects or disconnects. If this
 //! thread stalls, setpoints expire and the cycle damps the robot.
 
-pub mod description;
 pub mod owners;
 mod pending;
 mod records;

@@ -1,8 +1,8 @@
 //! The description of the robot that clients get, made of the configuration.
 
-use motord_core::imu::ImuSettings;
-use motord_core::plan::BusPlan;
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::imu::ImuSettings;
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_shared::description::{
     GroupDescription, ImuDescription, JointDescription, JointLimits, RobotDescription,
 };
