@@ -171,7 +171,10 @@ impl Claim {
         let claim = self.claim.as_mut();
         let claim =
             claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
-        claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])).map_err(|error| raised(&error))
+        claim
+            .set_horizon(horizon)
+            .and_then(|()| claim.send(&setpoints[..count]))
+            .map_err(|error| raised(&error))
     }
 
     /// Moves the joints to a pose, smoothly, within their limits of position and velocity. Returns when the pose is sent.

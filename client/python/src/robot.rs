@@ -8,6 +8,7 @@ use crate::state::{Order, State};
 use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::os::fd::AsRawFd;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -113,6 +114,19 @@ impl Robot {
         let timeout = duration("timeout", timeout)?;
         let state = self.call(py, |client| client.wait(timeout))?;
         Ok(State { state, order: self.order(names)? })
+    }
+
+    /// The newest state; `None` when the previous call, or one of another thread, returned it. Does not wait.
+    #[pyo3(signature = (*, names = None))]
+    fn newest(&self, names: Option<Vec<String>>) -> PyResult<Option<State>> {
+        let Some(state) = self.client.newest().map_err(|error| raised(&error))? else { return Ok(None) };
+        Ok(Some(State { state, order: self.order(names)? }))
+    }
+
+    /// A file descriptor that becomes readable with each state; it belongs to this object.
+    fn fileno(&self) -> PyResult<i32> {
+        let descriptor = self.client.file_descriptor().map_err(|error| raised(&error))?;
+        Ok(descriptor.as_raw_fd())
     }
 
     #[pyo3(signature = (group, *, names = None))]

@@ -1,5 +1,7 @@
 """The package against a running daemon with twelve simulated motors."""
 
+import asyncio
+import select
 import threading
 import time
 from collections.abc import Callable
@@ -185,6 +187,35 @@ def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:
     assert publisher.used and base.angular_velocity[2] == 0.5 and base.age is not None and base.temperature == 40.0
     with pytest.raises(ValueError, match="no unit quaternion"):
         publisher.send([2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.81])
+
+
+def test_select_and_asyncio_wake_with_states(robot: motord.Robot) -> None:
+    cycles: list[int] = []
+    while len(cycles) < 20:
+        assert select.select([robot], [], [], 5.0)[0] == [robot]
+        state = robot.newest(names=["fl-knee"])
+        if state is not None:
+            assert state.names == ["fl-knee"]
+            cycles.append(state.cycle)
+    assert cycles == sorted(set(cycles)) and robot.fileno() == robot.fileno()
+
+    async def collect() -> list[int]:
+        found: list[int] = []
+        done = asyncio.Event()
+
+        def readable() -> None:
+            state = robot.newest()
+            found.extend([] if state is None else [state.cycle])
+            if len(found) >= 20:
+                done.set()
+
+        asyncio.get_running_loop().add_reader(robot, readable)
+        await asyncio.wait_for(done.wait(), 30.0)
+        asyncio.get_running_loop().remove_reader(robot)
+        return found
+
+    found = asyncio.run(collect())
+    assert found == sorted(set(found)) and found[0] > cycles[-1]
 
 
 def test_restart_is_reported_once_to_robot(start: Callable[..., Daemon]) -> None:

@@ -267,6 +267,14 @@ class Robot:
         """Joints with their limits, groups, IMUs and buses."""
     def wait(self, timeout: float = 1.0, *, names: Sequence[str] | None = None) -> State:
         """Waits for the next state, with all joints of the robot, or those of names."""
+    def newest(self, *, names: Sequence[str] | None = None) -> State | None:
+        """Returns the newest state without waiting; None when a call has returned it already."""
+    def fileno(self) -> int:
+        """Returns a file descriptor that becomes readable with each state, for asyncio and select.
+
+        Read the state with newest; it may be None. The descriptor belongs to the robot, and survives a restart of the daemon.
+        Use a timeout: without a daemon it stays unreadable, and wait raises the reason.
+        """
     def claim(self, group: str, *, names: Sequence[str] | None = None) -> Claim:
         """Becomes the owner of a group. names is the order of its joints in each array; it names each of them."""
     def estop(self) -> None:
