@@ -1,6 +1,6 @@
 //! The exceptions.
 
-use motord_client::{Error as ClientError, Stop};
+use motord_client::{Error as ClientError, Refusal, Stop};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -48,6 +48,11 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         | ClientError::BadSample { .. } => PyErr::new::<PyValueError, _>(text),
         _ => PyErr::new::<Error, _>(text),
     }
+}
+
+/// Converts a refusal of a twin's cycle.
+pub(crate) fn refused(refusal: Refusal) -> PyErr {
+    with(PyErr::new::<Refused, _>(refusal.sentence()), &[("reason", Some(refusal.name().to_owned()))])
 }
 
 fn cause_of(stop: &Stop) -> Option<String> {

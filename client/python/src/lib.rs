@@ -4,6 +4,7 @@
 //! - `claim`: the ownership of a group, and its loop.
 //! - `state`: a cycle, as numpy arrays.
 //! - `motion`: a smooth motion to a pose.
+//! - `twin`: a robot on virtual time.
 //! - `arrays`: values of a caller, one for each joint.
 //! - `errors`: the exceptions.
 //! - `interpreter`: waiting without the interpreter's lock, and the warning when that does not help.
@@ -19,6 +20,7 @@ mod interpreter;
 mod motion;
 mod robot;
 mod state;
+mod twin;
 
 #[pyo3::pymodule]
 mod _motord {
@@ -32,4 +34,6 @@ mod _motord {
     use crate::robot::{ImuPublisher, Robot, connect, estop};
     #[pymodule_export]
     use crate::state::{Imu, Imus, State};
+    #[pymodule_export]
+    use crate::twin::Engine;
 }

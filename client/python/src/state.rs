@@ -177,6 +177,14 @@ impl State {
         self.group()?.cause.map(|cause| cause.name())
     }
 
+    /// The joint that gave the cause of the group's stop; `None` without one, or for one of another claim.
+    #[getter]
+    fn stop_joint(&self) -> Option<String> {
+        let joint = self.group()?.cause_joint?;
+        let at = self.order.joints.iter().position(|index| *index == joint)?;
+        self.order.names.get(at).cloned()
+    }
+
     /// The IMUs, by name.
     #[getter]
     fn imu(&self) -> Imus {

@@ -2,7 +2,7 @@
 
 use crate::physics::physics;
 use motord_core::joint::Transmission;
-use motord_core::settings::Settings;
+use motord_core::settings::{MotorSettings, Settings};
 use motord_simulator::{Plant, Shaft};
 
 /// The mechanics of a robot: a physics engine. Values are those of the joints, in the order of the configuration.
@@ -30,6 +30,8 @@ pub struct JointPhysics {
     pub damping: f64,
     /// Dry friction, N·m.
     pub friction: f64,
+    /// Where the configuration has the joint at the beginning, rad.
+    pub begin: f64,
 }
 
 impl JointPhysics {
@@ -38,16 +40,18 @@ impl JointPhysics {
     pub fn of(settings: &Settings) -> Vec<Self> {
         let motors: Vec<_> = (0..settings.buses.len()).flat_map(|bus| physics(settings, bus).1).collect();
         let of_joint = |name: &str| motors.iter().find(|motor| motor.name == name);
-        let joint = |motor: &motord_core::settings::MotorSettings| {
+        let begins = positions(settings);
+        let joint = |(motor, begin): (&MotorSettings, f64)| {
             let motor = of_joint(&motor.name)?;
             Some(Self {
                 name: motor.name.clone(),
                 armature: motor.rotor_inertia * motor.gear_ratio.powi(2),
                 damping: motor.viscous_friction,
                 friction: motor.coulomb_friction,
+                begin,
             })
         };
-        settings.motors.iter().filter_map(joint).collect()
+        settings.motors.iter().zip(begins).filter_map(joint).collect()
     }
 }
 

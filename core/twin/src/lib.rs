@@ -15,4 +15,4 @@ pub use joints::{JointPhysics, Mechanics};
 pub use physics::{physics, simulate};
 pub use twin::{Options, Twin, TwinError};
 
-pub use motord_simulator::{FaultVerb, ImuValues, InjectError};
+pub use motord_simulator::{FaultVerb, ImuValues, InjectError, VerbError};

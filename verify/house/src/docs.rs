@@ -73,6 +73,11 @@ fn is_function(name: &str) -> bool {
     name.chars().all(is_plain) && name.split('_').filter(|word| !word.is_empty()).count() >= FUNCTION_MIN
 }
 
+/// The functions of a Python file, by the lines that begin them.
+fn python_functions(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| Some(line.strip_prefix("def ")?.split_once('(')?.0))
+}
+
 /// Returns whether `name` is a path of the workspace. Absolute paths are of the machine.
 fn is_path(name: &str) -> bool {
     let has_form = name.contains('/') || ENDINGS.iter().any(|ending| name.ends_with(ending));
@@ -103,6 +108,11 @@ impl House {
             self::functions(rust.text.parse().unwrap(), &mut names);
             for name in names {
                 functions.entry(name).or_default().insert(rust.path.clone());
+            }
+        }
+        for python in sources.iter().filter(|source| source.path.ends_with(".py")) {
+            for name in python_functions(&python.text) {
+                functions.entry(name.to_owned()).or_default().insert(python.path.clone());
             }
         }
         Self { functions, files: sources.iter().map(|source| source.path.clone()).collect() }

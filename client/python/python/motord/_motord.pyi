@@ -1,6 +1,6 @@
 """Types of the compiled part. Arrays have the order of the claim, or of the robot; units are SI, joint side."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any, Literal, TypedDict, final
@@ -143,6 +143,9 @@ class State:
     @property
     def stop(self) -> str | None:
         """The latched cause of the group's stop, such as motor-lost."""
+    @property
+    def stop_joint(self) -> str | None:
+        """The joint that gave this cause; None without one."""
     @property
     def sequence(self) -> int:
         """Number of the setpoint message that the group used; 0 for none, and for the whole robot."""
@@ -296,3 +299,47 @@ def estop(instance: str = "robot") -> None:
 
 def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, int, int]:
     """The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints."""
+
+@final
+class Engine:
+    """The robot below motord.sim.Twin, which describes each value."""
+
+    def __new__(
+        cls,
+        config: str | PathLike[str],
+        *,
+        seed: int = 0,
+        compute: float = 0.0,
+        step: Callable[[_Array, float, _Array, _Array], None] | None = None,
+        begin: list[float] | None = None,
+        measure: Callable[[], tuple[_Array, _Array, _Array] | None] | None = None,
+    ) -> Engine: ...
+    @property
+    def description(self) -> str:
+        """The description of the robot, as JSON."""
+    @property
+    def physics(self) -> list[dict[str, Any]]:
+        """name, armature, damping, friction and begin of each joint."""
+    @property
+    def time(self) -> float:
+        """Virtual time since the first tick, s."""
+    def step(self, cycles: int) -> None:
+        """Runs cycles."""
+    def state(self, names: list[str], joints: list[int], group: int | None) -> State:
+        """The state of the last cycle, of the joints with these indices."""
+    def send(
+        self,
+        group: int,
+        places: list[int],
+        q: _Values | None,
+        dq: _Values | None,
+        kp: _Values | None,
+        kd: _Values | None,
+        tau: _Values | None,
+        horizon: float,
+    ) -> None:
+        """Sends a setpoint for each joint of a group; places are the places in the group of the values."""
+    def ask(self, operation: str, group: int) -> None:
+        """Sends a request, and runs cycles until it is answered."""
+    def inject_at(self, at: float, verb: str) -> None:
+        """Gives a bus, a motor or an IMU a fault at a virtual time, s."""

@@ -1,0 +1,18 @@
+"""The robot on virtual time: motord's cycle, simulated drives and buses, and a physics engine.
+
+>>> from motord.sim import Mujoco, Twin
+>>> twin = Twin("robot.toml", Mujoco("robot.xml"), compute_us=300, seed=1)
+>>> twin.at(2.0, "fl-knee", "off")
+>>> with twin.claim("legs") as legs:
+...     legs.enable(hold=(20.0, 0.5))
+...     for state in legs.cycles(hz=500):
+...         legs.send(q=state.q, kp=20.0, kd=0.5)
+
+A twin has the methods of motord.connect. The same calls with the same seed give the same run.
+"""
+
+from .mujoco import Mujoco, fit_mjcf
+from .plant import Plant
+from .twin import Twin, TwinClaim
+
+__all__ = ["Mujoco", "Plant", "Twin", "TwinClaim", "fit_mjcf"]

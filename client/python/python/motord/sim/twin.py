@@ -1,0 +1,258 @@
+"""A robot on virtual time, with the methods of a connection."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from os import PathLike, fspath
+from typing import Any, Literal
+
+import numpy as np
+
+from .._motord import Engine, Refused, State, Stopped, TimedOut
+from .plant import Array, Plant
+
+Values = float | Array
+
+CHANGE_CYCLES = 20_000
+"""More cycles than motors need to start or to stop."""
+
+
+class Twin:
+    """A robot of a configuration on virtual time, which passes only in its calls.
+
+    The cycle, its limits, the drives and every frame are those of the daemon, on simulated buses. The plant moves the
+    joints; without one, each motor moves its own inertia. compute_us is the time that the controller computes: from the
+    states of a cycle to the sending of its setpoints. seed decides everything random in motors and sensors.
+
+    ValueError for a configuration or a plant that does not fit, with every problem.
+    """
+
+    def __init__(
+        self, config: str | PathLike[str], plant: Plant | None = None, *, compute_us: float = 0.0, seed: int = 0
+    ) -> None:
+        # A first engine without the plant knows the robot, which the plant needs to begin.
+        engine = Engine(fspath(config), seed=seed)
+        self.description: dict[str, Any] = json.loads(engine.description)
+        self.physics: list[dict[str, Any]] = engine.physics
+        self.plant = plant
+        if plant is not None:
+            begin = plant.begin(self.description, self.physics)
+            engine = Engine(
+                fspath(config),
+                seed=seed,
+                compute=compute_us * 1e-6,
+                step=plant.step,
+                begin=None if begin is None else [float(position) for position in begin],
+                measure=plant.imu if plant.imu() is not None else None,
+            )
+        elif compute_us != 0.0:
+            engine = Engine(fspath(config), seed=seed, compute=compute_us * 1e-6)
+        self.engine = engine
+        self.instance: str = self.description["instance"]
+        self.rate_hz: float = self.description["rate_hz"]
+        self.joints: list[str] = [joint["name"] for joint in self.description["joints"]]
+        self.groups: list[str] = [group["name"] for group in self.description["groups"]]
+        self.imus: list[str] = [imu["name"] for imu in self.description["imus"]]
+        self.setpoint_timeout: float = self.description["setpoint_timeout"]
+
+    @property
+    def time(self) -> float:
+        """Virtual time since the first cycle, s."""
+        return self.engine.time
+
+    def at(self, seconds: float, target: str, verb: str) -> None:
+        """Gives a motor, a bus or an IMU a fault at a virtual time: the verbs of motorctl sim, such as "off" or "ok"."""
+        self.engine.inject_at(seconds, f"{target} {verb}")
+
+    def wait(self, timeout: float = 1.0, *, names: list[str] | None = None) -> State:
+        """Runs a cycle. Returns its state, with all joints of the robot, or those of names."""
+        self.engine.step(1)
+        chosen = self.joints if names is None else names
+        return self.engine.state(chosen, [self._joint(name) for name in chosen], None)
+
+    def claim(self, group: str, *, names: list[str] | None = None) -> "TwinClaim":
+        """Claims a group, in its order or in that of names."""
+        return TwinClaim(self, group, names)
+
+    def estop(self) -> None:
+        """Damps and stops every motor."""
+        self.engine.ask("emergency-stop", 0)
+
+    def disable(self, group: str) -> None:
+        """Damps and stops the motors of a group."""
+        self.engine.ask("disable", self.group_index(group))
+
+    def reset(self, group: str) -> None:
+        """Clears the latched cause of a group's stop."""
+        self.engine.ask("reset", self.group_index(group))
+
+    def _joint(self, name: str) -> int:
+        if name not in self.joints:
+            raise ValueError(f"there is no joint {name!r}; there are {', '.join(self.joints)}")
+        return self.joints.index(name)
+
+    def group_index(self, name: str) -> int:
+        """The index of a group."""
+        if name not in self.groups:
+            raise ValueError(f"there is no group {name!r}; there are {', '.join(self.groups)}")
+        return self.groups.index(name)
+
+    def __repr__(self) -> str:
+        return f"<motord.sim.Twin {self.instance!r}: {len(self.joints)} joints, {self.time:.3f} s>"
+
+
+class TwinClaim:
+    """The ownership of a group of a twin. Its end damps, stops and releases the group."""
+
+    def __init__(self, twin: Twin, group: str, names: list[str] | None) -> None:
+        self._twin, self._engine = twin, twin.engine
+        self._index = twin.group_index(group)
+        self.group = group
+        indices: list[int] = twin.description["groups"][self._index]["joints"]
+        known = [twin.joints[index] for index in indices]
+        self.names = known if names is None else list(names)
+        if sorted(self.names) != sorted(known):
+            raise ValueError(f"names must be all joints of {group}: {', '.join(known)}")
+        self._places = [known.index(name) for name in self.names]
+        self._joints = [twin.joints.index(name) for name in self.names]
+        self._hold = (20.0, 0.5)
+        self._released = False
+        self._engine.ask("claim", self._index)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def _state(self) -> State:
+        return self._engine.state(self.names, self._joints, self._index)
+
+    def wait(self, timeout: float = 1.0) -> State:
+        """Runs a cycle and returns its state, in the order of the claim."""
+        self._engine.step(1)
+        return self._state()
+
+    def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
+        """Runs cycles, and yields the states of those that are due at hz. Raises Stopped when the group is stopped."""
+        every = 1 if hz is None else round(self._twin.rate_hz / hz)
+        if every < 1 or (hz is not None and abs(self._twin.rate_hz / every - hz) > 1e-6 * self._twin.rate_hz):
+            raise ValueError(f"hz is {hz}: give a whole part of {self._twin.rate_hz}")
+        while True:
+            self._engine.step(every)
+            state = self._state()
+            self._must_be_active(state)
+            yield state
+
+    def send(
+        self,
+        *,
+        q: Values | None = None,
+        dq: Values | None = None,
+        kp: Values | None = None,
+        kd: Values | None = None,
+        tau: Values | None = None,
+        horizon: float = 0.0,
+    ) -> None:
+        """Sends a setpoint for each joint, as motord.Claim.send does."""
+        if q is None and kp is not None:
+            raise ValueError("kp without q: a stiffness needs a position to follow")
+        self._engine.send(self._index, self._places, q, dq, kp, kd, tau, horizon)
+
+    def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
+        """Starts the motors where they are, with the stiffness and damping of hold, and waits until they follow."""
+        self._hold = hold
+        self._until("disarmed")
+        # The motors need some cycles to answer first.
+        state = self.wait()
+        for _ in range(CHANGE_CYCLES):
+            if np.isfinite(state.q).all() and state.fresh.all():
+                break
+            state = self.wait()
+        here = state.q
+
+        def follow() -> None:
+            self.send(q=here, kp=hold[0], kd=hold[1])
+
+        for _ in range(3):
+            follow()
+            self.wait()
+        self._engine.ask("enable", self._index)
+        self._until("active", follow)
+
+    def move_to(
+        self,
+        pose: Values | Mapping[str, float],
+        seconds: float,
+        *,
+        kp: Values | None = None,
+        kd: Values | None = None,
+    ) -> None:
+        """Moves the joints to a pose, smoothly. Returns when the pose is sent."""
+        if isinstance(pose, Mapping):
+            pose = np.array([pose[name] for name in self.names])
+        state = self.wait()
+        self._must_be_active(state)
+        applied = state.applied
+        begin = np.where(applied["kp"] > 0.0, applied["q"], state.q)
+        goal = np.broadcast_to(np.asarray(pose, dtype=float), begin.shape)
+        kp = self._hold[0] if kp is None else kp
+        kd = self._hold[1] if kd is None else kd
+        begun, at = state.time, 0.0
+        while at < 1.0:
+            at = min(1.0, (state.time - begun) / seconds) if seconds > 0.0 else 1.0
+            share = at**3 * (10.0 + at * (6.0 * at - 15.0))
+            speed = 30.0 * at**2 * (1.0 + at * (at - 2.0)) / seconds if seconds > 0.0 else 0.0
+            self.send(q=begin + (goal - begin) * share, dq=(goal - begin) * speed, kp=kp, kd=kd)
+            state = self.wait()
+            self._must_be_active(state)
+
+    def disable(self) -> None:
+        """Damps and stops the motors."""
+        self._engine.ask("disable", self._index)
+
+    def reset(self) -> None:
+        """Clears the latched cause of a stop."""
+        self._engine.ask("reset", self._index)
+
+    def release(self) -> None:
+        """Releases the group."""
+        if not self._released:
+            self._released = True
+            self._engine.ask("release", self._index)
+
+    def __enter__(self) -> "TwinClaim":
+        return self
+
+    def __exit__(self, *_: object) -> Literal[False]:
+        if not self._released:
+            try:
+                if self._state().phase in ("starting", "active"):
+                    self.disable()
+                self._until("disarmed")
+                self.release()
+            except (Refused, Stopped, TimedOut):
+                # The owner was stopped, which ends its ownership.
+                self._released = True
+        return False
+
+    def _until(self, phase: str, each: Callable[[], None] = lambda: None) -> None:
+        state = self._state()
+        for _ in range(CHANGE_CYCLES):
+            if state.phase == phase:
+                return
+            if phase == "active":
+                self._must_be(state, ("starting", "active"))
+            each()
+            state = self.wait()
+        raise TimedOut(f"group {self.group} is {state.phase}, not {phase}")
+
+    def _must_be_active(self, state: State) -> None:
+        self._must_be(state, ("active",))
+
+    def _must_be(self, state: State, phases: tuple[str, ...]) -> None:
+        if state.phase not in phases:
+            error = Stopped(f"group {self.group} is stopped: {state.stop or state.phase}")
+            joint = state.stop_joint
+            setattr(error, "cause", state.stop)
+            setattr(error, "joint", joint)
+            raise error
+
+    def __repr__(self) -> str:
+        return f"<motord.sim.TwinClaim of {self.group!r}: {len(self)} joints>"

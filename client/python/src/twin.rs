@@ -1,0 +1,244 @@
+//! A robot on virtual time: the engine below `motord.sim.Twin`.
+
+use crate::arrays::{JOINTS_MAX, duration, values};
+use crate::errors::refused;
+use crate::state::{Order, State};
+use motord_client::{Operation, State as ClientState};
+use motord_shared::JointSetpoint;
+use motord_twin::{Body, FaultVerb, ImuValues, JointPhysics, Mechanics, Options, Twin};
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The first exception of a callable, which the next step raises.
+type Raised = Arc<Mutex<Option<PyErr>>>;
+
+fn note(raised: &Raised, error: PyErr) {
+    raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+}
+
+/// A callable that moves the joints.
+struct PyMechanics {
+    step: Py<PyAny>,
+    /// Torques, positions and velocities, as the callable sees them.
+    arrays: [Py<PyArray1<f64>>; 3],
+    begin: Option<Vec<f64>>,
+    raised: Raised,
+}
+
+impl Mechanics for PyMechanics {
+    fn begin(&mut self, positions: &mut [f64]) {
+        if let Some(begin) = self.begin.take().filter(|begin| begin.len() == positions.len()) {
+            positions.copy_from_slice(&begin);
+        }
+    }
+
+    fn step(&mut self, torques: &[f64], seconds: f64, positions: &mut [f64], velocities: &mut [f64]) {
+        if self.raised.lock().unwrap_or_else(PoisonError::into_inner).is_some() {
+            return;
+        }
+        let outcome = Python::attach(|py| {
+            let [of_torques, of_positions, of_velocities] =
+                self.arrays.each_ref().map(|array| array.bind(py));
+            let pairs = [(of_torques, torques), (of_positions, &*positions), (of_velocities, &*velocities)];
+            for (array, values) in pairs {
+                array.readwrite().as_slice_mut()?.copy_from_slice(values);
+            }
+            self.step.call1(py, (of_torques, seconds, of_positions, of_velocities))?;
+            for (array, values) in [(of_positions, positions), (of_velocities, velocities)] {
+                let moved = array.readonly();
+                let moved = moved.as_slice()?;
+                if let Some(joint) = moved.iter().position(|value| !value.is_finite()) {
+                    return Err(PyValueError::new_err(format!(
+                        "the plant made joint {joint} {}",
+                        moved[joint]
+                    )));
+                }
+                values.copy_from_slice(moved);
+            }
+            Ok(())
+        });
+        outcome.unwrap_or_else(|error| note(&self.raised, error));
+    }
+}
+
+/// A callable that measures the body: orientation, angular velocity and acceleration.
+struct PyBody {
+    measure: Py<PyAny>,
+    raised: Raised,
+}
+
+impl Body for PyBody {
+    fn measure(&mut self) -> ImuValues {
+        let outcome =
+            Python::attach(|py| self.measure.call0(py)?.extract::<([f64; 4], [f64; 3], [f64; 3])>(py));
+        let (orientation, angular_velocity, acceleration) = outcome.unwrap_or_else(|error| {
+            note(&self.raised, error);
+            ([f64::NAN; 4], [f64::NAN; 3], [f64::NAN; 3])
+        });
+        ImuValues { orientation, angular_velocity, acceleration, temperature: f64::NAN }
+    }
+}
+
+/// The cycle of a configuration, its simulated motors, and the mechanics of the caller.
+#[pyclass(frozen, module = "motord._motord")]
+pub(crate) struct Engine {
+    twin: Mutex<Twin>,
+    raised: Raised,
+    description: motord_shared::description::RobotDescription,
+    physics: Vec<JointPhysics>,
+}
+
+impl Engine {
+    fn twin(&self) -> MutexGuard<'_, Twin> {
+        self.twin.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Raises the exception of a callable.
+    fn checked<T>(&self, value: T) -> PyResult<T> {
+        match self.raised.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(error) => Err(error),
+            None => Ok(value),
+        }
+    }
+}
+
+#[pymethods]
+impl Engine {
+    #[new]
+    #[pyo3(signature = (config, *, seed = 0, compute = 0.0, step = None, begin = None, measure = None))]
+    fn new(
+        py: Python<'_>,
+        config: PathBuf,
+        seed: u64,
+        compute: f64,
+        step: Option<Py<PyAny>>,
+        begin: Option<Vec<f64>>,
+        measure: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let raised = Raised::default();
+        let loaded =
+            motord_configuration::load(&config).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let settings = loaded.settings;
+        let count = settings.motors.len();
+        let description = motord_configuration::describe(&settings, seed);
+        let physics = JointPhysics::of(&settings);
+        let mechanics = step.map(|step| {
+            let arrays = [(); 3].map(|()| PyArray1::<f64>::zeros(py, count, false).unbind());
+            Box::new(PyMechanics { step, arrays, begin, raised: Arc::clone(&raised) }) as Box<dyn Mechanics>
+        });
+        let body =
+            measure.map(|measure| Box::new(PyBody { measure, raised: Arc::clone(&raised) }) as Box<dyn Body>);
+        let options = Options { seed, compute: duration("compute", compute)? };
+        let twin = Twin::new(settings, options, mechanics, body)
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(Self { twin: Mutex::new(twin), raised, description, physics })
+    }
+
+    /// The description of the robot as JSON.
+    #[getter]
+    fn description(&self) -> PyResult<String> {
+        serde_json::to_string(&self.description).map_err(|error| PyValueError::new_err(error.to_string()))
+    }
+
+    /// The part of each motor in the mechanics of its joint.
+    #[getter]
+    fn physics<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let joint = |joint: &JointPhysics| {
+            let values = PyDict::new(py);
+            values.set_item("name", &joint.name)?;
+            values.set_item("armature", joint.armature)?;
+            values.set_item("damping", joint.damping)?;
+            values.set_item("friction", joint.friction)?;
+            values.set_item("begin", joint.begin)?;
+            Ok(values)
+        };
+        self.physics.iter().map(joint).collect()
+    }
+
+    /// Virtual time since the first tick, s.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.twin().time().as_secs_f64()
+    }
+
+    /// Runs cycles.
+    fn step(&self, cycles: u32) -> PyResult<()> {
+        let mut twin = self.twin();
+        for _ in 0..cycles {
+            twin.step();
+            self.checked(())?;
+        }
+        Ok(())
+    }
+
+    /// The state of the last cycle, of the joints with these indices.
+    fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> State {
+        let imus = self.description.imus.iter().map(|imu| imu.name.clone()).collect();
+        let mut twin = self.twin();
+        let state = ClientState::from(twin.state());
+        State { state, order: Arc::new(Order { joints, names, imus, group }) }
+    }
+
+    /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values.
+    #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
+    fn send(
+        &self,
+        group: usize,
+        places: Vec<usize>,
+        q: Option<&Bound<'_, PyAny>>,
+        dq: Option<&Bound<'_, PyAny>>,
+        kp: Option<&Bound<'_, PyAny>>,
+        kd: Option<&Bound<'_, PyAny>>,
+        tau: Option<&Bound<'_, PyAny>>,
+        horizon: f64,
+    ) -> PyResult<()> {
+        let count = places.len();
+        let [q, dq, kp, kd, tau] = [("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)]
+            .map(|(name, value)| values(name, value, count));
+        let (q, dq, kp, kd, tau) = (q?, dq?, kp?, kd?, tau?);
+        let mut joints = [JointSetpoint::default(); JOINTS_MAX];
+        for (at, place) in places.into_iter().enumerate() {
+            let setpoint = JointSetpoint {
+                position: q[at],
+                velocity: dq[at],
+                kp: kp[at],
+                kd: kd[at],
+                torque: tau[at],
+                ..JointSetpoint::default()
+            };
+            *joints.get_mut(place).ok_or_else(|| PyValueError::new_err("no such place"))? = setpoint;
+        }
+        let horizon = duration("horizon", horizon)?;
+        let most = self.description.setpoint_horizon_max;
+        if horizon > most {
+            let [asked, most] = [horizon, most].map(|time: Duration| time.as_secs_f64() * 1e3);
+            return Err(PyValueError::new_err(format!(
+                "a horizon of {asked} ms is longer than setpoint-horizon-max-ms of the configuration permits: {most}"
+            )));
+        }
+        self.twin().send(group, &joints[..count], horizon).map_err(refused)
+    }
+
+    /// Sends a request, and runs cycles until it is answered.
+    fn ask(&self, operation: &str, group: usize) -> PyResult<()> {
+        let operation = Operation::ALL.iter().find(|known| known.name() == operation);
+        let operation = *operation.ok_or_else(|| PyValueError::new_err("no such operation"))?;
+        let outcome = self.twin().ask(operation, group);
+        self.checked(())?;
+        outcome.map(|_| ()).map_err(refused)
+    }
+
+    /// Gives a bus, a motor or an IMU a fault at a virtual time, s.
+    fn inject_at(&self, at: f64, verb: &str) -> PyResult<()> {
+        let bad = |text: String| PyValueError::new_err(format!("{verb}: {text}"));
+        let parsed: FaultVerb =
+            verb.parse().map_err(|error: motord_twin::VerbError| bad(error.to_string()))?;
+        let at = duration("at", at)?;
+        self.twin().inject_at(at, parsed).map_err(|error| bad(error.to_string()))
+    }
+}

@@ -1,0 +1,225 @@
+"""The robot on virtual time, with a plant in Python and with MuJoCo."""
+
+import hashlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import motord
+from motord.sim import Mujoco, Twin, fit_mjcf
+from motord.sim.plant import Array
+
+CONFIG = Path(__file__).parents[3] / "config" / "quadruped-simulated.toml"
+LEGS = ("fl", "fr", "rl", "rr")
+NAMES = [f"{leg}-{joint}" for leg in LEGS for joint in ("hip", "thigh", "knee")]
+REACH = np.tile([0.05, 0.2, -0.4], 4)
+PHASE = np.repeat([0.0, np.pi, np.pi, 0.0], 3)
+
+
+class Alone:
+    """Each joint alone: inertia, dry and viscous friction, as the motors of the configuration have without a plant."""
+
+    def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> None:
+        load = 0.01
+        self.inertia = np.array([motor["armature"] + load for motor in physics])
+        self.damping = np.array([motor["damping"] for motor in physics])
+        self.friction = np.array([motor["friction"] for motor in physics])
+
+    def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        momentum = self.inertia * dq + torques * seconds
+        kept = np.copysign(np.maximum(np.abs(momentum) - self.friction * seconds, 0.0), momentum)
+        dq[:] = kept / (self.inertia + self.damping * seconds)
+        q += dq * seconds
+
+    def imu(self) -> None:
+        return None
+
+
+def mjcf(edit: Callable[[str], str] = str) -> str:
+    """Twelve hinges beside each other, with the inertia of the configuration's loads."""
+    body = """<body><joint name="{name}" type="hinge" axis="0 1 0" range="-180 180"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/></body>"""
+    bodies = "".join(body.format(name=name) for name in NAMES)
+    return edit(f"""<mujoco><option gravity="0 0 0" integrator="implicitfast"/>
+      <worldbody><site name="imu"/>{bodies}</worldbody></mujoco>""")
+
+
+def trot(twin: Twin, seconds: float) -> Array:
+    """The positions of a trot, in each cycle."""
+    track = []
+    with twin.claim("legs") as legs:
+        legs.enable(hold=(60.0, 1.5))
+        begin = None
+        for state in legs.cycles():
+            track.append(state.q)
+            begin = state.time if begin is None else begin
+            now = state.time - begin
+            if now >= seconds:
+                break
+            angle, soft = 4.0 * np.pi * now + PHASE, min(now / 0.5, 1.0)
+            legs.send(
+                q=track[0] + soft * REACH * np.sin(angle), dq=soft * REACH * 4.0 * np.pi * np.cos(angle), kp=60.0, kd=1.5
+            )
+    return np.array(track)
+
+
+def rms(difference: Array) -> float:
+    return float(np.sqrt(np.mean(difference**2)))
+
+
+def test_plant_reproduces_builtin_mechanics() -> None:
+    inside, outside = (trot(Twin(CONFIG, plant, seed=3), 3.0) for plant in (None, Alone()))
+    assert inside.shape == outside.shape and rms(inside - inside[0]) > 0.05
+    assert rms(inside - outside) < 1e-3
+
+
+def test_mujoco_reproduces_builtin_mechanics(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    model.write_text(mjcf())
+    inside, outside = (trot(Twin(CONFIG, plant, seed=3), 10.0) for plant in (None, Mujoco(model)))
+    difference = rms(inside - outside)
+    print(f"built-in mechanics and MuJoCo differ by {1e3 * difference:.3f} mrad RMS over 10 s")
+    assert difference < 1e-3
+
+
+RUN = """
+import hashlib, sys
+sys.path.insert(0, sys.argv[1])
+from test_twin import CONFIG, Alone, Twin, trot
+print(hashlib.sha256(trot(Twin(CONFIG, Alone(), compute_us=300, seed=int(sys.argv[2])), 1.0).tobytes()).hexdigest())
+"""
+
+
+def test_processes_with_equal_seeds_agree() -> None:
+    folder = str(Path(__file__).parent)
+    command = [sys.executable, "-c", RUN, folder, "5"]
+    first, again = (subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2))
+    assert first == again and len(first.strip()) == hashlib.sha256().digest_size * 2
+
+
+def test_lost_motor_stops_as_on_the_robot() -> None:
+    twin = Twin(CONFIG, Alone())
+    with twin.claim("legs") as legs:
+        legs.enable()
+        twin.at(twin.time + 0.1, "fl-knee", "off")
+        with pytest.raises(motord.Stopped) as stopped:
+            for state in legs.cycles(hz=500):
+                legs.send(q=state.q, kp=20.0, kd=0.5)
+    assert (stopped.value.cause, stopped.value.joint) == ("motor-lost", "fl-knee")
+    with pytest.raises(ValueError, match="nobody off"):
+        twin.at(1.0, "nobody", "off")
+
+
+def test_silent_controller_is_stopped_and_reset_frees_group() -> None:
+    twin = Twin(CONFIG)
+    legs = twin.claim("legs")
+    legs.enable()
+    for _ in range(3000):
+        twin.wait()
+    with twin.claim("legs") as legs:
+        assert legs.wait().stop == "setpoint-timeout"
+        with pytest.raises(motord.Refused) as refused:
+            legs.enable()
+        assert refused.value.reason == "latched"
+        twin.reset("legs")
+        legs.enable()
+        goal = legs.wait().q + 0.1
+        legs.move_to(goal, 0.5)
+        for _ in range(100):
+            legs.send(q=goal, kp=20.0, kd=0.5)
+            legs.wait()
+        assert abs(legs.wait().q - goal).max() < 0.05
+
+
+def test_emergency_stop_latches() -> None:
+    twin = Twin(CONFIG)
+    with twin.claim("legs") as legs:
+        legs.enable()
+        twin.estop()
+        with pytest.raises(motord.Stopped) as stopped:
+            next(iter(legs.cycles()))
+    assert stopped.value.cause == "emergency-stop"
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (lambda text: text.replace('"fl-knee"', '"fl-kne"'), "fl-knee: the model has no joint of this name; it has .*fl-kne"),
+        (lambda text: text.replace('name="fr-hip" type="hinge"', 'name="fr-hip" type="slide"'), "fr-hip: it is no hinge"),
+        (
+            lambda text: text.replace('name="rl-knee"', 'name="rl-knee" armature="0.1"'),
+            "rl-knee: armature is 0.1 in the model and 0.00384 by its motor",
+        ),
+        (
+            lambda text: text.replace('name="rr-hip" type="hinge" axis="0 1 0" range="-180 180"', 'name="rr-hip" range="-5 5"'),
+            "rr-hip: its limits are .* beyond",
+        ),
+        (
+            lambda text: text.replace('name="rr-knee" type="hinge" axis="0 1 0" range="-180 180"', 'name="rr-knee" range="20 160"'),
+            "rr-knee: its limits are .* its axis is reversed",
+        ),
+    ],
+)
+def test_contradicting_model_is_refused_by_joint(tmp_path: Path, edit: Callable[[str], str], expected: str) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    model.write_text(mjcf(edit))
+    with pytest.raises(ValueError, match=expected):
+        Twin(CONFIG, Mujoco(model))
+
+
+def test_fitted_model_has_motors_and_fits(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model, fitted = tmp_path / "robot.xml", tmp_path / "fitted.xml"
+    model.write_text(mjcf())
+    fit_mjcf(CONFIG, model, fitted)
+    joint = mujoco.MjModel.from_xml_path(str(fitted)).joint("fl-hip")
+    assert joint.armature[0] == pytest.approx(3.84e-3) and joint.frictionloss[0] > 0.0 and joint.damping[0] > 0.0
+    Twin(CONFIG, Mujoco(fitted)).wait()
+
+
+def test_imu_of_mujoco_is_in_the_state(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    model.write_text(mjcf(lambda text: text.replace('gravity="0 0 0"', "")))
+    twin = Twin(CONFIG, Mujoco(model, imu="imu"))
+    for _ in range(100):
+        twin.wait()
+    imu = twin.wait().imu[twin.imus[0]]
+    assert imu.fresh or imu.sequence > 10
+    assert imu.acceleration == pytest.approx([0.0, 0.0, 9.81], abs=0.5)
+    assert imu.projected_gravity == pytest.approx([0.0, 0.0, -1.0], abs=0.01)
+    with pytest.raises(ValueError, match="no site 'head'"):
+        Twin(CONFIG, Mujoco(model, imu="head"))
+
+
+def test_exception_of_plant_comes_out_of_the_twin() -> None:
+    class Broken(Alone):
+        def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+            raise RuntimeError("the physics broke")
+
+    with pytest.raises(RuntimeError, match="the physics broke"):
+        Twin(CONFIG, Broken()).wait()
+
+    class Unstable(Alone):
+        def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+            q[3] = np.nan
+
+    with pytest.raises(ValueError, match="joint 3"):
+        Twin(CONFIG, Unstable()).wait()
+
+
+def test_speed_with_mujoco(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    model.write_text(mjcf())
+    twin, begun = Twin(CONFIG, Mujoco(model)), time.process_time()
+    trot(twin, 3.0)
+    print(f"{twin.time / (time.process_time() - begun):.1f} times real time")
