@@ -34,19 +34,7 @@ class Twin:
         self.description: dict[str, Any] = json.loads(engine.description)
         self.physics: list[dict[str, Any]] = engine.physics
         self.plant = plant
-        if plant is not None:
-            begin = plant.begin(self.description, self.physics)
-            engine = Engine(
-                fspath(config),
-                seed=seed,
-                compute=compute_us * 1e-6,
-                step=plant.step,
-                begin=None if begin is None else [float(position) for position in begin],
-                measure=plant.imu if plant.imu() is not None else None,
-            )
-        elif compute_us != 0.0:
-            engine = Engine(fspath(config), seed=seed, compute=compute_us * 1e-6)
-        self.engine = engine
+        self.engine = self._built(config, plant, compute_us * 1e-6, seed)
         self.instance: str = self.description["instance"]
         self.rate_hz: float = self.description["rate_hz"]
         self.joints: list[str] = [joint["name"] for joint in self.description["joints"]]
@@ -54,10 +42,24 @@ class Twin:
         self.imus: list[str] = [imu["name"] for imu in self.description["imus"]]
         self.setpoint_timeout: float = self.description["setpoint_timeout"]
 
+    def _built(self, config: str | PathLike[str], plant: Plant | None, compute: float, seed: int) -> Any:
+        if plant is None:
+            return Engine(fspath(config), seed=seed, compute=compute)
+        begin = plant.begin(self.description, self.physics)
+        return Engine(
+            fspath(config),
+            seed=seed,
+            compute=compute,
+            step=plant.step,
+            begin=None if begin is None else [float(position) for position in begin],
+            measure=plant.imu if plant.imu() is not None else None,
+        )
+
     @property
     def time(self) -> float:
         """Virtual time since the first cycle, s."""
-        return self.engine.time
+        time: float = self.engine.time
+        return time
 
     def at(self, seconds: float, target: str, verb: str) -> None:
         """Gives a motor, a bus or an IMU a fault at a virtual time: the verbs of motorctl sim, such as "off" or "ok"."""
@@ -67,7 +69,8 @@ class Twin:
         """Runs a cycle. Returns its state, with all joints of the robot, or those of names."""
         self.engine.step(1)
         chosen = self.joints if names is None else names
-        return self.engine.state(chosen, [self._joint(name) for name in chosen], None)
+        state: State = self.engine.state(chosen, [self._joint(name) for name in chosen], None)
+        return state
 
     def claim(self, group: str, *, names: list[str] | None = None) -> "TwinClaim":
         """Claims a group, in its order or in that of names."""
@@ -122,7 +125,8 @@ class TwinClaim:
         return len(self.names)
 
     def _state(self) -> State:
-        return self._engine.state(self.names, self._joints, self._index)
+        state: State = self._engine.state(self.names, self._joints, self._index)
+        return state
 
     def wait(self, timeout: float = 1.0) -> State:
         """Runs a cycle and returns its state, in the order of the claim."""
