@@ -57,6 +57,7 @@ class IdealState:
     applied: dict[str, Array]
     imu: dict[str, IdealImu]
     fresh: Array
+    sequence: int = 1
     stop: str | None = None
     stop_joint: str | None = None
 

@@ -174,9 +174,10 @@ class TwinClaim:
         def follow() -> None:
             self.send(q=here, kp=hold[0], kd=hold[1])
 
-        for _ in range(3):
+        for _ in range(CHANGE_CYCLES):
             follow()
-            self.wait()
+            if self.wait().sequence > 0:
+                break
         self._engine.ask("enable", self._index)
         self._until("active", follow)
 
