@@ -1,6 +1,7 @@
 """The Python code of docs/python.md and of README.md runs as it stands there."""
 
 import re
+import signal
 from pathlib import Path
 
 import pytest
@@ -38,9 +39,18 @@ def test_block_of_page_runs(daemon: Daemon, robot: motord.Robot, tmp_path: Path,
     run(daemon, tmp_path, PAGE[at])
 
 
-@pytest.mark.parametrize("at", range(len(README)))
-def test_block_of_readme_runs(daemon: Daemon, robot: motord.Robot, tmp_path: Path, at: int) -> None:
-    run(daemon, tmp_path, README[at])
+def test_block_of_readme_holds_robot(daemon: Daemon, robot: motord.Robot, tmp_path: Path) -> None:
+    (block,) = README
+    (tmp_path / "block.py").write_text(block)
+    with daemon.python("block.py", cwd=tmp_path) as program:
+        for _ in range(20_000):
+            if robot.wait().applied["kp"][0] == pytest.approx(20.0, rel=0.01):
+                break
+        program.send_signal(signal.SIGINT)
+        _, errors = program.communicate(timeout=60.0)
+    assert "KeyboardInterrupt" in errors and program.returncode != 0
+    with robot.claim("legs") as legs:
+        assert (legs.wait().phase, legs.wait().stop) == ("disarmed", None)
 
 
 def test_page_has_its_blocks() -> None:
