@@ -133,8 +133,10 @@ fn hipnuc_tpdos_of_manual_have_printed_values() {
     );
     let twice = Tpdo::Orientation.decode(&hex("20 4E 00 00 00 00 00 00"));
     assert!(matches!(twice, Err(SampleError::NotUnit { received }) if (received - 2.0).abs() < 1e-6));
-    let short = SampleError::Length { least: 6, most: 8, received: 5 };
-    assert_eq!(Tpdo::Acceleration.decode(&[0; 5]), Err(short));
+    for received in [5, 7, 8] {
+        let other = SampleError::Length { least: 6, most: 6, received };
+        assert_eq!(Tpdo::Acceleration.decode(&[0; 8][..received]), Err(other));
+    }
 }
 
 #[test]

@@ -66,13 +66,13 @@ impl Tpdo {
         }
     }
 
-    /// Decodes the payload. Bytes after the documented ones are ignored.
+    /// Decodes the payload.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
     /// # Errors
     ///
-    /// The payload is shorter or longer than a TPDO, or the quaternion is no rotation.
+    /// The payload has another length than the TPDO in the user manual, or the quaternion is no rotation.
     pub fn decode(self, payload: &[u8]) -> Result<Measured, SampleError> {
         Ok(match self {
             Self::Acceleration => Measured::Acceleration(scaled(payload, 0.001 * GRAVITY)?),
@@ -83,10 +83,10 @@ impl Tpdo {
     }
 }
 
-/// Returns the first `N` numbers of a payload, times `scale`.
+/// Returns the `N` numbers of a payload, times `scale`.
 fn scaled<const N: usize>(payload: &[u8], scale: f32) -> Result<[f32; N], SampleError> {
-    if payload.len() < 2 * N || payload.len() > 8 {
-        return Err(SampleError::Length { least: 2 * N, most: 8, received: payload.len() });
+    if payload.len() != 2 * N {
+        return Err(SampleError::Length { least: 2 * N, most: 2 * N, received: payload.len() });
     }
     let code = |index: usize| i16::from_le_bytes([payload[2 * index], payload[2 * index + 1]]);
     Ok(core::array::from_fn(|index| f32::from(code(index)) * scale))
