@@ -24,6 +24,8 @@ pub struct Interface {
     pub bitrate: Option<u32>,
     /// Number of its motors; 0 without a configuration.
     pub motors: usize,
+    /// Frames of a cycle that ask its IMUs.
+    pub requests: usize,
 }
 
 /// The serial line of an IMU.
@@ -54,6 +56,12 @@ pub struct Robot {
     pub imus: Vec<ImuLine>,
 }
 
+/// Returns the requests to the IMUs of a bus in a cycle.
+fn requests(settings: &Settings, bus: usize) -> usize {
+    let imus = settings.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == bus);
+    imus.map(|can| can.device.requests().count()).sum()
+}
+
 impl Robot {
     /// Reads the requirements from checked settings.
     #[must_use]
@@ -72,6 +80,7 @@ impl Robot {
                     name: interface.clone(),
                     bitrate: Some(*bitrate),
                     motors: settings.motors.iter().filter(|motor| motor.bus == index).count(),
+                    requests: requests(settings, index),
                 }),
                 BusKind::Serial { device, .. } => robot.devices.push(device.clone()),
                 BusKind::Simulated { .. } => {}
@@ -91,7 +100,7 @@ impl Robot {
     pub fn without_configuration(tree: &Tree) -> Self {
         let names = tree.names("sys/class/net").into_iter();
         let is_can = |name: &String| tree.number(&format!("sys/class/net/{name}/type")) == Some(ARPHRD_CAN);
-        let interface = |name| Interface { name, bitrate: None, motors: 0 };
+        let interface = |name| Interface { name, bitrate: None, motors: 0, requests: 0 };
         Self {
             rate_hz: RATE_HZ,
             request: SchedulingRequest { cpu: None, priority: Some(PRIORITY) },

@@ -18,19 +18,24 @@ const QUEUE_MAX: i64 = 64;
 /// The bit rate of a bus whose configuration names none, bit/s.
 const BITRATE: u32 = 1_000_000;
 
-/// Returns the queue length, frames: the commands of two cycles, each with one poll for a fault.
-fn queue_length(motors: usize) -> usize {
-    QUEUE.max(2 * (motors + 1))
+/// Returns the queue length, frames: the commands and requests of two cycles, each with one poll for a fault.
+fn queue_length(interface: &Interface) -> usize {
+    QUEUE.max(2 * cycle_frames(interface))
+}
+
+/// Returns the frames of a cycle: commands, requests to IMUs, and a poll for a fault.
+const fn cycle_frames(interface: &Interface) -> usize {
+    interface.motors + interface.requests + 1
 }
 
 /// Checks whether the interface is up with the configured bit rate.
 pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Finding {
     const CHECK: &str = "interface";
-    let Interface { name, bitrate, motors } = interface;
+    let Interface { name, bitrate, .. } = interface;
     let checked = read.and_then(|link| {
         // Without a configuration the present bit rate is right.
         let bitrate = bitrate.or(link.bitrate).unwrap_or(BITRATE);
-        link.check(bitrate, queue_length(*motors) as u32).map(|()| link)
+        link.check(bitrate, queue_length(interface) as u32).map(|()| link)
     });
     let link = match checked {
         Ok(link) => link,
@@ -66,18 +71,19 @@ fn refused(error: &OpenError) -> Finding {
 /// Checks the length of the transmit queue.
 pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
     const CHECK: &str = "txqueuelen";
-    let Interface { name, motors, .. } = interface;
+    let name = &interface.name;
     let length = tree.number(&format!("sys/class/net/{name}/tx_queue_len"));
     let Some(length) = length else { return Finding::good(CHECK, "not shown").of(name) };
     let measured = format!("{length} frames");
-    let changes = vec![Change::run(&format!("ip link set {name} txqueuelen {}", queue_length(*motors)))];
-    let least = motors + 1;
+    let changes = vec![Change::run(&format!("ip link set {name} txqueuelen {}", queue_length(interface)))];
+    let least = cycle_frames(interface);
     let finding = if length > QUEUE_MAX {
         let why = "a bus that stalled sends so many old torques when it moves again";
         Finding::warn(CHECK, measured, why).tuned_by(changes)
     } else if length < least as i64 {
-        let why =
-            format!("the commands of a cycle are {least} frames with a poll for a fault: some are dropped");
+        let why = format!(
+            "a cycle sends {least} frames, with requests to IMUs and a poll for a fault: some are dropped"
+        );
         Finding::bad(CHECK, measured, why).tuned_by(changes)
     } else {
         Finding::good(CHECK, measured)

@@ -51,7 +51,7 @@ fn robot(cpu: Option<usize>) -> Robot {
 }
 
 fn can0() -> Interface {
-    Interface { name: "can0".to_owned(), bitrate: Some(1_000_000), motors: 3 }
+    Interface { name: "can0".to_owned(), bitrate: Some(1_000_000), motors: 3, requests: 0 }
 }
 
 /// `stat` of a thread with a policy and a priority, whose name has brackets.
@@ -366,6 +366,17 @@ fn queue_holds_one_cycle_not_old_commands() {
     assert_finding(&queue("16"), Level::Good, "16 frames", None);
     assert_finding(&queue("1000"), Level::Warn, "1000 frames", Some("txqueuelen 16"));
     assert_finding(&queue("3"), Level::Bad, "3 frames", Some("txqueuelen 16"));
+}
+
+/// Two IMUs of Damiao: six requests beside the commands of three motors and a poll.
+#[test]
+fn queue_holds_requests_to_imus() {
+    let queue = |length| {
+        let fixture = Fixture::new(&[("sys/class/net/can0/tx_queue_len", length)]);
+        interface::queue(&fixture.tree(), &Interface { requests: 6, ..can0() })
+    };
+    assert_finding(&queue("20"), Level::Good, "20 frames", None);
+    assert_finding(&queue("9"), Level::Bad, "9 frames", Some("txqueuelen 20"));
 }
 
 #[test]
