@@ -16,6 +16,7 @@ use super::askers::Askers;
 use super::unexpected::OtherFormats;
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
+use motord_core::imu::ImuSource;
 use motord_core::settings::Settings;
 use motord_protocol::Faults;
 use motord_shared::description::slow_owner;
@@ -37,6 +38,8 @@ pub(super) struct Log {
     groups: Vec<Group>,
     buses: Vec<Subject>,
     imus: Vec<Subject>,
+    /// What to check when an IMU is lost.
+    imu_checks: Vec<&'static str>,
     requests: Subject,
     refused: Option<Asked>,
     missed_ticks: u64,
@@ -45,6 +48,16 @@ pub(super) struct Log {
     dropped: u64,
     errors: u64,
     setpoint_timeout: Duration,
+}
+
+/// What to check when no samples arrive from this source.
+const fn imu_check(source: &ImuSource) -> &'static str {
+    match source {
+        ImuSource::Serial(_) => "check its cable and power, its device and its baud rate",
+        ImuSource::Can(_) => "check its cable and power, its ids, and the bit rate and state of its bus",
+        ImuSource::External => "check the process that publishes it",
+        ImuSource::Simulated(_) => "a fault of `motorctl sim` holds them back",
+    }
 }
 
 /// Something that may change more often than anybody reads.
@@ -120,6 +133,7 @@ impl Log {
             groups: groups.collect(),
             buses: settings.buses.iter().map(|bus| Subject::new(&bus.name, CHANGES_LOGGED)).collect(),
             imus: settings.imus.iter().map(|imu| Subject::new(&imu.name, CHANGES_LOGGED)).collect(),
+            imu_checks: settings.imus.iter().map(|imu| imu_check(&imu.source)).collect(),
             requests: Subject::new("requests", REQUESTS_LOGGED),
             refused: None,
             missed_ticks: 0,
@@ -194,19 +208,14 @@ impl Log {
         }
     }
 
-    fn log_imu(&mut self, cycle: u64, imu: usize, is_lost: bool) {
-        let imu = &mut self.imus[imu];
+    fn log_imu(&mut self, cycle: u64, index: usize, is_lost: bool) {
+        let imu = &mut self.imus[index];
         if !imu.changes() {
             return;
         }
         let imu = &imu.name;
         if is_lost {
-            tracing::error!(
-                cycle,
-                imu,
-                see = "imu-lost",
-                "delivers no samples: check its cable and power, its device and its baud rate"
-            );
+            tracing::error!(cycle, imu, see = "imu-lost", "delivers no samples: {}", self.imu_checks[index]);
         } else {
             tracing::info!(cycle, imu, "delivers samples");
         }
