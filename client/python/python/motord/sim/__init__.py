@@ -11,9 +11,10 @@
 A twin has the methods of motord.connect. The same calls with the same seed give the same run.
 """
 
+from .compare import Gap, JointGap, compare
 from .ideal import Ideal
 from .mujoco import Mujoco, fit_mjcf
 from .plant import Plant
 from .twin import Twin, TwinClaim
 
-__all__ = ["Ideal", "Mujoco", "Plant", "Twin", "TwinClaim", "fit_mjcf"]
+__all__ = ["Gap", "Ideal", "JointGap", "Mujoco", "Plant", "Twin", "TwinClaim", "compare", "fit_mjcf"]

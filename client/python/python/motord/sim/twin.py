@@ -124,14 +124,15 @@ class TwinClaim:
     def __len__(self) -> int:
         return len(self.names)
 
-    def _state(self) -> State:
+    def state(self) -> State:
+        """The state of the last cycle, in the order of the claim."""
         state: State = self._engine.state(self.names, self._joints, self._index)
         return state
 
     def wait(self, timeout: float = 1.0) -> State:
         """Runs a cycle and returns its state, in the order of the claim."""
         self._engine.step(1)
-        return self._state()
+        return self.state()
 
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
         """Runs cycles, and yields the states of those that are due at hz. Raises Stopped when the group is stopped."""
@@ -140,7 +141,7 @@ class TwinClaim:
             raise ValueError(f"hz is {hz}: give a whole part of {self._twin.rate_hz}")
         while True:
             self._engine.step(every)
-            state = self._state()
+            state = self.state()
             self._must_be_active(state)
             yield state
 
@@ -228,7 +229,7 @@ class TwinClaim:
     def __exit__(self, *_: object) -> Literal[False]:
         if not self._released:
             try:
-                if self._state().phase in ("starting", "active"):
+                if self.state().phase in ("starting", "active"):
                     self.disable()
                 self._until("disarmed")
                 self.release()
@@ -238,7 +239,7 @@ class TwinClaim:
         return False
 
     def _until(self, phase: str, each: Callable[[], None] = lambda: None) -> None:
-        state = self._state()
+        state = self.state()
         for _ in range(CHANGE_CYCLES):
             if state.phase == phase:
                 return
