@@ -5,7 +5,7 @@ use crate::claim::Claim;
 use crate::errors::raised;
 use crate::interpreter::{probe, without_lock};
 use crate::state::{Order, State};
-use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop};
+use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop, emergency_stop_in};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::os::fd::AsRawFd;
@@ -32,9 +32,13 @@ pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) 
 
 /// Damps and stops every motor of an instance, over a connection of its own.
 #[pyfunction]
-#[pyo3(signature = (instance = "robot"))]
-pub(crate) fn estop(py: Python<'_>, instance: &str) -> PyResult<()> {
-    without_lock(py, || emergency_stop(instance))?.map_err(|error| raised(&error))
+#[pyo3(signature = (instance = "robot", *, runtime = None))]
+pub(crate) fn estop(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) -> PyResult<()> {
+    let stop = || match &runtime {
+        Some(runtime) => emergency_stop_in(runtime, instance),
+        None => emergency_stop(instance),
+    };
+    without_lock(py, stop)?.map_err(|error| raised(&error))
 }
 
 /// Converts a value to dictionaries and lists.

@@ -238,3 +238,24 @@ def test_restart_is_reported_once_to_robot(start: Callable[..., Daemon]) -> None
             assert again.wait().phase == "disarmed"
     finally:
         successor.end()
+
+
+def test_removed_owner_has_lost_its_claim(daemon: Daemon, robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.wait()
+        daemon.motorctl("release", "legs", "--force")
+        with pytest.raises(motord.ClaimLost, match="claim"):
+            for _ in legs.cycles(timeout=5.0):
+                pass
+
+
+def test_stop_needs_no_connection(daemon: Daemon, robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable()
+        motord.estop("demo", runtime=daemon.runtime)
+        with pytest.raises(motord.Stopped) as stopped:
+            for _ in legs.cycles():
+                legs.send(kd=0.5)
+    assert stopped.value.cause == "emergency-stop" and robot.wait().estopped
+    with pytest.raises(motord.NotRunning):
+        motord.estop("nobody")

@@ -294,8 +294,8 @@ class Robot:
 def connect(instance: str = "robot", *, runtime: str | PathLike[str] | None = None) -> Robot:
     """Connects to the daemon of an instance. runtime is its runtime directory; the default is that of the environment."""
 
-def estop(instance: str = "robot") -> None:
-    """Damps and stops every motor of an instance, over a connection of its own."""
+def estop(instance: str = "robot", *, runtime: str | PathLike[str] | None = None) -> None:
+    """Damps and stops every motor of an instance, over a connection of its own. No exception means confirmed."""
 
 def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, int, int]:
     """The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints."""
