@@ -8,6 +8,7 @@
 //! ```
 
 mod draw;
+mod keys;
 mod news;
 mod picture;
 mod question;

@@ -1,18 +1,18 @@
 //! The terminal, as a resource that is given back: at the end, on an error, on a signal and on a panic.
 
+use super::keys::{Input, Keys, SILENCE};
 use super::news::News;
 use super::view::is_stop;
-use crossterm::event::{self, DisableBracketedPaste, EnableBracketedPaste, Event};
-use crossterm::execute;
+use crossterm::event::{DisableBracketedPaste, EnableBracketedPaste};
+use crossterm::{execute, terminal};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use ratatui::DefaultTerminal;
 use std::io::{self, IsTerminal};
+use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
-use std::time::Duration;
-
-/// How long the thread of the keys may go on after the end.
-const GLANCE: Duration = Duration::from_millis(100);
 
 /// Returns true if input and output are a terminal that can place text.
 pub(crate) fn is_there() -> bool {
@@ -58,33 +58,60 @@ impl Drop for Screen {
     }
 }
 
+/// Reads the terminal's bytes here: the reader of crossterm waits without a limit for the end mark
+/// of a paste, and passes no key before it.
 fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Result<()> {
+    let mut keys = Keys::default();
+    let (mut inputs, mut size) = (Vec::new(), terminal::size()?);
     while !closed.load(Ordering::Relaxed) {
-        if !event::poll(GLANCE)? {
-            continue;
+        read(&mut keys, |input| inputs.push(input))?;
+        if !inputs.drain(..).all(|input| pass_on(input, stop, news)) {
+            break;
         }
-        if !pass_on(&event::read()?, stop, news) {
+        let now = terminal::size()?;
+        if std::mem::replace(&mut size, now) != now && news.send(News::Resized).is_err() {
             break;
         }
     }
     Ok(())
 }
 
-/// Sends an event to the drawing thread without blocking. Returns false if that thread has ended.
+/// Passes the keys in the bytes that arrive within [`SILENCE`] to `done`.
+fn read(keys: &mut Keys, mut done: impl FnMut(Input)) -> io::Result<()> {
+    let stdin = io::stdin();
+    let mut ready = [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)];
+    match poll(&mut ready, PollTimeout::from(SILENCE)) {
+        Ok(0) => {
+            keys.silent(done);
+            return Ok(());
+        }
+        Ok(_) => {}
+        Err(Errno::EINTR) => return Ok(()),
+        Err(error) => return Err(error.into()),
+    }
+    let mut bytes = [0; 256];
+    match nix::unistd::read(&stdin, &mut bytes) {
+        Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+        Ok(count) => bytes[..count].iter().for_each(|byte| keys.read(*byte, &mut done)),
+        Err(Errno::EINTR | Errno::EAGAIN) => {}
+        Err(error) => return Err(error.into()),
+    }
+    Ok(())
+}
+
+/// Sends an input to the drawing thread without blocking. Returns false if that thread has ended.
 /// Sends the key of a stop before the stop: otherwise the outcome could arrive first, and the
 /// screen would wait for another one.
-fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
-    match event {
-        Event::Key(key) => {
-            let listens = news.send(News::Key(*key)).is_ok();
-            if is_stop(key) {
+fn pass_on(input: Input, stop: &impl Fn(), news: &Sender<News>) -> bool {
+    match input {
+        Input::Key(key) => {
+            let listens = news.send(News::Key(key)).is_ok();
+            if is_stop(&key) {
                 stop();
             }
             listens
         }
-        Event::Resize(..) => news.send(News::Resized).is_ok(),
-        Event::Paste(_) => news.send(News::Pasted).is_ok(),
-        _ => true,
+        Input::Pasted => news.send(News::Pasted).is_ok(),
     }
 }
 
@@ -99,15 +126,15 @@ mod tests {
 
     #[test]
     fn confirmed_stop_is_shown_and_unseen_one_made() {
-        let space = Event::Key(KeyCode::Char(' ').into());
+        let space = Input::Key(KeyCode::Char(' ').into());
         let (news, heard) = std::sync::mpsc::channel();
         let confirmed = news.clone();
-        assert!(pass_on(&space, &|| confirmed.send(News::Stop(StopOutcome::Confirmed)).unwrap(), &news));
+        assert!(pass_on(space, &|| confirmed.send(News::Stop(StopOutcome::Confirmed)).unwrap(), &news));
         let shown: Vec<_> = heard.try_iter().collect();
         assert!(matches!(shown[..], [News::Key(_), News::Stop(StopOutcome::Confirmed)]), "{shown:?}");
         drop(heard);
         let stopped = AtomicBool::new(false);
-        assert!(!pass_on(&space, &|| stopped.store(true, Ordering::Relaxed), &news));
+        assert!(!pass_on(space, &|| stopped.store(true, Ordering::Relaxed), &news));
         assert!(stopped.into_inner());
     }
 
@@ -144,7 +171,7 @@ mod tests {
         let signal = |signal| kill(pid, signal).unwrap();
         for count in 1..=3 {
             signal(Signal::SIGSTOP);
-            signal(Signal::SIGWINCH);
+            tmux.resize(80 + count, 24);
             tmux.press(&["x"]);
             signal(Signal::SIGCONT);
             tmux.until("both", |screen| screen.contains(&format!("keys {count} sizes {count} .")));

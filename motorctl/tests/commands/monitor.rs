@@ -113,6 +113,24 @@ fn pasted_text_neither_stops_nor_clears_a_stop() {
     tmux.assert_given_back();
 }
 
+/// Goal: a terminal that loses the end mark of a paste does not take the stop key away.
+#[test]
+fn stop_key_works_after_unended_paste() {
+    let daemon = Daemon::start(&slow_quadruped());
+    let Some(tmux) = terminal(&daemon) else { return };
+    let client = daemon.connect();
+    tmux.enter("motorctl --instance demo monitor");
+    tmux.until("the robot", |screen| screen.contains("rr-knee"));
+    tmux.send(b"\x1b[200~cargo run --yes");
+    std::thread::sleep(Duration::from_secs(1));
+    assert!(!client.wait(Duration::from_secs(5)).unwrap().emergency_stop());
+    tmux.press(&["Space"]);
+    tmux.until("the stop", |screen| screen.contains("STOPPED"));
+    tmux.press(&["q"]);
+    tmux.until("the shell", |screen| screen.trim_end().ends_with('$'));
+    tmux.assert_given_back();
+}
+
 /// At 80x24 and at 60x20.
 fn the_first_screen_tells_everything(tmux: &Tmux) {
     let owner = format!("({})", std::process::id());

@@ -61,6 +61,13 @@ impl Tmux {
         self.press(&["Enter"]);
     }
 
+    /// Sends bytes as they are.
+    pub fn send(&self, bytes: &[u8]) {
+        let bytes: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let bytes: Vec<&str> = bytes.iter().map(String::as_str).collect();
+        self.run(&[&["send-keys", "-H"], bytes.as_slice()].concat());
+    }
+
     /// Pastes text, as bracketed paste if the program has asked for it.
     pub fn paste(&self, text: &str) {
         self.run(&["set-buffer", text]);
