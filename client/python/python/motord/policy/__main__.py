@@ -98,6 +98,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     policy = Policy(options.policy)
     if options.what == "check":
+        # A reader that ends early, such as `head`, is no error.
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
         if options.group:
             policy.check(motord.connect(options.instance).description, options.group, options.hz)
         describe(policy)
