@@ -12,6 +12,7 @@
 //! | `motor/` | the modes of a motor, its limits, the plausibility of its reports |
 //! | `admin.rs` | requests of clients and operators |
 //! | `imu.rs` | the samples of IMUs, and their loss |
+//! | `repetition.rs` | whether a sensor repeats one sample |
 //! | `time_base.rs`, `bus_health.rs` | the health of the time base and of the buses |
 
 mod admin;
@@ -26,6 +27,7 @@ mod imu;
 mod indicators;
 mod leases;
 mod motor;
+mod repetition;
 mod time_base;
 mod wake;
 
@@ -33,6 +35,7 @@ pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
 pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, damp, limit};
+pub use repetition::Repetition;
 pub use wake::Wake;
 
 use crate::settings::Settings;

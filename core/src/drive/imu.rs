@@ -2,7 +2,7 @@
 //!
 //! Real-time: after [`ImuDrive::new`] nothing here allocates, blocks or calls the system.
 
-use crate::control::ImuReading;
+use crate::control::{ImuReading, Repetition};
 use crate::imu::{ImuCan, ImuSample, ImuSettings, Mount};
 use crate::settings::Settings;
 use motord_bus::time::nanos;
@@ -45,6 +45,7 @@ pub(crate) struct ImuDrive {
     silent: u32,
     /// Arrival of the last sample, sound or not; `None` after a disconnection.
     last: Option<Instant>,
+    repetition: Repetition,
     reading: ImuReading,
     is_new: bool,
     /// Its bus is off or gone: frames that were not read before are not used.
@@ -85,6 +86,7 @@ impl ImuDrive {
             is_awaited: false,
             silent: 0,
             last: None,
+            repetition: Repetition::default(),
             reading: ImuReading::default(),
             is_new: false,
             is_cut: false,
@@ -174,8 +176,8 @@ impl ImuDrive {
         match self.decoder.push(id.raw() as u16, payload, at.as_nanos() / 1000) {
             Ok(None) | Err(SampleError::Incomplete { .. }) => {}
             Ok(Some(sample)) => match converted(&sample).and_then(|sample| sample.checked()) {
-                Some(sound) => self.deliver(&sound, at),
-                None => self.reject(at),
+                Some(sound) if !self.repetition.is_stuck(&sound, at) => self.deliver(&sound, at),
+                Some(_) | None => self.reject(at),
             },
             Err(_) => self.reject(at),
         }

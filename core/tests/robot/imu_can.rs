@@ -93,6 +93,27 @@ fn both_devices_measure_one_motion() {
     }
 }
 
+/// A sensor measures noise at rest: equal samples for a second are no measurements.
+#[test]
+fn repeated_sample_is_rejected_and_imu_lost() {
+    for (imus, bus, name) in [(HIPNUC, 0, "head"), (DAMIAO, 1, "base")] {
+        let mut robot = robot(imus);
+        robot.steps(3000);
+        let before = imu(&mut robot, 0);
+        assert_eq!((before.flags & IMU_LOST, before.rejected), (0, 0), "{name} sways");
+        inject(&robot, bus, &format!("{name} stuck"));
+        robot.steps(900);
+        assert_eq!(imu(&mut robot, 0).flags & IMU_LOST, 0, "{name}: less than a second");
+        robot.steps(600);
+        let stuck = imu(&mut robot, 0);
+        assert_ne!(stuck.flags & IMU_LOST, 0, "{name} repeats one sample");
+        assert!(stuck.rejected > 20, "{name}: {}", stuck.rejected);
+        inject(&robot, bus, &format!("{name} ok"));
+        robot.steps(20);
+        assert_eq!(imu(&mut robot, 0).flags & IMU_LOST, 0, "{name} measures again");
+    }
+}
+
 #[test]
 fn missing_reply_is_counted_and_soon_not_awaited() {
     let mut robot = robot(DAMIAO);

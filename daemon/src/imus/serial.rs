@@ -5,6 +5,7 @@ use super::voice::Voice;
 use super::writer::Writer;
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
+use motord_core::control::Repetition;
 use motord_core::imu::{ImuSample, ImuSerial, ImuSettings};
 use motord_protocol::imu::{BITS_PER_BYTE, Quaternion, Sample, SampleError, SerialDecoder};
 use nix::errno::Errno;
@@ -34,6 +35,8 @@ const RATE_TOLERANCE: f64 = 0.1;
 enum Remark {
     /// Samples lack a quantity.
     Incomplete,
+    /// One sample is repeated.
+    Stuck,
     /// Bytes arrive, and no samples.
     NoSamples,
     /// The rate of the samples was compared with the configured one.
@@ -49,6 +52,7 @@ pub struct SerialImu {
     voice: Voice,
     port: Option<Port>,
     decoder: SerialDecoder,
+    repetition: Repetition,
     /// Samples rejected since the last one that was passed.
     rejected: u32,
     /// Bytes received since the last sample.
@@ -71,6 +75,7 @@ impl SerialImu {
             voice: Voice::new(clock::monotonic()),
             port: None,
             decoder: SerialDecoder::new(line.protocol),
+            repetition: Repetition::default(),
             rejected: 0,
             without_sample: 0,
             rate_hz: settings.rate_hz,
@@ -180,6 +185,13 @@ impl SerialImu {
 
     fn judge(&mut self, decoded: Result<Sample, SampleError>, received: Instant) {
         match decoded.map(|sample| (sample, complete(&sample))) {
+            Ok((_, Some(complete))) if self.repetition.is_stuck(&complete, received) => {
+                self.reject();
+                self.without_sample = 0;
+                if self.remarks.insert(Remark::Stuck) {
+                    self.warn_stuck();
+                }
+            }
             Ok((sample, Some(complete))) => {
                 let missing = self.gaps.before(&sample, received).saturating_sub(self.rejected);
                 if missing > 0 {
@@ -223,6 +235,14 @@ impl SerialImu {
     fn reject(&mut self) {
         self.writer.rejected();
         self.rejected = self.rejected.saturating_add(1);
+    }
+
+    fn warn_stuck(&self) {
+        tracing::warn!(
+            imu = self.name,
+            see = "imu-lost",
+            "repeats one sample, which is rejected, since a sensor measures noise also at rest: switch its power off and on"
+        );
     }
 
     fn warn_incomplete(&self, sample: &Sample) {
@@ -368,5 +388,22 @@ mod tests {
         (0..10).for_each(|_| imu.take(Ok(&[0x55; 500]), at(0)));
         assert!(imu.remarks.contains(&Remark::NoSamples));
         assert_eq!(*output.read(), ImuReading::default());
+    }
+
+    /// A sensor whose measurement hangs sends on: its counter and clock advance.
+    #[test]
+    fn repeated_sample_is_rejected_after_a_second() {
+        for protocol in SerialProtocol::ALL {
+            let (mut imu, mut output) = imu(protocol);
+            let stuck = |number| Sample { angular_velocity: Some([0.25, 0.0, 0.0]), ..sample(number) };
+            for number in 0..300 {
+                imu.decode(&encoded(protocol, &stuck(number)), at(10 * u64::from(number)));
+            }
+            let reading = *output.read();
+            assert_eq!((reading.sequence, reading.rejected, reading.missing), (100, 200, 0), "{protocol:?}");
+            assert!(imu.remarks.contains(&Remark::Stuck));
+            imu.decode(&encoded(protocol, &sample(300)), at(3000));
+            assert_eq!(output.read().sequence, 101, "it measures again");
+        }
     }
 }

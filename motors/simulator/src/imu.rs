@@ -67,10 +67,8 @@ struct Faults {
     is_gone: bool,
     is_off: bool,
     is_garbage: bool,
-    /// The time of the sample that is repeated.
-    stuck: Option<Duration>,
-    /// The values that are repeated, of a body that the caller moves.
-    held: Option<ImuValues>,
+    /// The sample that is repeated, with its noise.
+    stuck: Option<ImuValues>,
     should_stick: bool,
     delay: Duration,
     lost: f64,
@@ -96,11 +94,12 @@ impl Imu {
         if is_garbage {
             return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..self.measured(time) });
         }
-        let measured_at = time.saturating_sub(self.delay + delay);
-        if self.faults.should_stick {
-            self.faults.stuck.get_or_insert(measured_at);
+        if let Some(values) = self.faults.stuck {
+            return ImuOutput::Sample(values);
         }
-        ImuOutput::Sample(self.measured(self.faults.stuck.unwrap_or(measured_at)))
+        let values = self.measured(time.saturating_sub(self.delay + delay));
+        self.faults.stuck = self.faults.should_stick.then_some(values);
+        ImuOutput::Sample(values)
     }
 
     /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time that the sample was taken.
@@ -115,9 +114,12 @@ impl Imu {
         if is_garbage {
             return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..*values });
         }
-        let measured =
-            if self.faults.should_stick { *self.faults.held.get_or_insert(*values) } else { *values };
-        ImuOutput::Sample(self.with_errors(measured))
+        if let Some(values) = self.faults.stuck {
+            return ImuOutput::Sample(values);
+        }
+        let values = self.with_errors(*values);
+        self.faults.stuck = self.faults.should_stick.then_some(values);
+        ImuOutput::Sample(values)
     }
 
     /// Time from a measurement to its arrival.
@@ -251,9 +253,10 @@ mod tests {
 
     #[test]
     fn faults_act_until_ok_ends_them() {
+        let mut noisy = Imu::new(0.02, 0.0, Duration::ZERO, 1);
+        noisy.inject(Fault::Stuck).unwrap();
+        assert_eq!(sample(&mut noisy, 100), sample(&mut noisy, 200), "with its noise");
         let mut imu = ideal();
-        imu.inject(Fault::Stuck).unwrap();
-        assert_eq!(sample(&mut imu, 100), sample(&mut imu, 200));
         imu.inject(Fault::Ok).unwrap();
         imu.inject(Fault::Delayed(Duration::from_millis(50))).unwrap();
         assert_eq!(sample(&mut imu, 350), sample(&mut ideal(), 300));
