@@ -35,7 +35,7 @@ const HISTOGRAM_PAGES_MAX: usize = 2 * HISTOGRAMS_MAX;
 /// A connection to the daemon of one instance.
 ///
 /// Threads may share it: see the [threads](crate#threads) of the crate. Reading the newest state
-/// neither allocates nor makes a system call. Sending a setpoint allocates once. After a daemon
+/// neither allocates nor makes a system call. Sending a setpoint allocates nothing. After a daemon
 /// starts or ends, the next call takes up to a millisecond. A request waits for its answer: usually
 /// a cycle or two, at most a second.
 #[derive(Debug)]

@@ -48,7 +48,7 @@ impl ImuPublisher {
         Ok(Self { link, port, name: name.to_owned(), message })
     }
 
-    /// Sends a sample. Does not wait. Allocates, once in iceoryx2.
+    /// Sends a sample. Does not wait. Allocates nothing after the first samples.
     ///
     /// # Errors
     /// [`Error::BadSample`]; [`Error::OtherPublisher`] while the daemon uses the samples of another process: this one was

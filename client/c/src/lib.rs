@@ -5,7 +5,7 @@
 //! - [`status`]: the results, and the message of the last failure.
 //! - [`arrays`]: values of all joints of a group.
 //!
-//! Reading and sending wait for no other thread and log nothing. A message costs an allocation in iceoryx2; a failure may allocate.
+//! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first messages; a failure allocates.
 
 pub mod abi;
 pub mod arrays;

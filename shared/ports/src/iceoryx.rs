@@ -1,9 +1,11 @@
 //! The `unsafe` code that iceoryx2 requires: messages as payloads, a lock for ports, and copies to and from shared memory.
 
 use core::fmt::Debug;
+use core::marker::PhantomData;
 use core::mem::{MaybeUninit, offset_of};
 use core::ops::Deref;
-use core::ptr::{NonNull, drop_in_place};
+use core::ptr::{NonNull, drop_in_place, null_mut};
+use core::sync::atomic::{AtomicPtr, AtomicUsize, Ordering, fence};
 use iceoryx2::prelude::{FileDescriptorBased, ZeroCopySend};
 use iceoryx2::response_mut::ResponseMut;
 use iceoryx2::response_mut_uninit::ResponseMutUninit;
@@ -17,7 +19,6 @@ use motord_shared::message::{AdminAnswer, AdminReply, Message};
 use motord_shared::plain::{Plain, Sparse};
 use parking_lot::{ReentrantMutex, ReentrantMutexGuard};
 use std::os::fd::BorrowedFd;
-use std::sync::Arc;
 
 /// A message as iceoryx2 transfers it, under the name of its layout.
 #[derive(Debug, Clone, Copy, Default)]
@@ -35,26 +36,62 @@ unsafe impl<T: Message> ZeroCopySend for Payload<T> {
 /// A lock around each port, and around each borrowed sample. It is reentrant, as iceoryx2 requires.
 ///
 /// iceoryx2's own lock is a mutex of the C library, created and destroyed with every message
-/// (`docs/adr/0032`).
+/// (`docs/adr/0032`). Memory for this one is used again: after the first messages, none allocates.
 #[derive(Debug)]
-pub struct PortLock<T: Send + Debug + Abandonable>(Arc<ReentrantMutex<T>>);
+pub struct PortLock<T: Send + Debug + Abandonable>(NonNull<Shared<T>>, PhantomData<Shared<T>>);
+
+/// What the clones of a lock share.
+#[derive(Debug)]
+struct Shared<T> {
+    holders: AtomicUsize,
+    content: ReentrantMutex<T>,
+}
+
+// SAFETY: as for an `Arc` of the lock, whose content only its holder reaches.
+unsafe impl<T: Send + Debug + Abandonable> Send for PortLock<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send + Debug + Abandonable> Sync for PortLock<T> {}
+
+impl<T: Send + Debug + Abandonable> PortLock<T> {
+    fn shared(&self) -> &Shared<T> {
+        // SAFETY: the memory lives as long as one of its holders.
+        unsafe { self.0.as_ref() }
+    }
+}
 
 impl<T: Send + Debug + Abandonable> Clone for PortLock<T> {
     fn clone(&self) -> Self {
-        Self(Arc::clone(&self.0))
+        self.shared().holders.fetch_add(1, Ordering::Relaxed);
+        Self(self.0, PhantomData)
+    }
+}
+
+impl<T: Send + Debug + Abandonable> Drop for PortLock<T> {
+    fn drop(&mut self) {
+        if self.shared().holders.fetch_sub(1, Ordering::Release) > 1 {
+            return;
+        }
+        // What the other holders did happened before.
+        fence(Ordering::Acquire);
+        // SAFETY: no other holder is left, and this one does not use it again.
+        unsafe { drop_in_place(self.0.as_ptr()) };
+        Block::free(self.0);
     }
 }
 
 impl<T: Send + Debug + Abandonable> Abandonable for PortLock<T> {
     unsafe fn abandon_in_place(mut this: NonNull<Self>) {
         // SAFETY: the caller has the only reference to it.
-        let Self(lock) = unsafe { this.as_mut() };
-        match Arc::get_mut(lock) {
-            // SAFETY: the value is unreachable from here on, because the lock is not used again.
-            Some(alone) => unsafe { T::abandon_in_place(NonNull::from_mut(alone.get_mut())) },
+        let lock = unsafe { this.as_mut() };
+        if lock.shared().holders.load(Ordering::Acquire) > 1 {
             // SAFETY: the lock is neither used nor dropped after this.
-            None => unsafe { drop_in_place(lock) },
+            unsafe { drop_in_place(lock) };
+            return;
         }
+        // SAFETY: there is no other holder.
+        let shared = unsafe { lock.0.as_mut() };
+        // SAFETY: the value is unreachable from here on, because the lock is not used again.
+        unsafe { T::abandon_in_place(NonNull::from_mut(shared.content.get_mut())) };
     }
 }
 
@@ -66,11 +103,56 @@ impl<T: Send + Debug + Abandonable> ArcSyncPolicy<T> for PortLock<T> {
         T: 'parent;
 
     fn new(value: T) -> Result<Self, ArcSyncPolicyCreationError> {
-        Ok(Self(Arc::new(ReentrantMutex::new(value))))
+        let shared = Shared { holders: AtomicUsize::new(1), content: ReentrantMutex::new(value) };
+        Ok(Self(Block::filled(shared), PhantomData))
     }
 
     fn lock(&self) -> Self::LockGuard<'_> {
-        PortGuard(self.0.lock())
+        PortGuard(self.shared().content.lock())
+    }
+}
+
+/// Memory for the lock of a borrowed sample, which is as large for every port.
+#[repr(C, align(64))]
+struct Block([MaybeUninit<u8>; 192]);
+
+/// Blocks to use again. A process borrows a sample of each of its ports at a time at most.
+static BLOCKS: [AtomicPtr<Block>; 8] = [const { AtomicPtr::new(null_mut()) }; 8];
+
+impl Block {
+    const fn holds<T>() -> bool {
+        size_of::<T>() <= size_of::<Self>() && align_of::<T>() <= align_of::<Self>()
+    }
+
+    /// Moves a value to a block, or to memory of its own where it does not fit. Takes no lock.
+    fn filled<T>(value: T) -> NonNull<T> {
+        if !Self::holds::<T>() {
+            return NonNull::from_mut(Box::leak(Box::new(value)));
+        }
+        let used =
+            BLOCKS.iter().map(|place| place.swap(null_mut(), Ordering::Acquire)).find_map(NonNull::new);
+        let block = used
+            .unwrap_or_else(|| NonNull::from_mut(Box::leak(Box::new(Self([MaybeUninit::uninit(); 192])))));
+        // SAFETY: a block of this caller, which is large enough and aligned.
+        unsafe { block.cast::<T>().write(value) };
+        block.cast()
+    }
+
+    /// Keeps or frees the memory of [`filled`](Self::filled), whose value was dropped. Takes no lock.
+    fn free<T>(value: NonNull<T>) {
+        if !Self::holds::<T>() {
+            // SAFETY: `filled` made it of a box, whose content needs no drop any more.
+            drop(unsafe { Box::from_raw(value.cast::<MaybeUninit<T>>().as_ptr()) });
+            return;
+        }
+        let block = value.cast::<Self>().as_ptr();
+        let keep = |place: &AtomicPtr<Self>| {
+            place.compare_exchange(null_mut(), block, Ordering::Release, Ordering::Relaxed).is_ok()
+        };
+        if !BLOCKS.iter().any(keep) {
+            // SAFETY: `filled` made it of a box, and no place keeps it.
+            drop(unsafe { Box::from_raw(block) });
+        }
     }
 }
 
@@ -267,7 +349,7 @@ mod tests {
     use motord_shared::limits::JOINTS_MAX;
     use motord_shared::message::JointSetpoint;
     use motord_shared::{SetpointMessage, StateMessage};
-    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::sync::atomic::{AtomicBool, AtomicU32};
 
     fn setpoints(joint_count: u32) -> SetpointMessage {
         let setpoint = JointSetpoint { position: 1.0, ..Default::default() };
@@ -319,6 +401,43 @@ mod tests {
             over.store(true, Ordering::Relaxed);
             assert!(agrees, "{} entries", copy.joint_count);
         });
+    }
+
+    /// Counts its drops.
+    #[derive(Debug)]
+    struct Counted<const BYTES: usize>(&'static AtomicU32, [u8; BYTES]);
+
+    impl<const BYTES: usize> Drop for Counted<BYTES> {
+        fn drop(&mut self) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    impl<const BYTES: usize> Abandonable for Counted<BYTES> {
+        unsafe fn abandon_in_place(_: NonNull<Self>) {}
+    }
+
+    fn use_locks<const BYTES: usize>(drops: &'static AtomicU32) {
+        for _ in 0..2_000 {
+            let locks = [(); 12].map(|()| PortLock::new(Counted::<BYTES>(drops, [7; BYTES])).unwrap());
+            for lock in &locks {
+                let (clone, held) = (lock.clone(), lock.lock());
+                assert_eq!((held.1, clone.lock().1[0]), ([7; BYTES], 7));
+            }
+        }
+    }
+
+    #[test]
+    fn threads_reuse_blocks_and_drop_each_once() {
+        static SMALL: AtomicU32 = AtomicU32::new(0);
+        static LARGE: AtomicU32 = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| use_locks::<24>(&SMALL));
+                scope.spawn(|| use_locks::<400>(&LARGE));
+            }
+        });
+        assert_eq!([&SMALL, &LARGE].map(|drops| drops.load(Ordering::Relaxed)), [4 * 2_000 * 12; 2]);
     }
 
     #[test]
