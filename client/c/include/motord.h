@@ -1,10 +1,17 @@
-/* motord.h: the client library of motord for C. C++ programs include motord.hpp.
+/** @file
+ * The client library of motord for C. C++ programs include motord.hpp.
  *
  * A program connects, claims a group of joints, and sends a setpoint for each joint in every cycle. If it stops sending, or dies, the
  * daemon damps the group. Every function that can fail returns a motord_status; motord_error_message() explains the failure.
  *
  * Several threads may use a client; one at a time a state and a claim: a second one gets MOTORD_STATUS_BUSY. Do not use a pointer after
  * you freed it: the library finds some of these mistakes, and returns MOTORD_STATUS_BAD_ARGUMENT.
+ *
+ * After the first cycles `motord_wait`, `motord_wait_cycles`, `motord_spin`, `motord_newest`, `motord_read`, `motord_state_group`,
+ * `motord_state_imu`, `motord_must_be_active`, `motord_send`, `motord_commit` and `motord_imu_publisher_send` allocate nothing while
+ * they succeed, wait for no other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other
+ * functions may allocate. Functions that change a claim or ask the daemon wait for its answer, a cycle or two, at most a second.
+ * Only `motord_emergency_stop_signal_safe` may be called from a signal handler.
  *
  * Units are SI, joint side. docs/cpp.md is the guide.
  */
@@ -81,7 +88,7 @@ typedef enum motord_status {
    */
   MOTORD_STATUS_UNAVAILABLE = 14,
   /**
-   * Another thread uses this claim.
+   * Another thread uses this claim, state or publisher.
    */
   MOTORD_STATUS_BUSY = 15,
   /**
@@ -179,6 +186,11 @@ typedef struct motord_claim motord_claim;
 typedef struct motord_client motord_client;
 
 /**
+ * The publisher of an external IMU. One thread uses it at a time.
+ */
+typedef struct motord_imu_publisher motord_imu_publisher;
+
+/**
  * A state of the caller; empty before the first. One thread uses it at a time.
  */
 typedef struct motord_state motord_state;
@@ -212,6 +224,32 @@ typedef struct motord_joint_limits {
    */
   double kd;
 } motord_joint_limits;
+
+/**
+ * A measurement of an IMU, in the frame of the sensor: the daemon applies `mount-rpy-deg`.
+ */
+typedef struct motord_imu_sample {
+  /**
+   * Orientation of the sensor in the world, whose z points up: a unit quaternion w, x, y, z, within 1 %.
+   */
+  double orientation[4];
+  /**
+   * Angular velocity, rad/s.
+   */
+  double angular_velocity[3];
+  /**
+   * Specific force, m/s²: at rest 9.81 upwards.
+   */
+  double acceleration[3];
+  /**
+   * Temperature of the sensor, °C; NaN for none.
+   */
+  double temperature;
+  /**
+   * Time of the measurement, ns of `CLOCK_MONOTONIC`; 0 for now. It must increase, and may not be older than `lost-after-ms`.
+   */
+  uint64_t time_ns;
+} motord_imu_sample;
 
 /**
  * The cycle of a state.
@@ -559,7 +597,7 @@ enum motord_status motord_limits(struct motord_client *client,
 /**
  * Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
  * Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
- * move, so cut the power. It is not async-signal-safe.
+ * move, so cut the power. It is not async-signal-safe: see `motord_emergency_stop_signal_safe`.
  *
  * # Safety
  * `instance` is a text that ends with a null byte.
@@ -573,6 +611,72 @@ enum motord_status motord_emergency_stop(const char *instance);
  * `client` is a client.
  */
 enum motord_status motord_client_emergency_stop(struct motord_client *client);
+
+/**
+ * Damps and stops every motor of the robot of a client, from a signal handler too: async-signal-safe. It allocates nothing, takes no
+ * lock, keeps `errno`, sets no message, and uses the stack and system calls of signal-safety(7) only. It needs one free file descriptor.
+ * Any thread may call it, at any time between `motord_connect` and `motord_client_free`; no other call delays it.
+ *
+ * Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
+ * It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
+ * `motord_client_emergency_stop` tries a second one.
+ *
+ * # Safety
+ * `client` is a client.
+ */
+enum motord_status motord_emergency_stop_signal_safe(struct motord_client *client);
+
+/**
+ * Returns a file descriptor that becomes readable with each state, for an event loop: `poll`, `epoll`, `select`. Read the state with
+ * `motord_newest`. The descriptor belongs to the client, which closes it, and survives a restart of the daemon.
+ *
+ * The first call takes milliseconds. From then on each call that returns a state makes one or two further system calls, and the
+ * daemon makes one in each cycle. The descriptor may be readable without a new state, and an ended daemon leaves it unreadable: use a
+ * timeout, after which `motord_wait` returns the reason.
+ *
+ * # Safety
+ * `client` is a client; `descriptor` leads to a place for a number.
+ */
+enum motord_status motord_file_descriptor(struct motord_client *client,
+                                          int *descriptor);
+
+/**
+ * Begins to publish the samples of the external IMU `name`. The publisher survives a restart of the daemon. The daemon uses the samples
+ * of one publisher; another one may begin when none of them was used for `lost-after-ms`. Free it with `motord_imu_publisher_free`.
+ *
+ * # Safety
+ * `client` is a client, `name` a text that ends with a null byte; `publisher` leads to a place for a pointer.
+ */
+enum motord_status motord_imu_publisher_new(struct motord_client *client,
+                                            const char *name,
+                                            struct motord_imu_publisher **publisher);
+
+/**
+ * Frees a publisher. Null is no error.
+ *
+ * # Safety
+ * `publisher` is null, or a publisher that nobody uses any more.
+ */
+void motord_imu_publisher_free(struct motord_imu_publisher *publisher);
+
+/**
+ * Sends a sample. Does not wait. `MOTORD_STATUS_BAD_SETPOINT`: a value is not finite, or the orientation is no unit quaternion.
+ * `MOTORD_STATUS_REFUSED`: the daemon uses the samples of another process. `MOTORD_STATUS_NOT_RUNNING`: without a daemon; later samples
+ * arrive once one runs again.
+ *
+ * # Safety
+ * `publisher` is a publisher, `sample` a sample.
+ */
+enum motord_status motord_imu_publisher_send(struct motord_imu_publisher *publisher,
+                                             const struct motord_imu_sample *sample);
+
+/**
+ * Returns true if the daemon used a sample of this publisher last, by the newest state.
+ *
+ * # Safety
+ * `publisher` is a publisher.
+ */
+bool motord_imu_publisher_is_used(struct motord_imu_publisher *publisher);
 
 /**
  * Creates an empty state. Free it with `motord_state_free`. Never null.
@@ -619,6 +723,17 @@ enum motord_status motord_wait_cycles(struct motord_client *client,
 enum motord_status motord_spin(struct motord_client *client,
                                uint64_t timeout_ns,
                                struct motord_state *state);
+
+/**
+ * Stores the newest state if this client has not returned it before; `is_new` becomes true if there is one. Does not wait. A lack of
+ * states is no error here: `publish_ns` of `motord_cycle` shows their age.
+ *
+ * # Safety
+ * `client` is a client, `state` a state; `is_new` leads to a place for a bool.
+ */
+enum motord_status motord_newest(struct motord_client *client,
+                                 struct motord_state *state,
+                                 bool *is_new);
 
 /**
  * Reads the cycle of a state.

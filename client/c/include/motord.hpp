@@ -1,7 +1,8 @@
-// motord.hpp: the client library of motord for C++17 and later, on top of motord.h. Header only; link libmotord.
-//
-// An object frees its resources; a claim that ends releases its group, and the daemon damps an active one. Failures are exceptions with the
-// sentences of the daemon. For a loop that may not throw, every call has a `try_` variant that returns a motord_status.
+/// @file
+/// The client library of motord for C++17 and later, on top of motord.h. Header only; link libmotord.
+///
+/// An object frees its resources; a claim that ends releases its group, and the daemon damps an active one. Failures are exceptions with the
+/// sentences of the daemon. For a loop that may not throw, every call has a `try_` variant that returns a motord_status.
 
 #ifndef MOTORD_HPP
 #define MOTORD_HPP
@@ -21,11 +22,13 @@
 
 namespace motord {
 
+/// A duration.
 using Nanoseconds = std::chrono::nanoseconds;
 
 /// A call failed. `what()` says what to do.
 class Error : public std::runtime_error {
 public:
+    /// A failure with its sentence.
     Error(motord_status status, const char *message) : std::runtime_error(message), status_(status) {}
 
     /// The kind of the failure.
@@ -85,6 +88,9 @@ template <void (*Free)(motord_client *)> struct FreeClient {
 template <void (*Free)(motord_state *)> struct FreeState {
     void operator()(motord_state *state) const noexcept { Free(state); }
 };
+template <void (*Free)(motord_imu_publisher *)> struct FreePublisher {
+    void operator()(motord_imu_publisher *publisher) const noexcept { Free(publisher); }
+};
 template <void (*Free)(motord_claim *)> struct FreeClaim {
     void operator()(motord_claim *claim) const noexcept { Free(claim); }
 };
@@ -107,6 +113,7 @@ public:
 
     /// Reads a quantity of every joint of `claim`, in its order; NaN while it is unknown. Does not allocate.
     motord_status try_read(const Claim &claim, motord_quantity quantity, double *values, std::size_t count) const noexcept;
+    /// As `read`, with a status instead of exceptions.
     motord_status try_read(const Claim &claim, motord_quantity quantity, float *values, std::size_t count) const noexcept;
 
     /// Reads a quantity into `values`, whose size becomes the number of joints.
@@ -122,6 +129,7 @@ public:
         return imu;
     }
 
+    /// The handle for the functions of motord.h; null after a move. It stays with this object.
     motord_state *get() const noexcept { return handle_.get(); }
 
 private:
@@ -178,6 +186,7 @@ public:
 
     /// Sleeps until a new state arrives, and stores it.
     void wait(State &state, Nanoseconds timeout = std::chrono::seconds(1)) const { detail::check(try_wait(state, timeout)); }
+    /// As `wait`, with a status instead of exceptions.
     motord_status try_wait(State &state, Nanoseconds timeout) const noexcept {
         return motord_wait(get(), detail::nanoseconds(timeout), state.get());
     }
@@ -186,24 +195,73 @@ public:
     void wait_cycles(State &state, std::uint32_t cycles, Nanoseconds timeout = std::chrono::seconds(1)) const {
         detail::check(try_wait_cycles(state, cycles, timeout));
     }
+    /// As `wait_cycles`, with a status instead of exceptions.
     motord_status try_wait_cycles(State &state, std::uint32_t cycles, Nanoseconds timeout) const noexcept {
         return motord_wait_cycles(get(), cycles, detail::nanoseconds(timeout), state.get());
     }
 
     /// Waits without a sleep: faster, and uses a processor whole.
     void spin(State &state, Nanoseconds timeout = std::chrono::seconds(1)) const { detail::check(try_spin(state, timeout)); }
+    /// As `spin`, with a status instead of exceptions.
     motord_status try_spin(State &state, Nanoseconds timeout) const noexcept {
         return motord_spin(get(), detail::nanoseconds(timeout), state.get());
     }
 
     /// Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power.
     void emergency_stop() const { detail::check(try_emergency_stop()); }
+    /// As `emergency_stop`, with a status instead of exceptions.
     motord_status try_emergency_stop() const noexcept { return motord_client_emergency_stop(get()); }
 
+    /// Damps and stops every motor, from a signal handler too: async-signal-safe, sets no message. MOTORD_STATUS_OK means confirmed;
+    /// otherwise motors may still move, so cut the power. At most 0.2 s.
+    motord_status emergency_stop_signal_safe() const noexcept { return motord_emergency_stop_signal_safe(get()); }
+
+    /// Stores the newest state if this client has not returned it before, and returns whether there is one. Does not wait.
+    bool newest(State &state) const {
+        bool is_new = false;
+        detail::check(try_newest(state, is_new));
+        return is_new;
+    }
+    /// As `newest`, with a status instead of exceptions.
+    motord_status try_newest(State &state, bool &is_new) const noexcept { return motord_newest(get(), state.get(), &is_new); }
+
+    /// A file descriptor that becomes readable with each state, for an event loop. The client closes it. Read states with `newest`.
+    int file_descriptor() const {
+        int descriptor = -1;
+        detail::check(motord_file_descriptor(get(), &descriptor));
+        return descriptor;
+    }
+
+    /// The handle for the functions of motord.h; null after a move. It stays with this object.
     motord_client *get() const noexcept { return handle_.get(); }
 
 private:
     std::unique_ptr<motord_client, detail::FreeClient<motord_client_free>> handle_;
+};
+
+/// Publishes the samples of an external IMU. One thread uses it at a time. It survives a restart of the daemon.
+class ImuPublisher {
+public:
+    /// Begins to publish the samples of an external IMU. Takes milliseconds.
+    ImuPublisher(const Client &client, const std::string &name) {
+        motord_imu_publisher *publisher = nullptr;
+        detail::check(motord_imu_publisher_new(client.get(), name.c_str(), &publisher));
+        handle_.reset(publisher);
+    }
+
+    /// Sends a sample. Does not wait.
+    void send(const motord_imu_sample &sample) { detail::check(try_send(sample)); }
+    /// As `send`, with a status instead of exceptions.
+    motord_status try_send(const motord_imu_sample &sample) noexcept { return motord_imu_publisher_send(get(), &sample); }
+
+    /// The daemon used a sample of this publisher last.
+    bool is_used() const noexcept { return motord_imu_publisher_is_used(get()); }
+
+    /// The handle for the functions of motord.h; null after a move. It stays with this object.
+    motord_imu_publisher *get() const noexcept { return handle_.get(); }
+
+private:
+    std::unique_ptr<motord_imu_publisher, detail::FreePublisher<motord_imu_publisher_free>> handle_;
 };
 
 /// Damps and stops every motor of an instance, from any thread, over a connection of its own.
@@ -221,6 +279,7 @@ struct Setpoints {
 /// The ownership of a group. One thread uses it at a time. Its end releases the group; an active group is stopped.
 class Claim {
 public:
+    /// Claims a group: Refused while another process owns it. Takes milliseconds.
     Claim(const Client &client, const std::string &group) {
         motord_claim *claim = nullptr;
         detail::check(motord_claim_group(client.get(), group.c_str(), &claim));
@@ -243,16 +302,19 @@ public:
     /// Sets the horizon of the setpoints that are sent from now on: the daemon moves to each within this time after it was sent.
     /// For a controller slower than the cycle. At most `setpoint-horizon-max-ms` of the configuration; zero: at once.
     void set_horizon(Nanoseconds horizon) { detail::check(try_set_horizon(horizon)); }
+    /// As `set_horizon`, with a status instead of exceptions.
     motord_status try_set_horizon(Nanoseconds horizon) noexcept {
         return motord_set_horizon(get(), detail::nanoseconds(horizon));
     }
 
     /// Sends the stored setpoints again.
     void commit() { detail::check(try_commit()); }
+    /// As `commit`, with a status instead of exceptions.
     motord_status try_commit() noexcept { return motord_commit(get()); }
 
     /// Sends a setpoint for each joint. Each array has `count` numbers. Does not wait.
     void send(const Setpoints &setpoints, std::size_t count) { detail::check(try_send(setpoints, count)); }
+    /// As `send`, with a status instead of exceptions.
     motord_status try_send(const Setpoints &setpoints, std::size_t count) noexcept {
         return motord_send(get(), count, setpoints.position, setpoints.velocity, setpoints.kp, setpoints.kd, setpoints.torque);
     }
@@ -267,6 +329,7 @@ public:
 
     /// Fails when the group does not follow its setpoints: call it after each wait.
     void must_be_active(const State &state) const { detail::check(try_must_be_active(state)); }
+    /// As `must_be_active`, with a status instead of exceptions.
     motord_status try_must_be_active(const State &state) const noexcept { return motord_must_be_active(state.get(), get()); }
 
     /// Damps and stops the motors.
@@ -278,6 +341,7 @@ public:
     /// Releases the group, and fails where the daemon does not confirm it.
     void release() { detail::check(motord_release(get())); }
 
+    /// The handle for the functions of motord.h; null after a move. It stays with this object.
     motord_claim *get() const noexcept { return handle_.get(); }
 
 private:

@@ -1,7 +1,7 @@
 //! The objects behind the pointers of a caller.
 
 use crate::status::{Failure, Status, fail};
-use motord_client::{Claim, Client, State};
+use motord_client::{Claim, Client, ImuPublisher, State};
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -35,6 +35,9 @@ pub struct StateHandle(pub(crate) Mutex<Option<State>>);
 /// The ownership of a group; empty once it is released. One thread uses it at a time.
 pub struct ClaimHandle(pub(crate) Mutex<Option<Claim>>);
 
+/// The publisher of an external IMU. One thread uses it at a time.
+pub struct PublisherHandle(pub(crate) Mutex<Option<ImuPublisher>>);
+
 impl Handle for ClientHandle {
     const MARK: u32 = 0x6d6f_7401;
     const NAME: &'static str = "motord_client";
@@ -50,6 +53,11 @@ impl Handle for ClaimHandle {
     const NAME: &'static str = "motord_claim";
 }
 
+impl Handle for PublisherHandle {
+    const MARK: u32 = 0x6d6f_7404;
+    const NAME: &'static str = "motord_imu_publisher";
+}
+
 /// Moves an object to the caller.
 pub(crate) fn give<T: Handle>(body: T) -> *mut T {
     let marked = Box::into_raw(Box::new(Marked { mark: AtomicU32::new(T::MARK), body }));
@@ -57,18 +65,41 @@ pub(crate) fn give<T: Handle>(body: T) -> *mut T {
     unsafe { &raw mut (*marked).body }
 }
 
-fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Failure> {
-    let name = T::NAME;
+/// A pointer that leads to no handle of its kind.
+#[derive(Debug, Clone, Copy)]
+enum Mistake {
+    Null,
+    Freed,
+}
+
+impl Mistake {
+    fn explained<T: Handle>(self) -> Failure {
+        let name = T::NAME;
+        Failure::bad_argument(match self {
+            Self::Null => format!("this {name} is a null pointer, or no pointer to one"),
+            Self::Freed => format!("this {name} was freed, or is no {name}"),
+        })
+    }
+}
+
+fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Mistake> {
     if pointer.is_null() || !pointer.is_aligned() {
-        return Err(Failure::bad_argument(format!("this {name} is a null pointer, or no pointer to one")));
+        return Err(Mistake::Null);
     }
     let marked = pointer.wrapping_byte_sub(core::mem::offset_of!(Marked<T>, body)).cast::<Marked<T>>();
     // SAFETY: by the contract of the header the pointer is one of `give`.
     let mark = unsafe { (*marked).mark.load(Ordering::Relaxed) };
-    match mark == T::MARK {
-        true => Ok(marked),
-        false => Err(Failure::bad_argument(format!("this {name} was freed, or is no {name}"))),
-    }
+    if mark == T::MARK { Ok(marked) } else { Err(Mistake::Freed) }
+}
+
+/// Returns the object of the caller; `None` for a pointer that leads to none. Async-signal-safe.
+///
+/// # Safety
+///
+/// As [`borrow`].
+pub(crate) unsafe fn found<'a, T: Handle>(pointer: *mut T) -> Option<&'a T> {
+    // SAFETY: it has the mark of its kind.
+    marked(pointer).ok().map(|marked| unsafe { &(*marked).body })
 }
 
 /// Returns the object of the caller.
@@ -78,7 +109,7 @@ fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Failure> {
 /// The pointer is null, or was given by [`give`] and is freed by no other thread during `'a`. A freed pointer is an error where
 /// its memory was not used again.
 pub(crate) unsafe fn borrow<'a, T: Handle>(pointer: *mut T) -> Result<&'a T, Failure> {
-    let marked = marked(pointer)?;
+    let marked = marked(pointer).map_err(Mistake::explained::<T>)?;
     // SAFETY: it has the mark of its kind.
     Ok(unsafe { &(*marked).body })
 }
@@ -208,6 +239,16 @@ impl ClaimHandle {
 
     pub(crate) fn with<R>(&self, call: impl FnOnce(&mut Claim) -> Result<R, Failure>) -> Result<R, Failure> {
         call(locked(&self.0, Self::NAME)?.as_mut().ok_or_else(Self::released)?)
+    }
+}
+
+impl PublisherHandle {
+    pub(crate) fn with<R>(
+        &self,
+        call: impl FnOnce(&mut ImuPublisher) -> Result<R, Failure>,
+    ) -> Result<R, Failure> {
+        let none = || Failure::bad_argument(format!("this {} is empty", Self::NAME));
+        call(locked(&self.0, Self::NAME)?.as_mut().ok_or_else(none)?)
     }
 }
 

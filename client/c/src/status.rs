@@ -1,6 +1,6 @@
 //! The results of the functions, and the message of the last failure.
 
-use motord_client::{Error, Obstacle};
+use motord_client::{Error, Obstacle, StopError};
 use std::cell::RefCell;
 use std::ffi::CString;
 
@@ -38,7 +38,7 @@ pub enum Status {
     NotConfirmed = 13,
     /// A service is damaged, or every slot of it is taken.
     Unavailable = 14,
-    /// Another thread uses this claim.
+    /// Another thread uses this claim, state or publisher.
     Busy = 15,
     /// A defect of this library.
     Defect = 16,
@@ -94,6 +94,16 @@ impl Status {
             },
             Error::Instance(_) => Self::Unavailable,
             _ => Self::BadArgument,
+        }
+    }
+}
+
+impl From<StopError> for Status {
+    fn from(error: StopError) -> Self {
+        match error {
+            StopError::NotRunning => Self::NotRunning,
+            StopError::NotPermitted => Self::Permission,
+            _ => Self::NotConfirmed,
         }
     }
 }

@@ -39,6 +39,24 @@ fn null_pointers_are_refused_by_name() {
 }
 
 #[test]
+fn null_publishers_and_descriptors_are_refused() {
+    // SAFETY: null pointers are within the contract.
+    unsafe {
+        assert_eq!(motord_emergency_stop_signal_safe(ptr::null_mut()), Status::BadArgument);
+        let new = motord_imu_publisher_new(ptr::null_mut(), c"base".as_ptr(), ptr::null_mut());
+        assert_refused(new, "motord_client is a null pointer");
+        let sent = motord_imu_publisher_send(ptr::null_mut(), ptr::null());
+        assert_refused(sent, "motord_imu_publisher is a null pointer");
+        assert!(!motord_imu_publisher_is_used(ptr::null_mut()));
+        motord_imu_publisher_free(ptr::null_mut());
+        let opened = motord_file_descriptor(ptr::null_mut(), ptr::null_mut());
+        assert_refused(opened, "motord_client is a null pointer");
+        let newest = motord_newest(ptr::null_mut(), ptr::null_mut(), ptr::null_mut());
+        assert_refused(newest, "motord_client is a null pointer");
+    }
+}
+
+#[test]
 fn empty_state_says_to_wait() {
     let state = motord_state_new();
     // SAFETY: a state, and places for the results.

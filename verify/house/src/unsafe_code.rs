@@ -8,6 +8,7 @@ const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
     "client/c/src/abi/claim.rs",
     "client/c/src/abi/client.rs",
+    "client/c/src/abi/publisher.rs",
     "client/c/src/abi/state.rs",
     "client/c/src/handle.rs",
     "client/c/tests/misuse.rs",

@@ -1,10 +1,11 @@
 //! Connections, names, limits and emergency stops.
 
 use crate::arrays::numbered;
-use crate::handle::{ClientHandle, borrow, guarded, put, put_new, text};
+use crate::handle::{ClientHandle, borrow, found, guarded, put, put_new, text};
 use crate::status::{Failure, Status, message};
 use motord_client::{Client, emergency_stop};
-use std::ffi::{CString, c_char};
+use std::ffi::{CString, c_char, c_int};
+use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::ptr;
 
@@ -198,7 +199,7 @@ pub unsafe extern "C" fn motord_limits(
 
 /// Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
 /// Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
-/// move, so cut the power. It is not async-signal-safe.
+/// move, so cut the power. It is not async-signal-safe: see `motord_emergency_stop_signal_safe`.
 ///
 /// # Safety
 /// `instance` is a text that ends with a null byte.
@@ -219,5 +220,43 @@ pub unsafe extern "C" fn motord_client_emergency_stop(client: *mut ClientHandle)
     guarded(|| {
         // SAFETY: by the contract of this function.
         Ok(unsafe { borrow(client) }?.client.emergency_stop()?)
+    })
+}
+
+/// Damps and stops every motor of the robot of a client, from a signal handler too: async-signal-safe. It allocates nothing, takes no
+/// lock, keeps `errno`, sets no message, and uses the stack and system calls of signal-safety(7) only. It needs one free file descriptor.
+/// Any thread may call it, at any time between `motord_connect` and `motord_client_free`; no other call delays it.
+///
+/// Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
+/// It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
+/// `motord_client_emergency_stop` tries a second one.
+///
+/// # Safety
+/// `client` is a client.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_emergency_stop_signal_safe(client: *mut ClientHandle) -> Status {
+    // SAFETY: by the contract of this function.
+    match unsafe { found(client) } {
+        Some(client) => client.client.emergency_stop_signal_safe().map_or_else(Status::from, |()| Status::Ok),
+        None => Status::BadArgument,
+    }
+}
+
+/// Returns a file descriptor that becomes readable with each state, for an event loop: `poll`, `epoll`, `select`. Read the state with
+/// `motord_newest`. The descriptor belongs to the client, which closes it, and survives a restart of the daemon.
+///
+/// The first call takes milliseconds. From then on each call that returns a state makes one or two further system calls, and the
+/// daemon makes one in each cycle. The descriptor may be readable without a new state, and an ended daemon leaves it unreadable: use a
+/// timeout, after which `motord_wait` returns the reason.
+///
+/// # Safety
+/// `client` is a client; `descriptor` leads to a place for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_file_descriptor(client: *mut ClientHandle, descriptor: *mut c_int) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let opened = unsafe { borrow(client) }?.client.file_descriptor()?;
+        // SAFETY: by the contract of this function.
+        unsafe { put(descriptor, opened.as_raw_fd()) }
     })
 }

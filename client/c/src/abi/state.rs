@@ -98,6 +98,27 @@ pub unsafe extern "C" fn motord_spin(
     unsafe { receive(client, state, |client| client.spin(Duration::from_nanos(timeout_ns))) }
 }
 
+/// Stores the newest state if this client has not returned it before; `is_new` becomes true if there is one. Does not wait. A lack of
+/// states is no error here: `publish_ns` of `motord_cycle` shows their age.
+///
+/// # Safety
+/// `client` is a client, `state` a state; `is_new` leads to a place for a bool.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_newest(
+    client: *mut ClientHandle,
+    state: *mut StateHandle,
+    is_new: *mut bool,
+) -> Status {
+    guarded(|| {
+        // SAFETY: by the contract of this function.
+        let (client, state) = (unsafe { borrow(client) }?, unsafe { borrow(state) }?);
+        let newest = client.client.newest()?;
+        // SAFETY: by the contract of this function.
+        unsafe { put(is_new, newest.is_some()) }?;
+        newest.map_or(Ok(()), |newest| state.put(newest))
+    })
+}
+
 /// # Safety
 /// As `motord_wait`.
 unsafe fn receive(
