@@ -1,6 +1,6 @@
 //! The ipc thread: owns every iceoryx2 port, and stands between the clients and the cycle.
 //!
-//! Not real-time: iceoryx2 allocates once with every message, and maps files when a client connects or disconnects. If this
+//! Not real-time: iceoryx2 may allocate, and maps files when a client connects or disconnects. If this
 //! thread stalls, setpoints expire and the cycle damps the robot.
 
 pub mod owners;

@@ -1,7 +1,7 @@
 //! The client's side of the services.
 //!
-//! Threads may share the ports. Real-time threads must not use them: iceoryx2 allocates with every
-//! message, and maps files when the daemon connects or disconnects.
+//! Threads may share the ports. Real-time threads must not use them: iceoryx2 may allocate,
+//! and maps files when the daemon connects or disconnects.
 
 use crate::futex::{Slept, Waiter};
 use crate::iceoryx::{Lent, Payload, copied, read};

@@ -1,7 +1,7 @@
 //! The daemon's side of the services.
 //!
-//! Threads may share the ports. Real-time threads must not use them: iceoryx2 allocates with every
-//! message, and maps files when a client connects or disconnects.
+//! Threads may share the ports. Real-time threads must not use them: iceoryx2 may allocate,
+//! and maps files when a client connects or disconnects.
 
 use crate::futex::Waker;
 use crate::iceoryx::{Lent, Payload, answered, copied, read};
