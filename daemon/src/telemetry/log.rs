@@ -38,7 +38,7 @@ pub(super) struct Log {
     groups: Vec<Group>,
     buses: Vec<Subject>,
     imus: Vec<Subject>,
-    /// What to check when an IMU is lost.
+    /// Advice for a lost IMU.
     imu_checks: Vec<&'static str>,
     requests: Subject,
     refused: Option<Asked>,
@@ -50,7 +50,7 @@ pub(super) struct Log {
     setpoint_timeout: Duration,
 }
 
-/// What to check when no samples arrive from this source.
+/// Returns the advice for a source from which no samples arrive.
 const fn imu_check(source: &ImuSource) -> &'static str {
     match source {
         ImuSource::Serial(_) => "check its cable and power, its device and its baud rate",
