@@ -15,7 +15,7 @@ const PASTE_END: &[u8] = b"\x1b[201~";
 /// More bytes than any key of the monitor has.
 const SEQUENCE_MAX: usize = 16;
 
-/// What the user does.
+/// An input of the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Input {
     /// Presses a key.
