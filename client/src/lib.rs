@@ -159,7 +159,7 @@ pub use motord_ports::service::{Obstacle, Part, ServiceError};
 pub use motord_ports::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
-    ControlLatency, EncodedHistogram, GroupDescription, GroupHistory, Histograms, ImuDescription,
+    ControlLatency, EncodedHistogram, FirstStop, GroupDescription, GroupHistory, Histograms, ImuDescription,
     JointDescription, JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{

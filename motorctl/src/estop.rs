@@ -4,10 +4,15 @@ use crate::advice::motorctl;
 use crate::confirmation;
 use crate::failure::Failure;
 use crate::instances::line;
+use crate::report::FirstStopReport;
 use crate::say::say;
 use crate::status::{self, PATIENCE};
-use motord_client::{Client, DEFAULT_INSTANCE, Error, RunningInstance};
+use motord_client::{Client, DEFAULT_INSTANCE, Error, GroupHistory, RunningInstance, Telemetry};
 use motord_client::{emergency_stop, emergency_stop_in, running_instances};
+use std::time::{Duration, Instant};
+
+/// Time between two requests for the history of the stops.
+const TURN: Duration = Duration::from_millis(10);
 
 /// Stops `instance`, or `all` daemons.
 ///
@@ -20,7 +25,8 @@ pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
     }
     match emergency_stop(instance) {
         Ok(()) => tell(None, &motorctl(instance), status::connect(instance)),
-        Err(error @ Error::NotRunning { .. }) => {
+        // The motors of a daemon that died may still move: the stop of another one is no success.
+        Err(error @ Error::NotRunning { died: None, .. }) => {
             elsewhere(instance).map_or(Err(Failure::NotStopped(error)), |only| stop(&only))
         }
         Err(error) => Err(Failure::NotStopped(error)),
@@ -79,12 +85,37 @@ fn tell(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Res
     let silent = client.as_ref().map_err(Error::to_string);
     let silent =
         silent.and_then(|client| client.offline_joints(None, PATIENCE).map_err(|error| error.to_string()));
+    let first = client.as_ref().map(first_causes).unwrap_or_default();
     let done = format!(
-        "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop"
+        "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{first}"
     );
     let outcome = confirmation::outcome(&done, silent);
-    say(&outcome.map_err(|silent| Failure::NotHeard(format!("{}{of}", silent.join(", "))))?);
+    say(&outcome.map_err(|silent| Failure::NotHeard(format!("{}{of}{first}", silent.join(", "))))?);
     Ok(())
+}
+
+/// Returns what had stopped groups before, as a further part of a sentence; empty if nothing had. The emergency stop replaces
+/// their causes, and a person needs them to find the fault. Takes at most [`PATIENCE`] and one request.
+fn first_causes(client: &Client) -> String {
+    let robot = client.description();
+    let end = Instant::now() + PATIENCE;
+    let groups = loop {
+        let Ok(Telemetry { groups, .. }) = client.telemetry() else { return String::new() };
+        // The daemon writes its history some milliseconds after the stop.
+        let is_ours = |group: &GroupHistory| {
+            group.first.is_some()
+                || group.stopped_by.as_ref().is_some_and(|process| process.pid == std::process::id())
+        };
+        if groups.iter().all(is_ours) || Instant::now() >= end {
+            break groups;
+        }
+        std::thread::sleep(TURN);
+    };
+    let first = robot.groups.iter().zip(&groups).filter_map(|(group, history)| {
+        let first = FirstStopReport::new(history.first.as_ref()?, &robot);
+        Some(format!("; {} had been stopped for {} before: {}", group.name, first.cause, first.describe()))
+    });
+    first.collect()
 }
 
 #[cfg(test)]

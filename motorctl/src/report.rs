@@ -4,8 +4,8 @@ use crate::advice::{Advice, motorctl};
 use crate::imu_report::{ImuReport, imu_table};
 use crate::joint_report::{IndicatorReport, JointReport, UNKNOWN};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Indicator, JointDescription, Lease, MotorMode, Phase, Process,
-    Rejection, RobotDescription, State, Telemetry,
+    Bus, BusCondition, Cause, FirstStop, Group, Indicator, JointDescription, Lease, MotorMode, Phase,
+    Process, Rejection, RobotDescription, State, Telemetry,
 };
 use motord_terminal::{Cell, Colour, Palette, Table, printable};
 use serde::Serialize;
@@ -79,10 +79,61 @@ pub(crate) struct StopReport {
     pub(crate) bus: Option<String>,
     /// The process that requested the stop.
     pub(crate) asked_by: Option<ProcessReport>,
+    /// The stop to which this emergency stop was added.
+    pub(crate) first: Option<FirstStopReport>,
     pub(crate) advice: String,
     /// The commands of the advice.
     #[serde(skip)]
     pub(crate) steps: Advice,
+}
+
+/// A stop whose cause an emergency stop has replaced.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct FirstStopReport {
+    pub(crate) cause: &'static str,
+    pub(crate) sentence: &'static str,
+    /// The joint that caused the stop.
+    pub(crate) joint: Option<String>,
+    /// The bus of this joint, if the bus is the cause.
+    #[serde(skip)]
+    bus: Option<String>,
+    /// The process that requested the stop.
+    pub(crate) asked_by: Option<ProcessReport>,
+}
+
+impl FirstStopReport {
+    pub(crate) fn new(first: &FirstStop, robot: &RobotDescription) -> Self {
+        let cause = Cause::try_from(first.cause).ok();
+        let joint = first.joint.and_then(|joint| robot.joints.get(joint));
+        Self {
+            cause: cause.map_or(UNKNOWN, Cause::name),
+            sentence: sentence(cause),
+            joint: joint.map(|joint| joint.name.clone()),
+            bus: joint.filter(|_| is_of_bus(cause)).map(|joint| joint.bus.clone()),
+            asked_by: first.by.as_ref().map(ProcessReport::from),
+        }
+    }
+
+    /// Returns the sentence of its cause, with the bus, the joint or the process that it comes from.
+    pub(crate) fn describe(&self) -> String {
+        format!("{}{}", self.sentence, origin(&self.bus, &self.joint, &self.asked_by))
+    }
+}
+
+/// Returns the bus, the joint or the process that caused a stop, in brackets after a space; otherwise an empty text.
+fn origin(bus: &Option<String>, joint: &Option<String>, asked_by: &Option<ProcessReport>) -> String {
+    let bus = bus.as_ref().map(|bus| format!("bus {bus}"));
+    let origin =
+        bus.or_else(|| joint.clone()).or_else(|| asked_by.as_ref().map(|process| format!("by {process}")));
+    origin.map_or_else(String::new, |origin| format!(" ({origin})"))
+}
+
+const fn is_of_bus(cause: Option<Cause>) -> bool {
+    matches!(cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall))
+}
+
+fn sentence(cause: Option<Cause>) -> &'static str {
+    cause.map_or("This motorctl does not know the cause.", Cause::sentence)
 }
 
 /// A process that owns a group or requested a stop.
@@ -113,10 +164,13 @@ impl StopReport {
     /// Returns the bus, the joint or the process that caused the stop, in brackets after a space;
     /// otherwise an empty text.
     pub(crate) fn origin(&self) -> String {
-        let bus = self.bus.as_ref().map(|bus| format!("bus {bus}"));
-        let joint = bus.or_else(|| self.joint.clone());
-        let origin = joint.or_else(|| self.asked_by.as_ref().map(|process| format!("by {process}")));
-        origin.map_or_else(String::new, |origin| format!(" ({origin})"))
+        origin(&self.bus, &self.joint, &self.asked_by)
+    }
+
+    /// Returns the sentence of the cause with its origin, and the first cause where this is another one.
+    pub(crate) fn reason(&self) -> String {
+        let first = self.first.as_ref().map(|first| format!(" The first cause: {}", first.describe()));
+        format!("{}{}{}", self.sentence, self.origin(), first.unwrap_or_default())
     }
 }
 
@@ -158,12 +212,14 @@ impl RobotReport {
         }
     }
 
-    /// Adds the names of the owners and of the programs that requested stops.
-    pub(crate) fn name_programs(&mut self, telemetry: &Telemetry) {
+    /// Adds the names of the owners and of the programs that requested stops, and the stops before emergency stops.
+    pub(crate) fn add_history(&mut self, robot: &RobotDescription, telemetry: &Telemetry) {
         for (group, history) in self.groups.iter_mut().zip(&telemetry.groups) {
             // The history also has the previous owner.
             group.owner = history.owner.as_ref().filter(|_| group.lease.is_some()).map(ProcessReport::from);
-            let (Some(stop), Some(process)) = (&mut group.stop, &history.stopped_by) else { continue };
+            let Some(stop) = &mut group.stop else { continue };
+            stop.first = history.first.as_ref().map(|first| FirstStopReport::new(first, robot));
+            let Some(process) = &history.stopped_by else { continue };
             if let Some(asker) = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid) {
                 *asker = process.into();
             }
@@ -330,7 +386,6 @@ impl StopReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
         let described = group.cause_joint.and_then(|joint| robot.joints.get(joint));
         let joint = described.map(|joint| &joint.name);
-        let is_of_bus = matches!(group.cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
         let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
         if group.cause == Some(Cause::SetpointTimeout)
             && let Some(remedy) = group
@@ -341,10 +396,11 @@ impl StopReport {
         }
         Self {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
-            sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
+            sentence: sentence(group.cause),
             joint: joint.cloned(),
-            bus: described.filter(|_| is_of_bus).map(|joint| joint.bus.clone()),
+            bus: described.filter(|_| is_of_bus(group.cause)).map(|joint| joint.bus.clone()),
             asked_by: group.cause_pid.map(|pid| ProcessReport { pid, program: None }),
+            first: None,
             advice: steps.to_string(),
             steps,
         }
@@ -352,7 +408,9 @@ impl StopReport {
 
     /// Describes the stop of the group `name`.
     fn describe(&self, name: &str) -> String {
-        format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin())
+        let stop = format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin());
+        let Some(first) = &self.first else { return stop };
+        format!("{stop} {name} was first stopped for {}: {}", first.cause, first.describe())
     }
 }
 

@@ -32,7 +32,7 @@ pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Fail
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
     let mut report = RobotReport::new(&client.description(), &state);
-    report.name_programs(History::default().telemetry(&client, &state));
+    report.add_history(&client.description(), History::default().telemetry(&client, &state));
     let out = &mut io::stdout().lock();
     let troubles = if check { report.troubles() } else { Vec::new() };
     if as_json {

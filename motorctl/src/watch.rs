@@ -60,8 +60,9 @@ impl Output {
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.absence.end();
-        let mut report = RobotReport::new(&client.description(), state);
-        report.name_programs(self.history.telemetry(client, state));
+        let robot = client.description();
+        let mut report = RobotReport::new(&robot, state);
+        report.add_history(&robot, self.history.telemetry(client, state));
         let mut text = Vec::new();
         if self.as_json {
             json::write_line(&mut text, &report)?;

@@ -252,6 +252,22 @@ pub struct GroupHistory {
     pub stop_cycle: Option<u64>,
     /// The process that requested the stop, if any.
     pub stopped_by: Option<Process>,
+    /// The stop to which the latched emergency stop was added.
+    pub first: Option<FirstStop>,
+}
+
+/// The first stop of a group since its last reset. `GroupState` has the emergency stop that replaced its cause.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FirstStop {
+    /// `Cause` code.
+    pub cause: u32,
+    /// Index of the joint that caused the stop.
+    pub joint: Option<usize>,
+    /// Number of the cycle in which it began.
+    pub cycle: u64,
+    /// The process that requested it, if any.
+    pub by: Option<Process>,
 }
 
 /// A process, as it identified itself.

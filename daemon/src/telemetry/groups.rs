@@ -2,15 +2,37 @@
 
 use super::askers::Askers;
 use motord_core::control::Event;
-use motord_shared::description::{GroupHistory, Process};
+use motord_shared::description::{FirstStop, GroupHistory, Process};
 
 /// Everything that is known of the groups, beside their states.
-pub(super) struct Groups(Vec<GroupHistory>);
+pub(super) struct Groups(Vec<Group>);
+
+#[derive(Clone, Default)]
+struct Group {
+    history: GroupHistory,
+    /// The latched stop.
+    stop: Option<FirstStop>,
+}
+
+impl Group {
+    /// Takes in a stop. One that replaces another keeps it as the first.
+    fn stop(&mut self, stop: FirstStop) {
+        let Self { history, stop: latched } = self;
+        (history.stop_cycle, history.stopped_by) = (Some(stop.cycle), stop.by.clone());
+        let before = latched.replace(stop);
+        history.first = history.first.take().or(before);
+    }
+
+    fn reset(&mut self) {
+        let Self { history, stop } = self;
+        (history.stop_cycle, history.stopped_by, history.first, *stop) = (None, None, None, None);
+    }
+}
 
 impl Groups {
     /// Nothing has happened to any of `count` groups.
     pub(super) fn new(count: usize) -> Self {
-        Self(vec![GroupHistory::default(); count])
+        Self(vec![Group::default(); count])
     }
 
     /// Takes in an event of the cycle `cycle`.
@@ -18,24 +40,21 @@ impl Groups {
         let process = |pid| Process { pid, program: askers.program(pid).unwrap_or_default() };
         match event {
             Event::Owner { group, pid: Some(pid) } => {
-                self.0[group].owner = Some(process(pid));
+                self.0[group].history.owner = Some(process(pid));
             }
-            Event::Group { group, .. } => self.0[group].phase_cycle = cycle,
-            Event::Stopped { group, pid, .. } => {
-                let group = &mut self.0[group];
-                (group.stop_cycle, group.stopped_by) = (Some(cycle), pid.map(process));
+            Event::Group { group, .. } => self.0[group].history.phase_cycle = cycle,
+            Event::Stopped { group, cause, motor, pid } => {
+                let by = pid.map(process);
+                self.0[group].stop(FirstStop { cause: cause.code(), joint: motor, cycle, by });
             }
-            Event::Reset { group } => {
-                let group = &mut self.0[group];
-                (group.stop_cycle, group.stopped_by) = (None, None);
-            }
+            Event::Reset { group } => self.0[group].reset(),
             _ => {}
         }
     }
 
     /// In the order of the configuration.
     pub(super) fn history(&self) -> Vec<GroupHistory> {
-        self.0.clone()
+        self.0.iter().map(|group| group.history.clone()).collect()
     }
 }
 
@@ -64,5 +83,21 @@ mod tests {
         let history = &groups.history()[1];
         assert_eq!((history.stop_cycle, &history.stopped_by), (None, &None));
         assert_eq!(groups.history()[0], GroupHistory::default());
+    }
+
+    #[test]
+    fn first_stop_is_kept_beside_emergency_stop() {
+        let (mut groups, askers) = (Groups::new(1), Askers::default());
+        let lost = Event::Stopped { group: 0, cause: Cause::MotorLost, motor: Some(3), pid: None };
+        groups.record(7, lost, &askers);
+        assert_eq!(groups.history()[0].first, None);
+        for cycle in [8, 9] {
+            let stop = Event::Stopped { group: 0, cause: Cause::EmergencyStop, motor: None, pid: Some(1) };
+            groups.record(cycle, stop, &askers);
+        }
+        let first = FirstStop { cause: Cause::MotorLost.code(), joint: Some(3), cycle: 7, by: None };
+        assert_eq!(groups.history()[0].first, Some(first));
+        groups.record(10, Event::Reset { group: 0 }, &askers);
+        assert_eq!(groups.history()[0].first, None);
     }
 }

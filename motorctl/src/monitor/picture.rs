@@ -33,7 +33,7 @@ impl Reading {
     /// Combines `state` with the names of `robot`.
     pub(super) fn new(robot: &Arc<RobotDescription>, state: &State, telemetry: &Telemetry) -> Self {
         let mut report = RobotReport::new(robot, state);
-        report.name_programs(telemetry);
+        report.add_history(robot, telemetry);
         Self {
             report,
             robot: Arc::clone(robot),

@@ -25,7 +25,7 @@ impl Question {
         let stops: Vec<_> = stopped.filter_map(|group| Some((group, group.stop.as_ref()?))).collect();
         let mut reasons: Vec<String> = Vec::new();
         for (_, stop) in &stops {
-            let reason = format!("{}{}", stop.sentence, stop.origin());
+            let reason = stop.reason();
             if !reasons.contains(&reason) {
                 reasons.push(reason);
             }

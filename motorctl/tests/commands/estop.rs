@@ -2,7 +2,8 @@
 
 use motord_harness::daemon::{BENCH, Daemon};
 use motord_harness::programs::{directory, lacks};
-use std::process::{Command, Output};
+use serde_json::Value;
+use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
 fn text(bytes: &[u8]) -> String {
@@ -75,6 +76,31 @@ fn stop_before_a_loss_is_noticed_fails() {
     assert!(text(&output.stderr).ends_with("cut the power: arm\n"), "{output:?}");
 }
 
+/// A person who presses the emergency stop because of a fault must still find the fault.
+#[test]
+fn first_cause_survives_emergency_stop() {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    let mut hold = daemon.command(&["hold"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    daemon.await_status(|status| status["groups"][0]["phase"] == "active");
+    assert!(daemon.motorctl(&["sim", "arm", "off"]).status.success());
+    daemon.await_status(|status| status["groups"][0]["stop"]["cause"] == "motor-lost");
+    hold.wait().unwrap();
+    assert!(daemon.motorctl(&["sim", "arm", "ok"]).status.success());
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    let output = daemon.motorctl(&["estop"]);
+    let cause = "all had been stopped for motor-lost before: A motor stopped answering. (arm)";
+    assert!(output.status.success() && text(&output.stdout).contains(cause), "{output:?}");
+    let status = daemon.await_status(|status| status["groups"][0]["stop"]["first"] != Value::Null);
+    let stop = &status["groups"][0]["stop"];
+    assert_eq!((&stop["cause"], &stop["first"]["cause"]), (&"emergency-stop".into(), &"motor-lost".into()));
+    assert_eq!(stop["first"]["joint"], "arm");
+    let said = daemon.motorctl(&["status"]);
+    assert!(text(&said.stdout).contains("all was first stopped for motor-lost: "), "{said:?}");
+    assert!(daemon.motorctl(&["reset", "--wait"]).status.success());
+    assert_eq!(daemon.status()["groups"][0]["stop"], Value::Null);
+}
+
 #[test]
 fn mistyped_stop_says_that_nothing_stopped() {
     let daemon = Daemon::start(BENCH);
@@ -125,6 +151,22 @@ fn wrong_instance_prints_lines_that_stop() {
     let these = lines.iter().position(|line| *line == "motorctl: these run:").unwrap();
     assert!(lines[these + 1].ends_with("/other motorctl --instance arm estop"), "{said}");
     assert_eq!(lines[these + 2..], ["  motorctl estop --all"], "{said}");
+}
+
+/// The motors of a killed daemon may still move: a stop of another one is no success.
+#[test]
+fn killed_instance_prints_lines_that_stop() {
+    let script = "start killed robot; killed=$!; start other leg; kill -KILL $killed; wait $killed 2>/dev/null\n\
+        export MOTORD_RUNTIME_DIR=$PWD/killed; motorctl estop; status=$?\n\
+        is_stopped other leg && exit 97; exit $status";
+    let Some(output) = alone(script) else { return };
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{said}");
+    assert!(said.contains("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{said}");
+    assert!(said.contains("died without stopping its motors"), "{said}");
+    assert!(said.contains("motorctl: these run:\n"), "{said}");
+    assert!(said.contains("/other motorctl --instance leg estop\n"), "{said}");
+    assert!(said.ends_with("  motorctl estop --all\n"), "{said}");
 }
 
 #[test]

@@ -89,7 +89,7 @@ fn owner(group: &GroupReport, history: &GroupHistory) -> Vec<Span<'static>> {
     }
 }
 
-/// Groups with the same cause and joint of their stops.
+/// Groups with the same cause, joint and first cause of their stops.
 struct Stopped<'a> {
     groups: Vec<&'a str>,
     stop: &'a StopReport,
@@ -103,8 +103,9 @@ fn stops(reading: &Reading) -> Vec<Stopped<'_>> {
     for (index, group) in reading.report.groups.iter().enumerate() {
         let Some(stop) = &group.stop else { continue };
         let since = reading.history(index).stop_cycle.map(|cycle| reading.since(cycle));
-        let is_same =
-            |other: &&mut Stopped<'_>| other.stop.cause == stop.cause && other.stop.joint == stop.joint;
+        let is_same = |other: &&mut Stopped<'_>| {
+            (other.stop.cause, &other.stop.joint, &other.stop.first) == (stop.cause, &stop.joint, &stop.first)
+        };
         match stops.iter_mut().find(is_same) {
             Some(other) => other.groups.push(&group.name),
             None => stops.push(Stopped { groups: vec![&group.name], stop, since, is_all: false }),
@@ -120,7 +121,7 @@ impl Stopped<'_> {
     fn cause(&self, width: usize) -> Vec<Line<'static>> {
         let who = if self.is_all { "every group".to_owned() } else { self.groups.join(", ") };
         let since = self.since.map_or_else(String::new, |since| format!(" {} ago", duration(since)));
-        let text = format!("STOPPED{since}, {who}: {}{}", self.stop.sentence, self.stop.origin());
+        let text = format!("STOPPED{since}, {who}: {}", self.stop.reason());
         wrapped(&text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
     }
 

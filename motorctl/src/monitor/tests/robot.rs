@@ -162,6 +162,7 @@ pub(super) fn stopped_by(cause: Cause, joint: Option<usize>) -> Reading {
         sentence: cause.sentence(),
         joint: described.map(|joint| joint.name.clone()),
         bus: described.filter(|_| cause == Cause::BusOff).map(|joint| joint.bus.clone()),
+        first: None,
         asked_by: report
             .emergency_stop
             .then(|| ProcessReport { pid: 4815, program: Some("motorctl".to_owned()) }),
