@@ -9,7 +9,7 @@ use std::time::Duration;
 #[derive(Parser)]
 struct Options {
     /// Instance of motord.
-    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
     instance: String,
     /// Group of joints.
     #[arg(long, default_value = "all")]
@@ -47,10 +47,8 @@ fn hold(options: &Options) -> Result<(), Error> {
     println!("holding {} joints of group {}", claim.joints().len(), claim.group());
     loop {
         let state = client.wait(PATIENCE)?;
-        if let Err(stopped @ Error::Stopped { .. }) = state.of(&claim)?.must_be_active() {
-            println!("{stopped}");
-            return Ok(());
-        }
+        // The error names the cause of the stop, and what to do.
+        state.of(&claim)?.must_be_active()?;
         claim.commit()?;
     }
 }

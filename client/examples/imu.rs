@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 #[derive(Parser)]
 struct Options {
     /// Instance of motord.
-    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
     instance: String,
     /// Name of the IMU.
     #[arg(long, default_value = "base")]

@@ -12,7 +12,7 @@ use std::time::Duration;
 #[derive(Parser)]
 struct Options {
     /// Instance of motord.
-    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
     instance: String,
     /// Group of joints.
     #[arg(long, default_value = "all")]
@@ -35,6 +35,9 @@ struct Options {
     /// Damping, N·m·s/rad.
     #[arg(long, default_value_t = 0.5)]
     kd: f32,
+    /// Send setpoints every this many cycles: at 1 kHz, 20 is a controller of 50 Hz.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=500))]
+    every: u32,
     /// After a stop or a restart of the daemon, reset, claim and enable again.
     #[arg(long)]
     persist: bool,
@@ -53,10 +56,6 @@ fn main() -> ExitCode {
         match sine(&options) {
             Ok(()) => return ExitCode::SUCCESS,
             Err(error) if options.persist && passes(&error) => println!("{error}"),
-            Err(stopped @ Error::Stopped { .. }) => {
-                println!("{stopped}");
-                return ExitCode::SUCCESS;
-            }
             Err(error) => {
                 eprintln!("sine: {error}");
                 return ExitCode::from(error.exit_status());
@@ -94,7 +93,7 @@ fn sine(options: &Options) -> Result<(), Error> {
     println!("moving {names:?}");
     let begun = client.wait(PATIENCE)?.time();
     loop {
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait_cycles(options.every, PATIENCE)?;
         state.of(&claim)?.must_be_active()?;
         let time = (state.time() - begun).as_secs_f32();
         if options.seconds.is_some_and(|seconds| time >= seconds) {

@@ -1,4 +1,4 @@
-//! Holds every joint of the simulated robot in position. `--instance demo` and the group `legs`
+//! Holds every joint of the simulated robot in position. The instance `demo` and the group `legs`
 //! come from config/quadruped-simulated.toml; other robots use other names.
 
 use motord_client::{Client, Error, Phase};
@@ -6,7 +6,8 @@ use std::time::Duration;
 
 fn main() -> Result<(), Error> {
     let patience = Duration::from_secs(1);
-    let client = Client::connect("demo")?;
+    let instance = std::env::var("MOTORD_INSTANCE");
+    let client = Client::connect(instance.as_deref().unwrap_or("demo"))?;
     let mut claim = client.claim("legs")?;
 
     // The daemon starts motors only for an owner that sends setpoints near the positions of the

@@ -10,7 +10,7 @@ use std::time::Duration;
 #[derive(Parser)]
 struct Options {
     /// Instance of motord.
-    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
     instance: String,
     /// End after this many prints.
     #[arg(long)]

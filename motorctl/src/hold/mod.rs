@@ -6,18 +6,20 @@
 
 pub(crate) mod failure;
 mod motion;
+mod printer;
 mod report;
 
 use crate::advice::{Advice, motorctl};
 use crate::failure::Failure;
 use crate::hold::failure::HoldFailure;
 use crate::hold::motion::Motion;
+use crate::hold::printer::Printer;
 use crate::hold::report::{HeldJoint, Line, Report};
 use motord_client::{
     About, Cause, Claim, Client, Error, JointLimits, Phase, Refusal, RobotDescription, Setpoint, Slot, State,
 };
 use motord_terminal::{Interrupt, Palette, within};
-use std::io::{self, Write};
+use std::io;
 use std::time::Duration;
 
 /// Time without a state after which the connection counts as lost. Shorter stalls are tolerated.
@@ -100,16 +102,17 @@ pub(crate) fn run(instance: &str, arguments: &HoldArguments) -> Result<(), Failu
     let target = Target::find(&client.description(), arguments.name.as_deref())?;
     let mut hold = Hold::claim(client, instance, &target, arguments.motion())?;
     let mut report = Report::new(arguments.json);
+    let printer = Printer::start(arguments.json)?;
+    let followed = hold.start().and_then(|()| hold.follow(&mut report, arguments, &interrupt, &printer));
+    let is_stopped = matches!(followed, Err(Failure::Client(Error::Stopped { .. })));
+    let stopped = if is_stopped { Ok(()) } else { hold.stop(&interrupt) };
+    let printed = printer.end();
     let out = &mut io::stdout().lock();
-    hold.announce(&report, out)?;
-    let followed = hold.start().and_then(|()| hold.follow(&mut report, arguments, &interrupt, out));
-    if let Err(Failure::Client(Error::Stopped { .. })) = followed {
+    if is_stopped {
         report.summary(out, Palette::of_stdout())?;
         refuse_latched(&hold.client, instance, &target.group)?;
-        return followed;
     }
-    let stopped = hold.stop(&interrupt);
-    followed.and(stopped)?;
+    followed.and(stopped).and(printed)?;
     report.summary(out, Palette::of_stdout())?;
     Ok(report.say(out, &format!("{}: stopped, after damping what moves", hold.claim.group()))?)
 }
@@ -218,8 +221,8 @@ impl Hold {
         Ok(())
     }
 
-    /// Tells which joints will be held, and how.
-    fn announce(&self, report: &Report, out: &mut dyn Write) -> io::Result<()> {
+    /// Returns the sentences about which joints are held, and how.
+    fn announcement(&self) -> Vec<String> {
         let Motion { kp, kd, amplitude, frequency } = self.motion;
         let (group, others) = (self.claim.group(), self.claim.joints().len() - self.held.len());
         let (held, rest) = match &self.held[..] {
@@ -232,18 +235,15 @@ impl Hold {
         let sine =
             if amplitude > 0.0 { format!(", ±{amplitude} rad at {frequency} Hz") } else { String::new() };
         let end = "Ctrl-C damps and stops the motors";
-        report.say(out, &format!("holds {held} with kp {kp}, kd {kd}{sine}{rest}. {end}."))?;
-        for held in &self.held {
+        let first = format!("holds {held} with kp {kp}, kd {kd}{sine}{rest}. {end}.");
+        let bounded = self.held.iter().filter_map(|held| {
             let [bound_kp, bound_kd] = self.motion.gains(&held.limits);
-            if [bound_kp, bound_kd] != [kp, kd] {
-                let name = &held.name;
-                report.say(
-                    out,
-                    &format!("{name}: the configuration limits the gains to kp {bound_kp}, kd {bound_kd}"),
-                )?;
-            }
-        }
-        out.flush()
+            let name = &held.name;
+            ([bound_kp, bound_kd] != [kp, kd]).then(|| {
+                format!("{name}: the configuration limits the gains to kp {bound_kp}, kd {bound_kd}")
+            })
+        });
+        std::iter::once(first).chain(bounded).collect()
     }
 
     /// Starts the motors. They hold where they are when they begin to follow.
@@ -259,16 +259,17 @@ impl Hold {
         Ok(())
     }
 
-    /// Answers every state with setpoints, until the time is over or a signal arrives.
+    /// Answers every state with setpoints, until the time is over, a signal arrives, or the output cannot be written.
     fn follow(
         &mut self,
         report: &mut Report,
         arguments: &HoldArguments,
         interrupt: &Interrupt,
-        out: &mut dyn Write,
+        printer: &Printer,
     ) -> Result<(), Failure> {
         let (mut begun, mut due) = (None, 0.0);
-        while !interrupt.came() {
+        let mut is_printed = printer.say(self.announcement());
+        while is_printed && !interrupt.came() {
             let state = self.client.wait(SILENCE)?;
             state.of(&self.claim)?.must_be_active()?;
             let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
@@ -281,7 +282,8 @@ impl Hold {
             report.count(&joints);
             if time >= due {
                 due = (due + 1.0 / arguments.hz).max(time);
-                report.line(out, &Line { time_s: time, group: self.claim.group().to_owned(), joints })?;
+                is_printed =
+                    printer.line(Line { time_s: time, group: self.claim.group().to_owned(), joints });
             }
         }
         Ok(())

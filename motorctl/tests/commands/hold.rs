@@ -192,3 +192,28 @@ fn unfit_joint_is_refused_before_any_motion() {
     daemon.await_status(|status| status["joints"][0]["mode"] == "offline");
     refused(&["arm"], 69, "joint arm has not reported its position: check that its motor has power");
 }
+
+/// Goal: the loop that moves the robot never waits for the reader of its output.
+#[test]
+fn reader_that_pauses_does_not_stop_robot() {
+    let daemon = Daemon::start(&slow_quadruped());
+    daemon.await_status(|status| {
+        status["joints"].as_array().is_some_and(|joints| joints.iter().all(|joint| joint["mode"] == "idle"))
+    });
+    let child = holding(&daemon, &["--json", "--hz", "100"]);
+    std::thread::sleep(Duration::from_secs(4));
+    let status = daemon.status();
+    let group = &status["groups"][0];
+    assert_eq!((&group["phase"], &group["stop"]), (&"active".into(), &Value::Null));
+    assert!(interrupted(child).status.success());
+}
+
+#[test]
+fn refused_hold_claims_to_hold_nothing() {
+    let daemon = started();
+    assert!(daemon.motorctl(&["sim", "arm", "fault", "over-voltage"]).status.success());
+    daemon.await_status(|status| status["joints"][0]["mode"] == "fault");
+    let refused = daemon.motorctl(&["hold"]);
+    assert!(!refused.status.success(), "{refused:?}");
+    assert_eq!(text(&refused.stdout), "", "{refused:?}");
+}
