@@ -1,4 +1,4 @@
-//! The joints whose curves are shown, and the time and the scale of the curves.
+//! The joint whose details are shown, the joints of the curves, and the time and the scale of the curves.
 
 use crossterm::event::KeyCode;
 
@@ -8,7 +8,7 @@ const TIMES: [f64; 4] = [5.0, 15.0, 30.0, 60.0];
 /// The choice. Names, not rows: a fault changes the order of the rows.
 #[derive(Debug, Clone)]
 pub(super) struct Selection {
-    /// The joints of the table, in its order; empty where no curves fit.
+    /// The joints of the table, in its order.
     rows: Vec<String>,
     /// The joint that the next key chooses.
     cursor: Option<String>,
@@ -25,12 +25,12 @@ impl Default for Selection {
 }
 
 impl Selection {
-    /// Sets the joints of the table, in its order; none if no curves fit.
+    /// Sets the joints of the table, in its order.
     pub(super) fn know_rows(&mut self, rows: Vec<String>) {
         self.rows = rows;
     }
 
-    /// Returns the joint that the keys act on, where curves fit.
+    /// Returns the joint that the keys act on.
     pub(super) fn cursor(&self) -> Option<&str> {
         self.cursor.as_deref().filter(|cursor| self.rows.iter().any(|row| row == cursor))
     }
@@ -56,7 +56,7 @@ impl Selection {
         self.rows.iter().position(|row| Some(row) == self.cursor.as_ref())
     }
 
-    /// Handles a key. Does nothing where no curves fit.
+    /// Handles a key. Does nothing without a row.
     pub(super) fn press(&mut self, code: KeyCode) {
         let Some(last) = self.rows.len().checked_sub(1) else { return };
         match code {

@@ -3,14 +3,17 @@
 use super::super::picture::{Picture, Reading};
 use super::super::selection::Selection;
 use super::super::trends::{Mark, Point, quantities};
-use super::text::{ALARM, bold, dim, flowed};
+use super::text::{bold, dim, flowed};
 use motord_terminal::number;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Style;
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Widget};
 
+/// The style of the marks of stops and faults.
+const MARK: Style = Style::new().bold();
 /// Smallest number of rows of a panel.
 const ROWS: usize = 11;
 /// Smallest width of three panels side by side, and of one.
@@ -72,7 +75,7 @@ fn name_lines(marks: &[(f64, &Mark)], width: usize) -> Vec<Line<'static>> {
 }
 
 fn letter(mark: &Mark) -> Span<'static> {
-    Span::styled(mark.letter.to_string(), ALARM)
+    bold(mark.letter.to_string())
 }
 
 struct Panel {
@@ -125,9 +128,9 @@ impl Panel {
         let letters: Vec<_> = marks.iter().map(|(time, mark)| (mark.letter, [(*time, high)])).collect();
         let mut data: Vec<Dataset<'_>> = Vec::new();
         data.extend(limits.iter().map(|limit| line(limit, Marker::Custom('┄'))));
-        data.extend(lines.iter().map(|mark| line(mark, Marker::Custom('┊')).style(ALARM)));
+        data.extend(lines.iter().map(|mark| line(mark, Marker::Custom('┊')).style(MARK)));
         data.extend(self.parts.iter().map(|part| line(part, Marker::Braille)));
-        data.extend(letters.iter().map(|(letter, at)| line(at, Marker::Custom(*letter)).style(ALARM)));
+        data.extend(letters.iter().map(|(letter, at)| line(at, Marker::Custom(*letter)).style(MARK)));
         let middle = f64::midpoint(low, high);
         let digits = digits(high - low);
         let times = [format!("-{} s", self.seconds), format!("-{}", self.seconds / 2.0), "0".to_owned()];

@@ -3,7 +3,7 @@
 use super::super::picture::{Loss, Picture, Reading};
 use super::super::request::{Notice, Tone};
 use super::super::view::{Page, View};
-use super::text::{BANNER, alarm, banner, dim, duration, shortened, warning, wrapped};
+use super::text::{BANNER, banner, dim, duration, shortened, warning, wrapped};
 use motord_terminal::number;
 use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
@@ -107,7 +107,8 @@ fn keys(view: &View, picture: &Picture, width: usize) -> Line<'static> {
     let is_live = picture.replay.is_none();
     let keys = if is_live { &KEYS[..] } else { &REPLAY_KEYS };
     for &(key, name) in keys {
-        let style = if key == "SPACE" && is_live { alarm(key) } else { Span::from(key).bold() };
+        let style =
+            if key == "SPACE" && is_live { Span::styled(key, BANNER) } else { Span::from(key).bold() };
         let entry = [style, Span::from(format!(" {name}  "))];
         let entry_width: usize = entry.iter().map(Span::width).sum();
         if line.width() + entry_width <= width + 2 {

@@ -25,7 +25,8 @@ fn entry(imu: &ImuReport) -> Line<'static> {
     let [roll, pitch, yaw] = [0, 1, 2]
         .map(|axis| number(imu.roll_pitch_yaw.map(|angles| f64::from(angles[axis]).to_degrees()), 1));
     let (rate, age) = (number(imu.turning(), 2), number(imu.age_us.map(|age| age / 1e3), 1));
-    line.push_span(Span::raw(format!("roll {roll}° pitch {pitch}° yaw {yaw}° {rate} rad/s {age} ms old")));
+    // The age first: the end of the line may not fit.
+    line.push_span(Span::raw(format!("{age} ms old, roll {roll}° pitch {pitch}° yaw {yaw}° {rate} rad/s")));
     for (name, count) in [("missing", imu.missing), ("rejected", imu.rejected)] {
         if count > 0 {
             line.push_span(warning(format!(" {name} {count}")));

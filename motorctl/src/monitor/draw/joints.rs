@@ -2,7 +2,7 @@
 
 use super::super::picture::Reading;
 use super::super::view::{Order, View};
-use super::text::{ALARM, WARNING, alarm, bold, dim, left, right};
+use super::text::{ALARM, WARNING, bold, dim, flowed, left, right};
 use crate::joint_report::JointReport;
 use motord_client::MotorMode;
 use motord_terminal::number;
@@ -149,10 +149,10 @@ fn bar(joint: &JointReport, width: usize) -> [Span<'static>; 3] {
         return [dim(format!("├{}┤", line(inner))), nothing(), nothing()];
     };
     if fraction < 0.0 {
-        return [alarm("◀"), dim(format!("{}┤", line(inner))), nothing()];
+        return [bold("◀"), dim(format!("{}┤", line(inner))), nothing()];
     }
     if fraction > 1.0 {
-        return [dim(format!("├{}", line(inner))), alarm("▶"), nothing()];
+        return [dim(format!("├{}", line(inner))), bold("▶"), nothing()];
     }
     let place = ((fraction * inner as f64) as usize).min(inner.saturating_sub(1));
     [dim(format!("├{}", line(place))), bold("●"), dim(format!("{}┤", line(inner.saturating_sub(place + 1))))]
@@ -179,6 +179,16 @@ fn age(joint: &JointReport) -> String {
 
 fn age_style(joint: &JointReport) -> Style {
     if joint.age_cycles == 0 { Style::new() } else { WARNING }
+}
+
+/// Returns everything about a joint in lines of at most `width`: a row of a small terminal cuts its notes.
+pub(super) fn details(joint: &JointReport, width: usize) -> Vec<Line<'static>> {
+    let known = |value: Option<f32>| number(value.map(f64::from), 2);
+    let [position, velocity, torque] = [joint.position_rad, joint.velocity_rad_s, joint.torque_nm].map(known);
+    let first = format!("{}: {position} rad, {velocity} rad/s, {torque} N·m, {}", joint.name, joint.mode);
+    let first = Line::from(vec![bold(first), Span::raw(format!(", age {}", age(joint)))]);
+    let notes = notes(joint, true).into_iter().map(|note| Line::from(vec![note]));
+    flowed([first].into_iter().chain(notes).collect(), width, usize::MAX, |_| String::new())
 }
 
 /// Returns the notes, worst first: the end of a row may not fit.

@@ -18,7 +18,7 @@ use super::view::{Page, View};
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
-use ratatui::style::{Color, Modifier};
+use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
 use std::ops::Range;
 use text::{bold, dim};
@@ -26,6 +26,9 @@ use text::{bold, dim};
 /// Rows that stops and troubles leave to the rest of a small screen: the first line, four of the joints, two of buses and
 /// latencies, and the keys.
 const OTHERS: usize = 8;
+
+/// The style of values that are no longer received: without the marks of living ones.
+const OLD: Style = Style::reset().dim();
 
 /// Smallest terminal, in rows and columns. A smaller one shows a note.
 const HEIGHT_MIN: u16 = 8;
@@ -49,7 +52,7 @@ const HELP: &[&str] = &[
     "s S       another order of the joints",
     "/         show only joints, buses or modes with this text",
     "↑ ↓ PgUp PgDn Home End: scroll.   q: quit",
-    "← → c C   the joints of the curves, on a large terminal",
+    "← → c C   details of a joint; its curves, if there is room",
     "+ - l     their time; a scale that includes the limits",
     "position  the mark stands within the limits of the joint",
     "torque    N·m, and its part of the limit",
@@ -62,7 +65,8 @@ const HELP: &[&str] = &[
 /// Draws everything, and records in `view` what fitted.
 pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, notice: &Notice) {
     let area = frame.area();
-    let Rows { lines, joints, curves } = lines(area.width.into(), area.height.into(), picture, view, notice);
+    let Rows { lines, joints, curves, values } =
+        lines(area.width.into(), area.height.into(), picture, view, notice);
     let buffer = frame.buffer_mut();
     for (line, y) in lines.iter().zip(area.y..area.bottom()) {
         buffer.set_line(area.x, y, line, area.width);
@@ -72,6 +76,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, no
     }
     if let Some(place) = part(area, curves) {
         curves::draw(buffer, place, picture, &view.selection);
+    }
+    if let Some(place) = part(area, values).filter(|_| picture.loss.is_some()) {
+        buffer.set_style(place, OLD);
     }
     scrub(buffer, area);
     if view.is_colourless {
@@ -116,30 +123,36 @@ fn is_obeyed(letter: char) -> bool {
         || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
-/// The rows of the screen or of a page, and those of them that the joints and the curves take.
+/// The rows of the screen or of a page, and those of them that the joints, the curves and all values take.
 #[derive(Default)]
 struct Rows {
     lines: Vec<Line<'static>>,
     joints: Range<usize>,
     curves: Range<usize>,
+    values: Range<usize>,
 }
 
 impl Rows {
     /// The same rows below `above` others.
     fn below(self, above: usize) -> Self {
         let lower = |rows: Range<usize>| rows.start + above..rows.end + above;
-        Self { lines: self.lines, joints: lower(self.joints), curves: lower(self.curves) }
+        Self {
+            lines: self.lines,
+            joints: lower(self.joints),
+            curves: lower(self.curves),
+            values: lower(self.values),
+        }
     }
 }
 
 impl From<Vec<Line<'static>>> for Rows {
     fn from(lines: Vec<Line<'static>>) -> Self {
-        Self { lines, joints: 0..0, curves: 0..0 }
+        Self { lines, ..Self::default() }
     }
 }
 
 fn lines(width: usize, height: usize, picture: &Picture, view: &mut View, notice: &Notice) -> Rows {
-    let (mut joints, mut curves) = (0..0, 0..0);
+    let mut rows = Rows::default();
     let mut lines = frame::head(picture, width);
     let mut foot = frame::foot(view, picture, notice, width);
     let mut left = height.saturating_sub(lines.len() + foot.len());
@@ -150,16 +163,17 @@ fn lines(width: usize, height: usize, picture: &Picture, view: &mut View, notice
     if let Some(reading) = &picture.reading {
         let above = groups::lines(reading, width, (height / 2).max(height.saturating_sub(OTHERS)).min(left));
         left = left.saturating_sub(above.len());
+        let begin = lines.len();
         lines.extend(above);
-        let page = page(reading, picture, view, width, left).below(lines.len());
-        (joints, curves) = (page.joints, page.curves);
-        lines.extend(page.lines);
+        rows = page(reading, picture, view, width, left).below(lines.len());
+        lines.append(&mut rows.lines);
+        rows.values = if view.page == Page::Help { 0..0 } else { begin..lines.len() };
     } else if view.page == Page::Help {
         lines.extend(help(picture));
     }
     lines.resize(height.saturating_sub(foot.len()), Line::default());
     lines.append(&mut foot);
-    Rows { lines, joints, curves }
+    Rows { lines, ..rows }
 }
 
 fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
@@ -188,14 +202,18 @@ fn joints_page(reading: &Reading, picture: &Picture, view: &mut View, width: usi
     let shown = joints::shown(reading, view);
     let free = above.saturating_sub(shown.len() + 1);
     let rows = if curves::are_shown(width, free) { free } else { 0 };
-    let names = shown.iter().filter(|_| rows > 0).map(|joint| joint.name.clone());
-    view.selection.know_rows(names.collect());
+    view.selection.know_rows(shown.iter().map(|joint| joint.name.clone()).collect());
+    let cursor = shown.iter().find(|joint| Some(joint.name.as_str()) == view.selection.cursor());
+    let mut details =
+        cursor.filter(|_| rows == 0).map_or_else(Vec::new, |joint| joints::details(joint, width));
+    details.truncate(above / 2);
     let table = joints::table(reading, &shown, view, width);
-    let mut lines = scrolled(view, above, table);
+    let mut lines = scrolled(view, above - details.len(), table);
+    lines.append(&mut details);
     let (joints, curves) = (0..lines.len(), lines.len()..lines.len() + rows);
     lines.resize(above, Line::default());
     lines.append(&mut below);
-    Rows { lines, joints, curves }
+    Rows { lines, joints, curves, values: 0..0 }
 }
 
 /// Returns a heading and the rows that fit below it. The heading shows the row numbers if there are
