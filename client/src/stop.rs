@@ -6,7 +6,7 @@
 use crate::link::ANSWER_TIMEOUT;
 use crate::{Error, RobotDescription};
 use motord_ports::stop_socket::{AskedStop, StopError};
-use motord_ports::{ClientPorts, Instance};
+use motord_ports::{ClientPorts, Instance, liveness};
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::{AdminRequest, Operation};
 use std::path::Path;
@@ -115,6 +115,10 @@ impl FirstWay {
 /// before.
 fn through_services(instance: &Instance, end: Instant) -> Result<(), Error> {
     let of_service = |error| Error::of_service(error, instance);
+    // The files of a daemon that died stay, and answer nothing.
+    if liveness::is_dead(instance) {
+        return Err(Error::not_running(instance));
+    }
     let attachment = instance.attach().map_err(Error::of_instance)?;
     let attachment = attachment.ok_or_else(|| Error::not_running(instance))?;
     let ports = ClientPorts::open_to_stop(attachment).map_err(of_service)?;
