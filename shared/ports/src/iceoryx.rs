@@ -40,7 +40,7 @@ unsafe impl<T: Message> ZeroCopySend for Payload<T> {
 #[derive(Debug)]
 pub struct PortLock<T: Send + Debug + Abandonable>(NonNull<Shared<T>>, PhantomData<Shared<T>>);
 
-/// What the clones of a lock share.
+/// The shared part of the clones of a lock.
 #[derive(Debug)]
 struct Shared<T> {
     holders: AtomicUsize,
