@@ -241,6 +241,32 @@ fn interface_in_use_is_refused_with_process_id() {
     first.wait().unwrap();
 }
 
+/// The simulated device decodes SDO requests by itself. Its node changes with its next power-on.
+#[test]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
+fn hipnuc_on_can_is_set() {
+    let line = Line::hipnuc_on_can("vcan0", vec![MotorSettings { host_id: 0x103, ..motor("knee", 3) }]);
+    let set = line.json("imu set --bus vcan0 --node 8 --rate-hz 200 --yes");
+    assert!((set["measured_hz"].as_f64().unwrap() - 200.0).abs() < 20.0, "{set}");
+    let said = line.good("imu set --bus vcan0 --node 8 --new-node 9 --new-bitrate 1000000 --yes");
+    assert!(said.contains("stored node 9 and 1000000 bit/s, as read back"), "{said}");
+    line.inject("base power-cycle");
+    assert_eq!(line.json("imu find --bus vcan0")["imus"][0]["node_id"], 9);
+    let said = line.bad("imu set --bus vcan0 --node 8 --rate-hz 100 --yes", 1);
+    assert!(said.contains("so nothing is written"), "{said}");
+    for (values, reason) in [
+        ("--rate-hz 500", "a HiPNUC on CAN has 10, "),
+        ("--new-node 65", "expected 1 to 64"),
+        ("--new-bitrate 9600", "expected 125000"),
+    ] {
+        let said = line.bad(&format!("imu set --bus vcan0 --node 9 {values} --yes"), 64);
+        assert!(said.contains(reason), "{said}");
+    }
+    let held = motord_bus::BusLock::interface("vcan0".parse().unwrap()).unwrap();
+    line.bad("imu set --bus vcan0 --node 9 --rate-hz 100 --yes", 75);
+    drop(held);
+}
+
 /// A HiPNUC sends its TPDOs at 100 Hz beside a motor. The bytes are those of a level device, by the vendor's manual.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]

@@ -223,7 +223,7 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.readiness(),
             Self::Serial(port) => port.readiness(),
-            Self::Imu(port) => Readiness::At(port.due()),
+            Self::Imu(port) => port.readiness(),
         }
     }
 

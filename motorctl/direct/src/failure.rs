@@ -54,6 +54,14 @@ pub enum DirectFailure {
         /// Number of the ports.
         ports: usize,
     },
+    /// An IMU was not set as asked.
+    #[error("{place}: {reason}")]
+    Imu {
+        /// Its port, or its interface and node.
+        place: String,
+        /// Why, and what to do.
+        reason: String,
+    },
     /// No motor answers in a supported format, but frames in another one arrive.
     #[error("{source}; {formats}")]
     OtherFormat {
@@ -134,6 +142,7 @@ impl DirectFailure {
             Self::Malformed { .. } => exit_status::DATA,
             Self::Motor(Error::Interrupted) => exit_status::INTERRUPTED,
             Self::Declined
+            | Self::Imu { .. }
             | Self::Unfit { .. }
             | Self::Motor(_)
             | Self::Apply { .. }

@@ -14,9 +14,9 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Time for which each baud rate is tried: six samples of a device at 10 Hz.
-const PROBE: Duration = Duration::from_millis(600);
+pub(crate) const PROBE: Duration = Duration::from_millis(600);
 /// Samples that make a device: random bytes give one of them at most.
-const SAMPLES: usize = 2;
+pub(crate) const SAMPLES: usize = 2;
 /// Time for which the rate is measured.
 const MEASURE: Duration = Duration::from_secs(1);
 /// Longest wait for bytes, so that Ctrl-C is seen.
@@ -112,17 +112,17 @@ impl FoundImu {
 }
 
 /// The samples of one protocol among the bytes of a port.
-struct Heard {
-    protocol: SerialProtocol,
+pub(crate) struct Heard {
+    pub(crate) protocol: SerialProtocol,
     decoder: SerialDecoder,
-    count: usize,
+    pub(crate) count: usize,
     complete: usize,
     first: Option<Instant>,
     last: Instant,
 }
 
 impl Heard {
-    fn new(protocol: SerialProtocol) -> Self {
+    pub(crate) fn new(protocol: SerialProtocol) -> Self {
         let decoder = SerialDecoder::new(protocol);
         Self { protocol, decoder, count: 0, complete: 0, first: None, last: Instant::ZERO }
     }
@@ -139,7 +139,7 @@ impl Heard {
     }
 
     /// Samples per second, between the first and the last one.
-    fn rate_hz(&self) -> Option<f64> {
+    pub(crate) fn rate_hz(&self) -> Option<f64> {
         let seconds = self.last.since(self.first?).as_secs_f64();
         (seconds > 0.0).then(|| (self.count - 1) as f64 / seconds)
     }
@@ -199,7 +199,7 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
 }
 
 /// The baud rates of all vendors, the common ones first.
-fn bauds() -> Vec<u32> {
+pub(crate) fn bauds() -> Vec<u32> {
     let all: BTreeSet<_> =
         SerialProtocol::ALL.iter().flat_map(|protocol| protocol.bauds()).copied().collect();
     let others = all.into_iter().rev().filter(|baud| !COMMON_BAUDS.contains(baud));
@@ -265,7 +265,12 @@ fn one(device: &str, bauds: &[u32], interrupt: &Interrupt) -> Outcome {
 }
 
 /// Passes the bytes of a port to `heard` for at most `duration`, until `ends`. Returns their number.
-fn listen(port: &Port, heard: &mut [Heard], duration: Duration, ends: impl Fn(&[Heard]) -> bool) -> usize {
+pub(crate) fn listen(
+    port: &Port,
+    heard: &mut [Heard],
+    duration: Duration,
+    ends: impl Fn(&[Heard]) -> bool,
+) -> usize {
     let mut buffer = [0; 4096];
     let mut total = 0;
     let end = clock::monotonic() + duration;

@@ -19,6 +19,18 @@ pub(crate) enum ImuCommand {
         after_help = "Examples:\n  motorctl imu find\n  motorctl imu find --device /dev/ttyUSB0 --baud 921600\n  motorctl imu find --bus can0\n  motorctl imu find --json | jq -r '.imus[].lines'"
     )]
     Find(direct::ImuFind),
+    /// Set rate, baud rate, node or bit rate of an IMU, and measure its samples.
+    ///
+    /// Writes to a HiPNUC or Xsens on a serial port, or to a HiPNUC on a CAN interface, which must send samples: the command
+    /// finds its type and baud rate by them. The device stores the values. The rate and a new baud rate act at once, and the
+    /// command then measures the rate that arrives. Node and bit rate on CAN act after a power cycle; they are read back. An
+    /// Xsens then sends the outputs that motord needs, and no others. The command refuses values that the device does not have
+    /// or its line cannot carry, and a port or bus that a daemon uses. A Damiao has no rate: motord asks it. Exit status 1: the
+    /// device does not do as asked, or another rate arrives.
+    #[command(
+        after_help = "Examples:\n  motorctl imu set --device /dev/ttyUSB0 --rate-hz 200 --yes\n  motorctl imu set --device /dev/ttyUSB0 --baud 921600 --rate-hz 400 --yes --json | jq .measured_hz\n  motorctl imu set --bus can0 --node 8 --rate-hz 200 --yes\n  motorctl imu set --bus can0 --node 8 --new-bitrate 1000000 --yes"
+    )]
+    Set(direct::ImuSet),
     /// Compute `mount-rpy-deg` of an IMU from the direction of gravity, while the robot is level and at rest.
     ///
     /// Roll and pitch of the mount change so that gravity is along z of the body; yaw stays as it is configured, because
@@ -34,6 +46,7 @@ pub(crate) enum ImuCommand {
 pub(crate) fn run(instance: &str, command: &ImuCommand) -> Result<(), Failure> {
     match command {
         ImuCommand::Find(arguments) => Ok(direct::find_imus(arguments)?),
+        ImuCommand::Set(arguments) => Ok(direct::set_imu(arguments)?),
         ImuCommand::Level(arguments) => level::run(instance, arguments),
     }
 }

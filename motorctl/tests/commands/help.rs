@@ -153,11 +153,12 @@ impl Place {
         if ends_by_hand(example) && lacks(&["script"]) {
             return;
         }
-        // It needs a CAN interface: `hipnuc_beside_a_motor_is_found` runs it.
-        if example.contains(" imu find --bus") {
+        // They need a CAN interface: `hipnuc_beside_a_motor_is_found` and `hipnuc_on_can_is_set` run them.
+        if example.contains(" imu find --bus") || example.contains(" imu set --bus") {
             return;
         }
-        let imu = example.contains(" imu find").then(|| Line::imu(ImuVendor::Xsens));
+        let is_imu = example.contains(" imu find") || example.contains(" imu set");
+        let imu = is_imu.then(|| Line::imu(ImuVendor::Xsens));
         let wire = imu.or_else(|| needs_bus(example).then(Line::knee));
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
         let line = runnable(example, &device);
@@ -206,6 +207,7 @@ fn runnable(example: &str, device: &str) -> String {
         // Without it the command tries every port of the test machine.
         .replace("imu find --device /dev/ttyUSB0", "imu find")
         .replace("imu find", &format!("imu find --device {device}"))
+        .replace("imu set --device /dev/ttyUSB0", &format!("imu set --device {device}"))
         .replace("/etc/motord/motord.toml", "motord.toml")
         .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
         .replace("motord init", "cd $(mktemp -d) && motord init")

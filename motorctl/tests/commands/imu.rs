@@ -25,6 +25,64 @@ fn imu_is_found_with_type_and_rate() {
     }
 }
 
+/// The device stores the rate: it has it after a loss of power, and `imu find` finds it.
+#[test]
+fn rate_is_written_stored_and_measured() {
+    for (vendor, rate) in [(ImuVendor::Hipnuc, 500.0), (ImuVendor::Xsens, 400.0)] {
+        let line = Line::imu_with(vendor, (100.0, 921_600));
+        let set = line.good(&format!("imu set --device LINE --baud 921600 --rate-hz {rate} --yes --json"));
+        assert_lines_valid("motorctl-imu-set", &set);
+        let set: serde_json::Value = serde_json::from_str(&set).unwrap();
+        assert_eq!(set["asked"]["rate_hz"], rate);
+        assert!((set["measured_hz"].as_f64().unwrap() / rate - 1.0).abs() < 0.1, "{set}");
+        line.inject("base power-cycle");
+        let found = line.json("imu find --device LINE --baud 921600");
+        assert!((found["imus"][0]["measured_hz"].as_f64().unwrap() / rate - 1.0).abs() < 0.1, "{found}");
+    }
+}
+
+/// The port has the old baud rate before, and the new one after; the terminal garbles bytes of another one.
+#[test]
+fn baud_rate_is_changed_with_the_rate() {
+    for vendor in [ImuVendor::Hipnuc, ImuVendor::Xsens] {
+        let line = Line::imu_with(vendor, (100.0, 115_200));
+        let said = line.good("imu set --device LINE --new-baud 460800 --rate-hz 200 --yes");
+        assert!(said.contains("asked for 200 Hz, ") && said.contains(" Hz arrive at 460800 baud"), "{said}");
+        let said = line.bad("imu set --device LINE --baud 115200 --rate-hz 100 --yes", 1);
+        assert!(said.contains("so nothing was written"), "{said}");
+    }
+}
+
+#[test]
+fn rate_that_cannot_be_is_refused() {
+    let line = Line::imu_with(ImuVendor::Hipnuc, (100.0, 115_200));
+    for (values, reason) in [
+        ("--rate-hz 500", "500 Hz of 82 bytes do not fit into 115200 baud, which carry 140 Hz"),
+        ("--rate-hz 300", "300 Hz: the device has 1, 2, 5, 10, 20, 50, 100, 200, 250, 500, 1000"),
+        ("--new-baud 9600", "9600 baud: the device has 115200, 460800, 921600"),
+        ("--new-node 9", "--bus"),
+        ("", "--rate-hz"),
+    ] {
+        let said = line.bad(&format!("imu set --device LINE --baud 115200 {values} --yes"), 64);
+        assert!(said.contains(reason), "{values}: {said}");
+    }
+    let said = line.bad("imu set --device LINE --baud 115200 --rate-hz 50", 64);
+    assert!(said.contains("This changes and stores the settings") && said.contains("--yes"), "{said}");
+    let measured = line.json("imu find --device LINE --baud 115200")["imus"][0]["measured_hz"].as_f64();
+    assert!((measured.unwrap() - 100.0).abs() < 10.0, "nothing was written: {measured:?}");
+}
+
+/// A daemon holds the lock of its port.
+#[test]
+fn port_of_a_daemon_is_not_set() {
+    let line = Line::imu_with(ImuVendor::Xsens, (100.0, 115_200));
+    let held = motord_bus::serial::Port::exclusive(&line.device(), 115_200).unwrap();
+    let said = line.bad("imu set --device LINE --rate-hz 50 --yes", 75);
+    assert!(said.contains("another"), "{said}");
+    drop(held);
+    line.good("imu set --device LINE --rate-hz 50 --yes");
+}
+
 #[test]
 fn silent_and_unknown_lines_are_named() {
     let line = Line::imu(ImuVendor::Hipnuc);

@@ -5,8 +5,8 @@
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};
 use motord_simulator::{
-    Bridge, BusKind, BusSettings, Dialect, FaultVerb, Imu, ImuPort, ImuVendor, MotorSettings, SerialPort,
-    SerialSlave, SimulatedBus,
+    Bridge, BusKind, BusSettings, Dialect, FaultVerb, Imu, ImuNodeDevice, ImuNodeSettings, ImuPort,
+    ImuVendor, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -78,18 +78,23 @@ impl Served for ImuPort {
         Self::inject(self, verb).unwrap();
     }
     fn wait(&self, now: Instant) {
-        let _ready = wait(&[], now, self.due().min(now + GLANCE));
+        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
     }
 }
 
 impl Line {
-    /// The line of an IMU `base` that sends 200 samples per second.
+    /// The line of an IMU `base` that sends 200 samples per second, with 921600 baud.
     pub(crate) fn imu(vendor: ImuVendor) -> Self {
+        Self::imu_with(vendor, (200.0, 921_600))
+    }
+
+    /// The line of an IMU `base` with this rate, Hz, and baud rate.
+    pub(crate) fn imu_with(vendor: ImuVendor, rate_and_baud: (f64, u32)) -> Self {
         let directory = TempDir::new().unwrap();
         let tty = directory.path().join("tty");
         let imu = (Imu::new(0.0, 0.0, Duration::ZERO, 1), vendor);
         let start = clock::monotonic();
-        let port = ImuPort::open("base".into(), imu, (200.0, 921_600), start, Some(tty.clone())).unwrap();
+        let port = ImuPort::open("base".into(), imu, rate_and_baud, start, Some(tty.clone())).unwrap();
         Self::serve(directory, tty.display().to_string(), Box::new(port))
     }
 
@@ -110,7 +115,19 @@ impl Line {
 
     /// The virtual CAN interface of this name, with 1 Mbit/s on the simulated wire.
     pub(crate) fn on_can(interface: &str, motors: Vec<MotorSettings>) -> Self {
-        let settings = BusSettings { name: "line".into(), ..Default::default() };
+        Self::with_imus(interface, motors, Vec::new())
+    }
+
+    /// Such an interface with a HiPNUC `base`, node 8, at 100 Hz.
+    pub(crate) fn hipnuc_on_can(interface: &str, motors: Vec<MotorSettings>) -> Self {
+        let device = ImuNodeDevice::Hipnuc { node: 8, period: Duration::from_millis(10) };
+        let (noise, bias, delay, seed) = (0.0, 0.0, Duration::ZERO, 1);
+        let imu = ImuNodeSettings { name: "base".into(), device, noise, bias, delay, seed };
+        Self::with_imus(interface, motors, vec![imu])
+    }
+
+    fn with_imus(interface: &str, motors: Vec<MotorSettings>, imus: Vec<ImuNodeSettings>) -> Self {
+        let settings = BusSettings { name: "line".into(), imus, ..Default::default() };
         let simulated = SimulatedBus::new(settings, motors, 7);
         let bridge = Bridge::open(simulated, interface.parse().unwrap(), 1_000_000).unwrap();
         Self::serve(TempDir::new().unwrap(), interface.to_owned(), Box::new(bridge))

@@ -7,7 +7,7 @@
 use motord_protocol::imu::damiao::{self, Register, Reply, Setting};
 use motord_protocol::imu::hipnuc::can::{self, Tpdo};
 use motord_protocol::imu::hipnuc::{command, serial};
-use motord_protocol::imu::{DeviceTime, Measured, Quaternion, Sample, SampleError, xsens};
+use motord_protocol::imu::{DeviceTime, Measured, Quaternion, Sample, SampleError, SerialProtocol, xsens};
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 fn hex(text: &str) -> Vec<u8> {
@@ -332,6 +332,45 @@ fn xsens_commands_are_those_of_manual() {
     );
     assert_eq!(xsens::command::outputs(100).unwrap()[..], outputs);
     assert_eq!([0, 401].map(xsens::command::outputs), [None; 2]);
+}
+
+/// Reset, and 921600 baud, whose code is 0x0A: FF+18+01+0A = 0x122.
+#[test]
+fn xsens_baud_rate_has_vendors_code() {
+    use xsens::command::{Answer, Answers, RESET, set_baud};
+    assert_eq!(RESET, [0xFA, 0xFF, 0x40, 0x00, 0xC1]);
+    assert_eq!(set_baud(921_600).unwrap()[..], hex("FA FF 18 01 0A DE"));
+    assert_eq!(set_baud(921_601), None);
+    assert!(SerialProtocol::Xsens.bauds().iter().all(|baud| set_baud(*baud).is_some()));
+    let answered = |stream: &str| {
+        let mut answers = Answers::to(&xsens::command::GO_TO_CONFIG);
+        hex(stream).into_iter().find_map(|byte| answers.push(byte))
+    };
+    // Behind half a sample; damaged; the answer to another message; an error 0x04: FF+42+01+04 = 0x146.
+    assert_eq!(answered("FA FF 36 36 10 FA FF 31 00 D0"), Some(Answer::Done));
+    assert_eq!(answered("FA FF 31 00 D1"), None);
+    assert_eq!(answered("FA FF 11 00 F0"), None);
+    assert_eq!(answered("FA FF 42 01 04 BA"), Some(Answer::Refused(4)));
+}
+
+/// CANopen (CiA 301): the answer to a download, an upload of two bytes, and a refusal.
+#[test]
+fn hipnuc_sdo_answers_are_those_of_canopen() {
+    use command::{Answer, answer, read_back};
+    let request = command::period(8, Tpdo::AngularVelocity, 5).unwrap();
+    assert_eq!(read_back(&request).payload(), hex("40 01 18 05 00 00 00 00"));
+    let of = |id, bytes: &str| answer(&request, id, &hex(bytes));
+    assert_eq!(of(0x588, "60 01 18 05 00 00 00 00"), Some(Answer::Written));
+    assert_eq!(of(0x588, "4B 01 18 05 05 00 FF FF"), Some(Answer::Value(5)));
+    assert_eq!(of(0x588, "80 01 18 05 30 00 09 06"), Some(Answer::Refused(0x0609_0030)));
+    for (id, other) in [
+        (0x589, "60 01 18 05 00 00 00 00"),
+        (0x588, "60 00 18 05 00 00 00 00"),
+        (0x588, "60 01 18 05 00 00 00"),
+        (0x588, "61 01 18 05 00 00 00 00"),
+    ] {
+        assert_eq!(of(id, other), None, "{other}");
+    }
 }
 
 #[test]

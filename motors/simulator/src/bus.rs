@@ -141,7 +141,7 @@ impl SimulatedBus {
     /// Returns the ids of frames that IMUs obey.
     #[cfg(feature = "bridge")]
     pub(crate) fn imu_addresses(&self) -> impl Iterator<Item = FrameId> {
-        self.imus.iter().filter_map(ImuNode::address)
+        self.imus.iter().flat_map(ImuNode::addresses)
     }
 
     /// Returns the frames that were on the wire since the last call, oldest first.
@@ -496,7 +496,7 @@ impl SimulatedBus {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
         let motors = self.motors.iter().map(latency);
-        let latency = motors.chain(self.imus.iter().filter_map(ImuNode::latency)).min();
+        let latency = motors.chain(self.imus.iter().map(|_| ImuNode::latency())).min();
         let latency = latency.unwrap_or(Duration::ZERO);
         latency + wire_time(unstuffed_bits(IdWidth::Standard, ANSWER_BYTES_MIN), self.wire_bitrate())
     }

@@ -17,6 +17,14 @@ const REPLY_LATENCY: Duration = Duration::from_micros(50);
 const DAMIAO_SHARED_ID: u16 = 0x6FF;
 /// Most frames of a sample.
 const FRAMES: usize = 4;
+/// Ids of SDO requests and of their answers, without the node.
+const SDO: u16 = 0x600;
+const SDO_ANSWER: u16 = 0x580;
+/// CANopen: there is no such object, and the value is out of its range (CiA 301).
+const NO_OBJECT: u32 = 0x0602_0000;
+const OUT_OF_RANGE: u32 = 0x0609_0030;
+/// Bit rate of a HiPNUC until another one is set.
+const HIPNUC_BITRATE: u32 = 500_000;
 
 /// A simulated IMU on a CAN bus.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,19 +71,39 @@ pub(crate) struct ImuNode {
     device: ImuNodeDevice,
     imu: Imu,
     begun: Instant,
-    /// The next sample of a device that sends by itself.
-    due: Instant,
+    /// The TPDOs of a device that sends by itself.
+    tpdos: [Timer; FRAMES],
+    /// Node and bit rate of a HiPNUC after its next power-on.
+    stored: (u8, u32),
     is_stopped: bool,
     /// The sample whose quantities a DM-IMU-L1 sends.
     latched: Option<ImuValues>,
+}
+
+/// When a TPDO is sent.
+#[derive(Debug, Clone, Copy)]
+struct Timer {
+    /// Zero: never.
+    period: Duration,
+    due: Instant,
+}
+
+impl Timer {
+    /// Begins at `now`, with a period of zero or more.
+    fn begin(period: Duration, now: Instant) -> Self {
+        let due = if period > Duration::ZERO { now + period } else { Instant::FAR_FUTURE };
+        Self { period, due }
+    }
 }
 
 impl ImuNode {
     pub(crate) fn new(settings: &ImuNodeSettings) -> Self {
         let ImuNodeSettings { name, device, noise, bias, delay, seed } = settings.clone();
         let imu = Imu::new(noise, bias, delay, seed);
-        let (begun, due) = (Instant::ZERO, Instant::FAR_FUTURE);
-        Self { name, device, imu, begun, due, is_stopped: false, latched: None }
+        let node = if let ImuNodeDevice::Hipnuc { node, .. } = device { node } else { 0 };
+        let tpdos = [Timer { period: Duration::ZERO, due: Instant::FAR_FUTURE }; FRAMES];
+        let (begun, stored) = (Instant::ZERO, (node, HIPNUC_BITRATE));
+        Self { name, device, imu, begun, tpdos, stored, is_stopped: false, latched: None }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -83,50 +111,65 @@ impl ImuNode {
     }
 
     pub(crate) fn inject(&mut self, fault: Fault) -> Result<(), InjectError> {
-        self.imu.inject(fault)
+        match (fault, &mut self.device) {
+            (Fault::PowerCycle, ImuNodeDevice::Hipnuc { node, .. }) => {
+                (*node, self.is_stopped) = (self.stored.0, false);
+                Ok(())
+            }
+            _ => self.imu.inject(fault),
+        }
     }
 
     /// Gets power at `now`.
     pub(crate) fn begin(&mut self, now: Instant) {
         self.begun = now;
         if let ImuNodeDevice::Hipnuc { period, .. } = self.device {
-            self.due = now + period;
+            self.tpdos = [Timer::begin(period, now); FRAMES];
         }
     }
 
     /// Returns the time of its next frames that need no request.
-    pub(crate) const fn due(&self) -> Instant {
-        self.due
+    pub(crate) fn due(&self) -> Instant {
+        self.tpdos.iter().map(|tpdo| tpdo.due).min().unwrap_or(Instant::FAR_FUTURE)
     }
 
-    /// Returns the shortest time from a request to its reply; `None` for a device that sends by itself.
-    pub(crate) const fn latency(&self) -> Option<Duration> {
-        match self.device {
-            ImuNodeDevice::Hipnuc { .. } => None,
-            ImuNodeDevice::Damiao { .. } => Some(REPLY_LATENCY),
-        }
+    /// Returns the shortest time from a request to its reply.
+    pub(crate) const fn latency() -> Duration {
+        REPLY_LATENCY
     }
 
-    /// Returns the id of frames that it obeys.
+    /// Returns the ids of frames that it obeys.
     #[cfg(feature = "bridge")]
-    pub(crate) fn address(&self) -> Option<FrameId> {
-        FrameId::new(match self.device {
-            ImuNodeDevice::Hipnuc { .. } => 0,
-            ImuNodeDevice::Damiao { firmware: 0..=1022, .. } => DAMIAO_SHARED_ID,
-            ImuNodeDevice::Damiao { id, .. } => id,
-        })
+    pub(crate) fn addresses(&self) -> impl Iterator<Item = FrameId> + use<> {
+        let ids = match self.device {
+            ImuNodeDevice::Hipnuc { node, .. } => [Some(0), Some(SDO + u16::from(node))],
+            ImuNodeDevice::Damiao { firmware: 0..=1022, .. } => [Some(DAMIAO_SHARED_ID), None],
+            ImuNodeDevice::Damiao { id, .. } => [Some(id), None],
+        };
+        ids.into_iter().flatten().filter_map(FrameId::new)
     }
 
     /// Returns the frames that are due, and the time since when. Advances to the next ones.
     pub(crate) fn emit(&mut self) -> (Instant, [Option<Frame>; FRAMES]) {
-        let ImuNodeDevice::Hipnuc { node, period } = self.device else { return (self.due, [None; FRAMES]) };
-        let at = self.due;
-        self.due = at + period;
+        let at = self.due();
+        let ImuNodeDevice::Hipnuc { node, .. } = self.device else { return (at, [None; FRAMES]) };
+        let are_due = self.tpdos.map(|tpdo| tpdo.due == at);
+        for tpdo in self.tpdos.iter_mut().filter(|tpdo| tpdo.due == at) {
+            tpdo.due = at + tpdo.period;
+        }
         if self.is_stopped {
             return (at, [None; FRAMES]);
         }
         match self.imu.sample(at.since(self.begun)) {
-            ImuOutput::Sample(values) => (at, tpdos(node, &values).map(Some)),
+            ImuOutput::Sample(values) => {
+                let mut frames = tpdos(node, &values).map(Some);
+                frames
+                    .iter_mut()
+                    .zip(are_due)
+                    .filter(|(_, is_due)| !is_due)
+                    .for_each(|(frame, _)| *frame = None);
+                (at, frames)
+            }
             ImuOutput::Nothing | ImuOutput::Gone => (at, [None; FRAMES]),
         }
     }
@@ -136,7 +179,7 @@ impl ImuNode {
         match self.device {
             ImuNodeDevice::Hipnuc { node, .. } => {
                 self.obey(node, frame);
-                None
+                Some((REPLY_LATENCY, self.configure(at, node, frame)?))
             }
             ImuNodeDevice::Damiao { firmware, id, reply_id } => {
                 let register = asked(firmware, id, frame)?;
@@ -155,6 +198,43 @@ impl ImuNode {
             [2, to] if *to == node || *to == 0 => self.is_stopped = true,
             _ => {}
         }
+    }
+
+    /// SDO requests (user manual, "CANopen commands"; reads: CiA 301). A new period acts now, a new node after a power cycle.
+    fn configure(&mut self, at: Instant, node: u8, frame: &Frame) -> Option<Frame> {
+        let [command, low, high, sub, a, b, c, d] = *frame.payload() else { return None };
+        if frame.id().raw() != u32::from(SDO + u16::from(node)) {
+            return None;
+        }
+        let value = u32::from_le_bytes([a, b, c, d]);
+        let outcome = match (command, high, low, sub) {
+            (0x2B, 0x18, 0..=3, 5) if value == 0 || (5..=100).contains(&value) => {
+                let period = Duration::from_millis(value.into());
+                self.tpdos[usize::from(low)] = Timer::begin(period, at);
+                Ok(None)
+            }
+            (0x23, 0x21, 1, 0) if (1..=64).contains(&value) => {
+                self.stored.0 = value as u8;
+                Ok(None)
+            }
+            (0x23, 0x21, 0, 0) if [125_000, 250_000, 500_000, 1_000_000].contains(&value) => {
+                self.stored.1 = value;
+                Ok(None)
+            }
+            (0x2B | 0x23, 0x18, 0..=3, 5) | (0x2B | 0x23, 0x21, 0..=1, 0) => Err(OUT_OF_RANGE),
+            (0x40, 0x18, 0..=3, 5) => Ok(Some(self.tpdos[usize::from(low)].period.as_millis() as u32)),
+            (0x40, 0x21, 0, 0) => Ok(Some(self.stored.1)),
+            (0x40, 0x21, 1, 0) => Ok(Some(self.stored.0.into())),
+            _ => Err(NO_OBJECT),
+        };
+        let (first, value) = match outcome {
+            Ok(None) => (0x60, 0),
+            Ok(Some(value)) => (0x43, value),
+            Err(code) => (0x80, code),
+        };
+        let [a, b, c, d] = u32::to_le_bytes(value);
+        let id = FrameId::new(SDO_ANSWER + u16::from(node))?;
+        Some(Frame::classic(id, [first, low, high, sub, a, b, c, d]))
     }
 
     /// The acceleration takes a new sample, and the other quantities are those of the same one.
@@ -272,6 +352,31 @@ mod tests {
         assert_eq!(reply(1022, 1, &LEVEL), Some([1, 0xFB, 0x00, 0x80, 0x00, 0x80, 0x55, 0x95]));
         assert_eq!(reply(1024, 4, &LEVEL), Some([4, 0xFF, 0xFE, 0x00, 0x08, 0x00, 0x20, 0x00]));
         assert_eq!(reply(1024, 5, &LEVEL), None);
+    }
+
+    /// The examples of the user manual for node 8: TPDO 1 every 5 ms, node 9; and a period that the device does not have.
+    #[test]
+    fn hipnuc_obeys_requests_of_the_manual() {
+        let device = ImuNodeDevice::Hipnuc { node: 8, period: Duration::from_millis(10) };
+        let (noise, bias, delay, seed) = (0.0, 0.0, Duration::ZERO, 1);
+        let mut node =
+            ImuNode::new(&ImuNodeSettings { name: "base".into(), device, noise, bias, delay, seed });
+        let at = Instant::from_nanos(1_000_000);
+        node.begin(at);
+        let mut answered = |bytes: [u8; 8]| {
+            let request = Frame::classic(FrameId::new(0x608).unwrap(), bytes);
+            node.hear(at, &request).map(|(_, frame)| format!("{frame:?}"))
+        };
+        let text = |answer: &str| Some(answer.to_owned());
+        assert_eq!(answered([0x2B, 0, 0x18, 5, 5, 0, 0, 0]), text("588#6000180500000000"));
+        assert_eq!(answered([0x40, 0, 0x18, 5, 0, 0, 0, 0]), text("588#4300180505000000"));
+        assert_eq!(answered([0x2B, 0, 0x18, 5, 4, 0, 0, 0]), text("588#8000180530000906"));
+        assert_eq!(answered([0x23, 1, 0x21, 0, 9, 0, 0, 0]), text("588#6001210000000000"));
+        assert_eq!(node.due(), at + Duration::from_millis(5));
+        let ids = |node: &mut ImuNode| node.emit().1.map(|frame| frame.map(|frame| frame.id().raw()));
+        assert_eq!(ids(&mut node), [Some(0x188), None, None, None]);
+        node.inject(Fault::PowerCycle).unwrap();
+        assert_eq!(ids(&mut node), [0x189, 0x289, 0x389, 0x489].map(Some));
     }
 
     #[test]

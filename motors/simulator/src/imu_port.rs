@@ -1,11 +1,12 @@
 //! A simulated IMU on a pseudo terminal, for a host in another process.
 
 use crate::imu::{Imu, ImuOutput};
+use crate::imu_console::{ImuConfiguration, ImuConsole};
 use crate::imu_stream::{ImuStream, ImuVendor};
 use crate::random::Random;
 use crate::terminal::Terminal;
 use crate::{Fault, FaultVerb, InjectError};
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, Instant, Readiness};
 use std::path::{Path, PathBuf};
 
 /// Bits on the line for each byte: 8N1.
@@ -13,19 +14,19 @@ const BYTE_BITS: f64 = 10.0;
 /// After a longer stall the samples in between are not sent.
 const STALL: Duration = Duration::from_secs(1);
 
-/// An [`Imu`] that sends its samples on a pseudo terminal. A host may open and close it repeatedly.
+/// An [`Imu`] that sends its samples on a pseudo terminal, and obeys the commands that set its rate and baud rate. A host may
+/// open and close it repeatedly. While the host has another baud rate than the device, both receive random bytes.
 ///
 /// Faults of the line, in addition to those of the IMU: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up.
 /// [`Fault::Garbage`] fills the line with random bytes, among them beginnings of samples. [`Fault::Corruption`] changes a
-/// fraction of the bytes. [`Fault::Ok`] ends all; the pseudo terminal may then have another name.
+/// fraction of the bytes. [`Fault::PowerCycle`] restarts the device with its stored settings. [`Fault::Ok`] ends all; the
+/// pseudo terminal may then have another name.
 #[derive(Debug)]
 pub struct ImuPort {
     name: String,
     imu: Imu,
     stream: ImuStream,
-    period: Duration,
-    /// Bytes of a period on a full line.
-    line_bytes: usize,
+    console: ImuConsole,
     start: Instant,
     due: Instant,
     random: Random,
@@ -51,13 +52,12 @@ impl ImuPort {
         start: Instant,
         link: Option<PathBuf>,
     ) -> Result<Self, std::io::Error> {
-        let terminal = Some(Terminal::open(link.as_deref())?);
+        let terminal = Some(Terminal::open(link.as_deref(), baud)?);
         Ok(Self {
             name,
             imu,
             stream: ImuStream::new(vendor),
-            period: Duration::from_secs_f64(1.0 / rate_hz),
-            line_bytes: (f64::from(baud) / BYTE_BITS / rate_hz) as usize,
+            console: ImuConsole::new(vendor, ImuConfiguration { rate_hz, baud }),
             start,
             due: start,
             random: Random::new(0),
@@ -86,19 +86,49 @@ impl ImuPort {
         self.due
     }
 
-    /// Sends the samples that are due at `now`.
+    /// Returns the descriptor that becomes readable when a command arrives.
+    #[must_use]
+    pub fn readiness(&self) -> Readiness<'_> {
+        let readable = |terminal| Readiness::Readable(Terminal::device_end(terminal));
+        self.terminal.as_ref().map_or(Readiness::Never, readable)
+    }
+
+    /// Obeys the host, and sends the samples that are due at `now`.
     pub fn serve(&mut self, now: Instant) {
         if now.since(self.due) > STALL {
             self.due = now;
         }
+        self.obey();
         while self.due <= now {
             let bytes = self.bytes();
-            if let Some(terminal) = &self.terminal {
-                terminal.write(&bytes);
-                // Settings of the host have no effect.
-                let _unused = terminal.read(&mut [0; 256]);
-            }
-            self.due = self.due + self.period;
+            self.send(bytes);
+            let period = Duration::from_secs_f64(1.0 / self.console.configuration().rate_hz);
+            self.due = self.due + period;
+        }
+    }
+
+    /// Handles the commands that have arrived.
+    fn obey(&mut self) {
+        let mut buffer = [0; 256];
+        let count = self.terminal.as_ref().map_or(0, |terminal| terminal.read(&mut buffer));
+        if count > 0 && !self.is_garbled() {
+            let answers = self.console.take(&buffer[..count]);
+            self.send(answers);
+        }
+    }
+
+    /// Returns whether host and device have different baud rates.
+    fn is_garbled(&self) -> bool {
+        let host = self.terminal.as_ref().and_then(Terminal::speed);
+        host.is_some_and(|host| host != self.console.configuration().baud)
+    }
+
+    fn send(&mut self, mut bytes: Vec<u8>) {
+        if !bytes.is_empty() && self.is_garbled() {
+            bytes.iter_mut().for_each(|byte| *byte = self.random.next() as u8);
+        }
+        if let Some(terminal) = &self.terminal {
+            terminal.write(&bytes);
         }
     }
 
@@ -113,13 +143,14 @@ impl ImuPort {
         }
         match verb.fault {
             Fault::Gone => self.unplug(),
+            Fault::PowerCycle => self.console.restart(),
             Fault::Garbage => self.is_garbage = true,
             Fault::Corruption(fraction) => self.corruption = fraction,
             Fault::Ok => {
                 (self.is_garbage, self.corruption) = (false, 0.0);
                 self.imu.inject(Fault::Ok)?;
                 if self.terminal.is_none() {
-                    let terminal = Terminal::open(self.link.as_deref());
+                    let terminal = Terminal::open(self.link.as_deref(), self.console.configuration().baud);
                     let failed =
                         |error: std::io::Error| InjectError::Unplugged(error.raw_os_error().unwrap_or(0));
                     self.terminal = Some(terminal.map_err(failed)?);
@@ -140,8 +171,8 @@ impl ImuPort {
     fn bytes(&mut self) -> Vec<u8> {
         let time = self.due.since(self.start);
         let mut bytes = match self.imu.sample(time) {
-            ImuOutput::Sample(values) => self.stream.frame(&values, time),
-            ImuOutput::Nothing | ImuOutput::Gone => {
+            ImuOutput::Sample(values) if self.console.is_sending() => self.stream.frame(&values, time),
+            ImuOutput::Sample(_) | ImuOutput::Nothing | ImuOutput::Gone => {
                 self.stream.skip();
                 Vec::new()
             }
@@ -159,7 +190,9 @@ impl ImuPort {
 
     /// Returns a period of random bytes. Every other 64 bytes are beginnings of samples, the others have one.
     fn garbage(&mut self) -> Vec<u8> {
-        let mut bytes: Vec<_> = (0..self.line_bytes).map(|_| self.random.next() as u8).collect();
+        let ImuConfiguration { rate_hz, baud } = self.console.configuration();
+        let line_bytes = (f64::from(baud) / BYTE_BITS / rate_hz) as usize;
+        let mut bytes: Vec<_> = (0..line_bytes).map(|_| self.random.next() as u8).collect();
         let header = self.stream.header();
         for (index, block) in bytes.chunks_exact_mut(64).enumerate() {
             let headers = if index % 2 == 0 { 1 } else { block.len() / header.len() };

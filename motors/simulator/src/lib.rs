@@ -44,6 +44,8 @@ mod bus;
 mod contention;
 mod fault;
 mod imu;
+#[cfg(feature = "bridge")]
+mod imu_console;
 mod imu_node;
 #[cfg(feature = "bridge")]
 mod imu_port;

@@ -25,6 +25,9 @@ pub struct SerialPort {
     answers: Vec<u8>,
 }
 
+/// Bit/s of a line of motors (GIM document, Table 1). Another one of the host has no effect.
+const BAUD: u32 = 921_600;
+
 impl SerialPort {
     /// Opens a pseudo terminal for the motors of `slave`. `link` becomes a symbolic link to it. It
     /// may replace an older symbolic link, but no other file.
@@ -122,7 +125,7 @@ impl SerialPort {
     }
 
     fn plug(&mut self) -> Result<(), std::io::Error> {
-        self.terminal = Some(Terminal::open(self.link.as_deref())?);
+        self.terminal = Some(Terminal::open(self.link.as_deref(), BAUD)?);
         Ok(())
     }
 }

@@ -3,7 +3,8 @@
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::pty::openpty;
-use nix::sys::termios::{FlowArg, SetArg, cfmakeraw, tcflow, tcgetattr, tcsetattr};
+use nix::sys::termios::{FlowArg, tcflow};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
@@ -18,16 +19,17 @@ pub(crate) struct Terminal {
 
 impl Terminal {
     /// Opens a terminal in raw mode, in which the kernel interprets no byte. `link` becomes a symbolic link to it. It may
-    /// replace an older symbolic link, but no other file.
-    pub(crate) fn open(link: Option<&Path>) -> Result<Self, std::io::Error> {
+    /// replace an older symbolic link, but no other file. It has `baud` until a host sets another one.
+    pub(crate) fn open(link: Option<&Path>, baud: u32) -> Result<Self, std::io::Error> {
         let ends = openpty(None, None)?;
         // A child of this process would keep the terminal from hanging up.
         for end in [&ends.master, &ends.slave] {
             fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
         }
         let mut settings = tcgetattr(&ends.slave)?;
-        cfmakeraw(&mut settings);
-        tcsetattr(&ends.slave, SetArg::TCSANOW, &settings)?;
+        settings.make_raw();
+        settings.set_speed(baud)?;
+        tcsetattr(&ends.slave, OptionalActions::Now, &settings)?;
         fcntl(&ends.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
         let path = nix::unistd::ttyname(&ends.slave)?;
         if let Some(link) = link {
@@ -44,6 +46,11 @@ impl Terminal {
     /// Returns the descriptor that becomes readable when the host has written.
     pub(crate) fn device_end(&self) -> BorrowedFd<'_> {
         self.device_end.as_fd()
+    }
+
+    /// Returns the baud rate that the host has set.
+    pub(crate) fn speed(&self) -> Option<u32> {
+        Some(tcgetattr(&self.host_end).ok()?.output_speed())
     }
 
     /// Reads the bytes of the host, and returns their number. Never blocks.

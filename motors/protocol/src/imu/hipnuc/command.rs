@@ -26,6 +26,13 @@ const NODE_SETTABLE_MAX: u8 = 64;
 const NMT: u16 = 0x000;
 /// Id of SDO requests, without the node.
 const SDO: u16 = 0x600;
+/// Id of the answers to SDO requests, without the node. Source: SDK, `hipnuc_can_update.c`.
+const SDO_ANSWER: u16 = 0x580;
+/// First byte of the answer to a download, and of an answer that refuses.
+const DOWNLOADED: u8 = 0x60;
+const ABORTED: u8 = 0x80;
+/// First byte of the request for a value (CANopen, CiA 301).
+const UPLOAD: u8 = 0x40;
 
 /// The rates of 0x91 frames, Hz, with the line for firmware from the command manual on and the line
 /// for firmware of the user manuals. 250, 500 and 1000 Hz need the former, and 400 Hz the latter.
@@ -55,6 +62,11 @@ pub fn serial_rate(rate_hz: u16) -> Option<&'static str> {
 #[must_use]
 pub fn serial_rate_at(rate_hz: u16) -> Option<&'static str> {
     RATES.iter().find(|row| row.0 == rate_hz)?.2
+}
+
+/// Returns the rates of [`serial_rate`], rising.
+pub fn serial_rates() -> impl Iterator<Item = u16> {
+    RATES.iter().filter(|row| row.1.is_some()).map(|row| row.0)
 }
 
 /// Returns the line that sets the baud rate; `None` for others than 115200, 460800 and 921600. Then
@@ -104,6 +116,47 @@ pub fn set_bit_rate(node: u8, bit_rate: u32) -> Option<CanRequest> {
     let is_rate = matches!(bit_rate, 125_000 | 250_000 | 500_000 | 1_000_000);
     let [a, b, c, d] = bit_rate.to_le_bytes();
     is_rate.then(|| CanRequest::new(sdo(node), [0x23, 0x00, 0x21, 0, a, b, c, d]))
+}
+
+/// Returns the request that reads what `request` writes. Source: CANopen, CiA 301; the user manual has
+/// no example of it.
+#[must_use]
+pub fn read_back(request: &CanRequest) -> CanRequest {
+    let mut bytes = [UPLOAD, 0, 0, 0, 0, 0, 0, 0];
+    for (byte, written) in bytes[1..4].iter_mut().zip(request.payload().iter().skip(1)) {
+        *byte = *written;
+    }
+    CanRequest::new(request.id(), bytes)
+}
+
+/// An answer to an SDO request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answer {
+    /// The device took the value.
+    Written,
+    /// The value that the device has.
+    Value(u32),
+    /// The device refused, with this code of CANopen.
+    Refused(u32),
+}
+
+/// Returns the answer to `request` in a frame; `None` for any other frame.
+#[must_use]
+pub fn answer(request: &CanRequest, id: u16, payload: &[u8]) -> Option<Answer> {
+    let [first, at @ .., a, b, c, d]: [u8; 8] = payload.try_into().ok()?;
+    let [_, asked @ .., _, _, _, _]: [u8; 8] = request.payload().try_into().ok()?;
+    if id != request.id() - SDO + SDO_ANSWER || at != asked {
+        return None;
+    }
+    let value = u32::from_le_bytes([a, b, c, d]);
+    // Bits 2 and 3 of the answer to an upload are the number of bytes without a value.
+    let unused = u32::from(first >> 2 & 3) * 8;
+    match first {
+        DOWNLOADED => Some(Answer::Written),
+        ABORTED => Some(Answer::Refused(value)),
+        0x43 | 0x47 | 0x4B | 0x4F => Some(Answer::Value(value & u32::MAX >> unused)),
+        _ => None,
+    }
 }
 
 const fn sdo(node: u8) -> u16 {
