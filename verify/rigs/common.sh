@@ -83,3 +83,38 @@ finish() {
     [ -f "$rig/status" ] || { echo "$(basename "$0"): the guest ended without a status" >&2; exit 125; }
     exit "$(cat "$rig/status")"
 }
+
+# judge_loss RECORDING MOST: in a recording of a robot with the IMU `base`, the cycles from its last sample to its loss, which must be fewer
+# than MOST, and from there to the stop of the group `legs`, at most one.
+judge_loss() {
+    local python=$cache_root/mcap/bin/python3
+    if ! "$python" -c 'import mcap, mcap_protobuf' 2>/dev/null; then
+        python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
+        python3 -m venv "$cache_root/mcap"
+        "$cache_root/mcap/bin/pip" install --quiet mcap mcap-protobuf-support
+    fi
+    "$python" - "$1" "$2" <<'PYTHON'
+import sys
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+decode, cycles = DecoderFactory().decoder_for, {}
+with open(sys.argv[1], "rb") as file:
+    for schema, channel, message in make_reader(file).iter_messages(topics=["/cycle", "/imus/base", "/groups/legs"]):
+        cycles.setdefault(message.log_time, {})[channel.topic] = decode(channel.message_encoding, schema)(message.data)
+lost, stopped, fresh, after = None, None, 0, 0
+for time, topics in sorted(cycles.items()):
+    imu, group = topics.get("/imus/base"), topics.get("/groups/legs")
+    if imu and lost is None:
+        fresh = fresh + 1 if not imu.fresh else 0
+        if imu.lost:
+            lost, after = time, fresh
+    if group and group.cause == "imu-lost" and stopped is None:
+        stopped = time
+assert lost and stopped, (lost, stopped)
+later = sum(lost < time <= stopped for time in cycles)
+print(f"  lost {after} cycles after the last sample, stopped {later} cycle after the loss")
+assert after < int(sys.argv[2]), "the IMU is lost late"
+assert later <= 1, "the robot is stopped in the cycle after the one that finds the loss"
+PYTHON
+}
