@@ -142,6 +142,11 @@ pub enum Wrong {
         "{name:?} is the name of a {what} too, and a command with it could mean either; give the IMU another name"
     )]
     NameOfAnother { name: String, what: &'static str },
+    #[error(
+        "{name:?} is the name of a motor too, and the group has other motors: `motorctl hold {name}` could mean either; give the \
+         group another name"
+    )]
+    GroupNamedAsJoint { name: String },
     #[error("{wrong}; {count} times, also in lines {lines}")]
     Repeated { wrong: Box<Self>, count: usize, lines: String },
     #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`, 1 to {NAME_BYTES_MAX} of them")]

@@ -7,7 +7,7 @@ use super::entry::{At, Entry, Item, Rule, Written};
 use super::findings::Findings;
 use super::other_unit;
 use super::problem::{LISTS, Wrong, plain};
-use super::similar::{closest, suggestion};
+use super::similar::{closest, suggestion, with_words};
 use super::sort::found;
 use super::value::Value;
 
@@ -156,6 +156,11 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
                     let hint = table.and_then(|_| self.of_file_table(name));
                     let hint = hint.or_else(|| self.table_of(name));
                     let hint = hint.or_else(|| other_unit::hint((name, value), keys, units));
+                    let with_words = || match closest(name, known.iter().copied()) {
+                        None => with_words(name, known.iter().copied()),
+                        Some(_) => None,
+                    };
+                    let hint = hint.or_else(|| with_words().map(|key| format!("did you mean `{key}`?")));
                     let hint = hint.unwrap_or_else(|| suggestion(name, known.iter().copied()));
                     Wrong::UnknownKey { key: plain(name), hint }
                 }

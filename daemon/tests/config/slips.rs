@@ -189,6 +189,39 @@ fn key_twice_names_the_line_of_its_table() {
 }
 
 #[test]
+fn list_with_semicolons_gets_commas() {
+    let (joints, cure) = ("joints = [\"hip\"]", "found `;`; write joints = [\"hip\", \"knee\"]");
+    assert_said(&[
+        (joints, "joints = [hip; knee]", 24, cure),
+        (joints, "joints = [\"hip\"; \"knee\"]", 24, cure),
+        ("[-1.0, 1.0]", "[-1.0; 1.0]", 20, "write position-rad = [-1.0, 1.0]"),
+    ]);
+}
+
+#[test]
+fn key_of_other_word_order_is_suggested() {
+    assert_said(&[
+        (LIMITS, "max-torque = 5.0", 20, "unknown key `max-torque`; did you mean `torque-nm`?"),
+        (LIMITS, "max_velocity = 5.0", 20, "did you mean `velocity-rad-s`?"),
+        (LIMITS, "max-temperature = 80.0", 20, "did you mean `temperature-max-celsius`?"),
+        (LIMITS, "max = 5.0", 20, "known are"),
+    ]);
+}
+
+/// `motorctl hold NAME` takes a joint or a group.
+#[test]
+fn group_shares_no_name_of_another_joint() {
+    let knee =
+        "[[motor]]\nname = \"knee\"\nbus = \"desk\"\nid = 2\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\n";
+    let alone = ROBOT.replace("name = \"legs\"", "name = \"hip\"");
+    assert!(said(&alone).contains("is accepted"), "{}", said(&alone));
+    let both =
+        alone.replace("[[group]]", &format!("{knee}[[group]]")).replace("[\"hip\"]", "[\"hip\", \"knee\"]");
+    let said = said(&both);
+    assert!(said.contains("group.name: \"hip\" is the name of a motor too"), "{said}");
+}
+
+#[test]
 fn imu_shares_no_name_of_another() {
     for (name, what) in [("hip", "motor"), ("desk", "bus"), ("legs", "group")] {
         let text = format!("{ROBOT}[[imu]]\nname = \"{name}\"\ntype = \"simulated\"\n");

@@ -130,9 +130,10 @@ struct Value<'v> {
 }
 
 fn of_value(value: &Value<'_>) -> Option<String> {
-    let rules: [fn(&Value<'_>) -> Option<String>; 12] = [
+    let rules: [fn(&Value<'_>) -> Option<String>; 13] = [
         nothing,
         second_equals,
+        semicolons,
         comma,
         typographic,
         text_without_end,
@@ -190,6 +191,23 @@ fn nothing(value: &Value<'_>) -> Option<String> {
 fn second_equals(value: &Value<'_>) -> Option<String> {
     let rest = value.text.strip_prefix('=')?.trim_start_matches(['=', ' ']);
     Some(format!("found `=` twice; write {} = {}", value.key, quoted(rest)))
+}
+
+/// Items of a list with semicolons between them.
+fn semicolons(value: &Value<'_>) -> Option<String> {
+    let items = value.text.strip_prefix('[')?.strip_suffix(']')?;
+    let item = |item: &str| match value.sort() {
+        Some(Sort::Texts) => format!("{:?}", item.trim().trim_matches(['"', '\''])),
+        _ => item.trim().to_owned(),
+    };
+    let listed: Vec<_> = items.split([';', ',']).filter(|item| !item.trim().is_empty()).map(item).collect();
+    items.contains(';').then(|| {
+        format!(
+            "expected commas between the items, found `;`; write {} = [{}]",
+            value.key,
+            quoted(&listed.join(", "))
+        )
+    })
 }
 
 /// No comma before a key or an item, or after one.

@@ -54,7 +54,7 @@ pub(super) fn groups(
 
 fn group<'k>(
     keys: &'k Group,
-    motors: &[Item],
+    all: &[Item],
     owners: &mut [Option<&'k str>],
     safe_stop: SafeStop,
     findings: &mut Findings<'_>,
@@ -68,7 +68,7 @@ fn group<'k>(
     let label = keys.name.value.as_deref().unwrap_or_default();
     let member = |joint: &Listed| {
         let at = At { offset: joint.offset, ..keys.joints.at };
-        let names = motors.iter().map(|motor| &motor.keys.keys.name);
+        let names = all.iter().map(|motor| &motor.keys.keys.name);
         let index = findings.find(at, (&joint.text, "motor"), names, Wrong::UnknownJoint)?;
         if let Some(owner) = owners[index].replace(label) {
             let wrong = Wrong::JointInTwoGroups { joint: joint.text.clone(), group: owner.to_owned() };
@@ -80,5 +80,10 @@ fn group<'k>(
     let members: Vec<_> = joints.iter().map(member).collect();
     let mut motors = members.into_iter().collect::<Option<Vec<_>>>()?;
     motors.sort_unstable();
+    let same = all.iter().position(|motor| motor.keys.keys.name.value.as_deref() == Some(label));
+    let same = same.filter(|same| motors != [*same]);
+    if same.is_some() {
+        findings.error(keys.name.at, Wrong::GroupNamedAsJoint { name: label.to_owned() });
+    }
     Some(GroupSettings { name: name?, motors, safe_stop: keys.safe_stop.value.unwrap_or(safe_stop) })
 }
