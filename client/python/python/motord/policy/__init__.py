@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -44,6 +44,15 @@ _KEYS = {
     "observation_names": "the observation terms, in their order",
     "rate_hz": "the rate of the policy",
 }
+
+_HISTORY = "export a network that keeps its own history"
+_PROCESSING: dict[str, tuple[Callable[[float], bool], str]] = {
+    "observation_terms_scale": (lambda value: value == 1.0, "scale inside the network"),
+    "observation_terms_clip": (lambda value: not np.isfinite(value), "clip inside the network"),
+    "observation_terms_history_length": (lambda value: value <= 1.0, _HISTORY),
+    "observation_history_lengths": (lambda value: value <= 1.0, _HISTORY),
+}
+"""Metadata of exporters that must not change an observation, whether a value changes nothing, and what to do otherwise."""
 
 
 class PolicyError(ValueError):
@@ -102,6 +111,17 @@ class _Metadata:
                 raise self.fault(f"{key}[{at}] is {value}: give 0 or more")
         return np.array(values)
 
+    def refuse_processing(self) -> None:
+        """Refuses metadata by which the exporter leaves a part of the observation to its user."""
+        for key, (neutral, cure) in _PROCESSING.items():
+            for part in self._values.get(key, "").replace(";", ",").split(","):
+                try:
+                    is_neutral = not part.strip() or neutral(float(part))
+                except ValueError:
+                    is_neutral = False
+                if not is_neutral:
+                    raise self.fault(f"{key} has {part.strip()}: motord passes each term as it is, so {cure}")
+
     def rate(self) -> float:
         text = self.text("rate_hz")
         try:
@@ -123,6 +143,7 @@ class Policy:
         self.path: str = os.fspath(path)
         self._session = _load(self.path)
         metadata = _Metadata(self.path, _metadata(self._session))
+        metadata.refuse_processing()
         self.joints: list[str] = metadata.names("joint_names")
         count = len(self.joints)
         self.default: _Floats = metadata.numbers("default_joint_pos", count)
