@@ -2,7 +2,7 @@
 
 use crate::failure::DirectFailure;
 use crate::imu_bus::{self, Node};
-use crate::imu_set::{Set, Values};
+use crate::imu_values::{Set, Values};
 use motord_bus::arithmetic::{IdWidth, worst_case_bits};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{Bus as _, BusLock, Content, Duration, Frame, FrameId, Inbox, clock, wait};
@@ -29,7 +29,7 @@ struct Device<'a> {
 ///
 /// # Errors
 ///
-/// As for [`run`](crate::imu_set::run).
+/// The device or its line cannot have the value, the port or bus is in use, or the device does not do as asked.
 pub(crate) fn set(
     interface: &str,
     node: u8,

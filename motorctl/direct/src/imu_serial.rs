@@ -2,7 +2,7 @@
 
 use crate::failure::DirectFailure;
 use crate::imu::{Heard, PROBE, SAMPLES, bauds, listen};
-use crate::imu_set::{Set, Values};
+use crate::imu_values::{Set, Values};
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{BusLock, Duration, clock, wait};
 use motord_commissioning::Error;
@@ -33,7 +33,7 @@ struct Device<'a> {
 ///
 /// # Errors
 ///
-/// As for [`run`](crate::imu_set::run).
+/// The device or its line cannot have the value, the port or bus is in use, or the device does not do as asked.
 pub(crate) fn set(
     name: &str,
     baud: Option<u32>,

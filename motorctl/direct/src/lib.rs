@@ -14,6 +14,7 @@ mod imu_bus;
 mod imu_sdo;
 mod imu_serial;
 mod imu_set;
+mod imu_values;
 mod jog;
 mod journal;
 mod memory;
