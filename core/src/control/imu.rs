@@ -70,10 +70,10 @@ impl Imu {
         }
     }
 
-    /// Finds out at `now` whether it is lost. Returns whether that has changed.
-    fn judge(&mut self, now: Instant) -> bool {
+    /// Finds out at `tick` whether it is lost. Returns whether that has changed.
+    fn judge(&mut self, tick: Instant) -> bool {
         let ImuReading { received, sequence, is_connected, .. } = self.reading;
-        let is_lost = !is_connected || sequence == 0 || now.since(received) > self.lost_after;
+        let is_lost = !is_connected || sequence == 0 || tick.since(received) > self.lost_after;
         core::mem::replace(&mut self.is_lost, is_lost) != is_lost
     }
 
@@ -146,8 +146,9 @@ impl Imus {
     }
 }
 
+/// Judges by the tick of the cycle, not by its beginning: the samples that arrive while a cycle is late are taken at its end.
 fn judge(index: usize, imu: &mut Imu, cx: &mut Context) {
-    if imu.judge(cx.now) {
+    if imu.judge(cx.wake.scheduled) {
         cx.push(Event::Imu { imu: index, is_lost: imu.is_lost });
     }
 }

@@ -89,6 +89,38 @@ fn unplugged_imu_is_lost_at_once() {
     assert_eq!(imu(&mut robot).flags, IMU_VALID | IMU_LOST);
 }
 
+/// The cycle was late, and the samples were not: the cycle takes the newest one at its end.
+#[test]
+fn late_cycle_loses_no_sound_imu() {
+    let mut settings = settings(WhenLost::Stop);
+    settings.imus[0].lost_after = Duration::from_secs(1);
+    settings.safety.setpoint_timeout = Duration::from_secs(3);
+    (settings.cycle.max_lateness, settings.cycle.max_missed_ticks) = (Duration::from_secs(3), 1.0);
+    let mut robot = Robot::new(settings, 1);
+    sampled(&mut robot, 1);
+    let joints = robot.activate();
+    robot.take_events();
+    let late = Duration::from_millis(1100);
+    robot.oversleep(late);
+    let newest = robot.now() + late;
+    robot.client.sample_imu(0, reading(2, newest));
+    robot.follow(&joints);
+    robot.follow(&joints);
+    let losses = robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. }));
+    assert_eq!(losses.collect::<Vec<_>>(), []);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
+}
+
+#[test]
+fn imu_silent_in_late_cycle_is_lost() {
+    let mut robot = Robot::new(settings(WhenLost::Report), 1);
+    sampled(&mut robot, 1);
+    robot.take_events();
+    robot.oversleep(LOST_AFTER + Duration::from_millis(1));
+    robot.steps(2);
+    assert_eq!(imu(&mut robot).flags, IMU_VALID | IMU_LOST);
+}
+
 #[test]
 fn imu_that_never_samples_is_reported_once() {
     let mut robot = Robot::new(settings(WhenLost::Report), 1);
