@@ -12,11 +12,11 @@ mod mit;
 
 use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
-use crate::settings::MotorSettings;
+use crate::settings::{BusKind, MotorSettings, Settings};
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Role};
 pub(crate) use imu::ImuDrive;
-use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_bus::{Duration, Frame, FrameId, Instant, serial};
 use motord_protocol::MotorProtocol;
 
 /// The meaning of a received frame.
@@ -37,6 +37,26 @@ pub enum Received {
 #[must_use]
 pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
     motord_protocol::gim::repeats(request, reply)
+}
+
+/// Returns the serial line with this index, and its motors. A request without an answer is given up after `reply_timeout`. Allocates.
+#[must_use]
+pub fn line(settings: &Settings, index: usize, reply_timeout: Duration) -> serial::Settings {
+    let address = |motor: &MotorSettings| serial::Address {
+        id: motor.id,
+        host_id: u8::try_from(motor.host_id.raw()).ok(),
+    };
+    let device = match &settings.buses[index].kind {
+        BusKind::Serial { device, .. } => device.clone(),
+        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => String::new(),
+    };
+    serial::Settings {
+        device,
+        baud: settings.buses[index].kind.bitrate(),
+        addresses: settings.motors.iter().filter(|motor| motor.bus == index).map(address).collect(),
+        reply_timeout,
+        answers: repeats,
+    }
 }
 
 /// Returns the frames that damp and stop a motor without a cycle. A GIM motor is stopped without

@@ -1,11 +1,19 @@
 //! The answers of the motors to the frames of `motord safe-stop`.
 
+use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
-use motord_bus::{Bus, Content, Duration, FrameId, Inbox, clock};
-use motord_core::settings::Settings;
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, clock};
+use motord_core::drive::{line, safe_frames};
+use motord_core::settings::{MotorSettings, Settings};
 
-/// Longest wait for answers after the last frame: an adapter on USB takes a few milliseconds.
+/// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few milliseconds.
 const PATIENCE: Duration = Duration::from_millis(50);
+/// Longest wait for the answer of one motor on a line: an adapter on USB may keep bytes for 16 ms.
+const LINE_PATIENCE: Duration = Duration::from_millis(20);
+/// Longest wait for the answers of all motors on lines.
+const LINES_PATIENCE: Duration = Duration::from_millis(500);
+/// A silent motor on a line is asked this often.
+const ATTEMPTS: u32 = 2;
 /// Period of the reads.
 const TURN: Duration = Duration::from_millis(2);
 /// Most reads that empty a receive buffer.
@@ -17,7 +25,10 @@ pub type Listen<'a> = &'a mut dyn FnMut(&str) -> Option<Box<dyn Bus>>;
 /// A motor that was commanded to stop.
 struct Commanded {
     name: String,
-    host_id: FrameId,
+    /// The id of its answers.
+    answer: FrameId,
+    /// A stop that it answers, on a line.
+    stop: Option<Frame>,
 }
 
 /// An interface with its motors that have not answered yet.
@@ -25,48 +36,75 @@ struct Ear {
     interface: String,
     bus: Box<dyn Bus>,
     silent: Vec<Commanded>,
+    /// The next motor of a line to ask.
+    next: usize,
+}
+
+/// A line whose motors are asked after their stop.
+struct Line {
+    settings: serial::Settings,
+    commanded: Vec<Commanded>,
 }
 
 /// The interfaces on which answers are awaited.
+///
+/// An answer on a line names its receiver, and not the motor: each motor is commanded to stop once more, one after another.
 pub(crate) struct Answers {
     ears: Vec<Ear>,
+    lines: Vec<Line>,
     unchecked: Vec<String>,
 }
 
 impl Answers {
-    /// Opens the CAN interfaces among `interfaces`, before the first frame is sent. Serial lines are not read. Allocates.
+    /// Opens the CAN interfaces among `interfaces`, before the first frame is sent. Allocates.
     pub(crate) fn listen(settings: &Settings, interfaces: &[String], listen: Listen<'_>) -> Self {
-        let mut answers = Self { ears: Vec::new(), unchecked: Vec::new() };
+        let mut answers = Self { ears: Vec::new(), lines: Vec::new(), unchecked: Vec::new() };
         for (index, bus) in settings.buses.iter().enumerate() {
             if !interfaces.iter().any(|interface| interface == bus.device()) {
                 continue;
             }
-            let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-            let commanded =
-                motors.map(|motor| Commanded { name: motor.name.clone(), host_id: motor.host_id });
+            let commanded = commanded(settings, index);
+            if bus.is_line() {
+                answers.lines.push(Line { settings: line(settings, index, LINE_PATIENCE), commanded });
+                continue;
+            }
             match bus.interface().and_then(&mut *listen) {
-                Some(ear) => {
-                    let interface = bus.device().to_owned();
-                    answers.ears.push(Ear { interface, bus: ear, silent: commanded.collect() });
-                }
-                None => answers.unchecked.extend(commanded.map(|motor| motor.name)),
+                Some(ear) => answers.ears.push(Ear::new(bus.device(), ear, commanded)),
+                None => answers.unchecked.extend(commanded.into_iter().map(|motor| motor.name)),
             }
         }
         answers
     }
 
-    /// Reads what has arrived, at most for [`PATIENCE`], and returns the names of the motors that did not answer, except those on
-    /// `left_out` interfaces.
+    /// Reads what has arrived, asks the motors on lines, and returns the names of those that did not answer, except those on
+    /// `left_out` interfaces. The ports must not be in use. Takes at most [`LINES_PATIENCE`], or [`PATIENCE`] without a line,
+    /// and the time to open the ports.
     pub(crate) fn silent(&mut self, left_out: &[String]) -> Vec<String> {
         self.ears.retain(|ear| !left_out.contains(&ear.interface));
-        let end = clock::monotonic() + PATIENCE;
+        self.lines.retain(|line| !left_out.contains(&line.settings.device));
+        let longest = self.lines.iter().map(|line| line.commanded.len() as u32).max().unwrap_or(0);
+        let patience = (longest * ATTEMPTS * (LINE_PATIENCE + TURN)).min(LINES_PATIENCE).max(PATIENCE);
+        self.open_lines();
+        let end = clock::monotonic() + patience;
         loop {
-            self.ears.iter_mut().for_each(Ear::read);
+            self.ears.iter_mut().for_each(Ear::turn);
             let silent: Vec<_> = self.ears.iter().flat_map(|ear| &ear.silent).collect();
             if silent.is_empty() || clock::monotonic() >= end {
                 return silent.into_iter().map(|motor| motor.name.clone()).collect();
             }
             std::thread::sleep(TURN);
+        }
+    }
+
+    fn open_lines(&mut self) {
+        for Line { settings, commanded } in self.lines.drain(..) {
+            match SerialBus::open(&settings) {
+                Ok(bus) => self.ears.push(Ear::new(&settings.device, Box::new(bus), commanded)),
+                Err(error) => {
+                    tracing::debug!("{error}");
+                    self.unchecked.extend(commanded.into_iter().map(|motor| motor.name));
+                }
+            }
         }
     }
 
@@ -76,7 +114,32 @@ impl Answers {
     }
 }
 
+/// Returns the motors of the bus with this index.
+fn commanded(settings: &Settings, index: usize) -> Vec<Commanded> {
+    let is_line = settings.buses[index].is_line();
+    let commanded = |motor: &MotorSettings| Commanded {
+        name: motor.name.clone(),
+        answer: if is_line { motor.command_id() } else { motor.host_id },
+        stop: safe_frames(motor).map(|(_, stop)| stop).filter(|_| is_line),
+    };
+    settings.motors.iter().filter(|motor| motor.bus == index).map(commanded).collect()
+}
+
 impl Ear {
+    fn new(interface: &str, bus: Box<dyn Bus>, silent: Vec<Commanded>) -> Self {
+        Self { interface: interface.to_owned(), bus, silent, next: 0 }
+    }
+
+    /// Reads, and asks the next silent motor of a line. The line refuses while it awaits an answer.
+    fn turn(&mut self) {
+        self.read();
+        let next = self.next % self.silent.len().max(1);
+        let Some(stop) = self.silent.get(next).and_then(|motor| motor.stop) else { return };
+        if self.bus.send(clock::monotonic(), &[stop]).accepted > 0 {
+            self.next = next + 1;
+        }
+    }
+
     /// Removes the motors whose answers have arrived.
     fn read(&mut self) {
         let mut inbox = Inbox::new();
@@ -88,7 +151,7 @@ impl Ear {
             }
             for arrival in inbox.arrivals() {
                 if let Content::Frame(frame) = arrival.content {
-                    self.silent.retain(|motor| motor.host_id != frame.id());
+                    self.silent.retain(|motor| motor.answer != frame.id());
                 }
             }
         }

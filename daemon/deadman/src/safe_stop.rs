@@ -86,14 +86,14 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds. Uses
-/// interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
+/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds, and half
+/// a second more where motors on a line do not answer. Uses interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
 /// `open` opens an interface to send, `listen` to receive the answers.
 ///
 /// # Errors
 ///
-/// The interfaces that were left out or refused, and why. The others are served. The motors on CAN that did not answer.
+/// The interfaces that were left out or refused, and why. The others are served. The motors that did not answer.
 pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let frames = SafeFrames::of(&settings);
@@ -122,6 +122,8 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     let mut interfaces = Interfaces::new(opened, frames.damp.min(DAMP_MAX));
     interfaces.run(&mut Monotonic);
     let refused = interfaces.owed();
+    // Closes the ports.
+    drop(interfaces);
     // Motors of an interface that refuses frames were not commanded.
     let silent = answers.silent(&refused);
     left_out.extend(refused.into_iter().map(|interface| LeftOut::Refused { interface }));

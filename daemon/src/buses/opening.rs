@@ -140,22 +140,7 @@ fn open_can(
 /// The serial line with this index. A request is given up a while before the plan has the next one sent.
 #[must_use]
 pub fn line(settings: &Settings, index: usize) -> serial::Settings {
-    let address = |motor: &MotorSettings| serial::Address {
-        id: motor.id,
-        host_id: u8::try_from(motor.host_id.raw()).ok(),
-    };
-    let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-    let device = match &settings.buses[index].kind {
-        BusKind::Serial { device, .. } => device.clone(),
-        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => String::new(),
-    };
-    serial::Settings {
-        device,
-        baud: settings.buses[index].kind.bitrate(),
-        addresses: motors.map(address).collect(),
-        reply_timeout: reply_timeout(&BusPlan::of(settings)[index]),
-        answers: drive::repeats,
-    }
+    drive::line(settings, index, reply_timeout(&BusPlan::of(settings)[index]))
 }
 
 fn reply_timeout(plan: &BusPlan) -> Duration {

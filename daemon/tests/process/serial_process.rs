@@ -169,11 +169,23 @@ fn safe_stop_stops_motors_of_a_line() {
     let output = arm.motord("safe-stop", "one").output().unwrap();
     assert!(output.status.success(), "{}", text(&output));
     assert!(
-        text(&output).contains("whether these answer is not known, so look at them"),
+        text(&output).contains("every motor was commanded to damp and stop, and answered"),
         "{}",
         text(&output)
     );
     assert_eq!(arm.modes(), [Mode::Stopped; 2]);
+}
+
+/// An answer on a line does not name its motor.
+#[test]
+fn safe_stop_names_silent_motors_of_line() {
+    let arm = Arm::new();
+    arm.start_motors();
+    arm.motors.suffer("jaw power-off");
+    let output = arm.motord("safe-stop", "one").output().unwrap();
+    assert_eq!(output.status.code(), Some(80), "{}", text(&output));
+    assert!(text(&output).ends_with("may still move, so cut the power: jaw\n"), "{}", text(&output));
+    assert_eq!(arm.modes()[0], Mode::Stopped);
 }
 
 #[test]
