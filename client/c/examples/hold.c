@@ -1,6 +1,8 @@
 /* Holds every joint of a group where it is, until the group is stopped or the time is over.
  *
  *   hold [INSTANCE [GROUP [SECONDS]]]
+ *
+ * The default instance is MOTORD_INSTANCE, or demo.
  */
 #include <motord.h>
 #include <stdio.h>
@@ -33,7 +35,8 @@ static int hold(motord_client *client, motord_claim *claim, motord_state *state,
 }
 
 int main(int argc, char **argv) {
-    const char *instance = argc > 1 ? argv[1] : "demo";
+    const char *instance = argc > 1 ? argv[1] : getenv("MOTORD_INSTANCE");
+    if (instance == NULL) instance = "demo";
     const char *group = argc > 2 ? argv[2] : "legs";
     double seconds = argc > 3 ? atof(argv[3]) : 10.0;
     int status = EXIT_FAILURE;

@@ -1,15 +1,19 @@
 """Holds every joint of a group where it is, until the group is stopped or the time is over.
 
     python hold.py [INSTANCE [GROUP [SECONDS]]]
+
+The default instance is MOTORD_INSTANCE, or demo.
 """
 
+import os
 import sys
 
 import motord
 
 
 def main() -> int:
-    instance, group, seconds = (sys.argv[1:] + ["demo", "legs", "10"][len(sys.argv) - 1 :])[:3]
+    defaults = [os.environ.get("MOTORD_INSTANCE", "demo"), "legs", "10"]
+    instance, group, seconds = (sys.argv[1:] + defaults[len(sys.argv) - 1 :])[:3]
     robot = motord.connect(instance)
     with robot.claim(group) as legs:
         legs.enable(hold=(20.0, 0.5))

@@ -5,6 +5,7 @@
 `python -m motord.policy run walk.onnx --group legs --hz 50` does the same, and checks the age of each state too.
 """
 
+import os
 import sys
 
 import motord
@@ -14,7 +15,8 @@ from motord.policy import Command
 def main() -> int:
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    path, instance, group, seconds = (sys.argv[1:] + ["", "demo", "legs", "10"][len(sys.argv) - 1 :])[:4]
+    defaults = ["", os.environ.get("MOTORD_INSTANCE", "demo"), "legs", "10"]
+    path, instance, group, seconds = (sys.argv[1:] + defaults[len(sys.argv) - 1 :])[:4]
     policy = motord.Policy(path)
     robot = motord.connect(instance)
     policy.check(robot.description, group)

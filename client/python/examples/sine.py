@@ -1,8 +1,11 @@
 """Lets the joints of a group swing by 0.1 rad, once in a second, at 500 Hz. Prints how well they follow.
 
     python sine.py [INSTANCE [GROUP [SECONDS]]]
+
+The default instance is MOTORD_INSTANCE, or demo.
 """
 
+import os
 import sys
 
 import numpy as np
@@ -11,7 +14,8 @@ import motord
 
 
 def main() -> int:
-    instance, group, seconds = (sys.argv[1:] + ["demo", "legs", "10"][len(sys.argv) - 1 :])[:3]
+    defaults = [os.environ.get("MOTORD_INSTANCE", "demo"), "legs", "10"]
+    instance, group, seconds = (sys.argv[1:] + defaults[len(sys.argv) - 1 :])[:3]
     robot = motord.connect(instance)
     errors: list[float] = []
     with robot.claim(group) as legs:

@@ -75,7 +75,8 @@ private:
 } // namespace
 
 int main(int argc, char **argv) {
-    const std::string instance = argc > 1 ? argv[1] : "demo";
+    const char *const chosen = argc > 1 ? argv[1] : std::getenv("MOTORD_INSTANCE");
+    const std::string instance = chosen != nullptr ? chosen : "demo";
     const std::string group = argc > 2 ? argv[2] : "legs";
     const double seconds = argc > 3 ? std::atof(argv[3]) : 10.0;
     for (;;) {
