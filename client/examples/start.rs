@@ -6,8 +6,7 @@ use std::time::Duration;
 
 fn main() -> Result<(), Error> {
     let patience = Duration::from_secs(1);
-    let instance = std::env::var("MOTORD_INSTANCE");
-    let client = Client::connect(instance.as_deref().unwrap_or("demo"))?;
+    let client = Client::connect("demo")?;
     let mut claim = client.claim("legs")?;
 
     // The daemon starts motors only for an owner that sends setpoints near the positions of the
