@@ -10,7 +10,6 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 
 #[derive(Parser)]
@@ -48,14 +47,8 @@ fn rest(claim: &mut Claim, joints: &[Slot], state: &State) -> Result<Vec<f32>, E
     joints.iter().map(|&joint| Ok(claim.setpoint(joint)?.position)).collect()
 }
 
-/// Runs one connection to the daemon: from the claim to the first error, or to the `end`. Never prints itself: the reader of
-/// the output may pause.
-fn control(
-    options: &Options,
-    may_enable: &mut bool,
-    end: &AtomicBool,
-    news: &Sender<String>,
-) -> Result<(), Error> {
+/// Runs one connection to the daemon: from the claim to the first error, or to the `end`.
+fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
     client.set_silence(PATIENCE);
     let mut claim = client.claim(&options.group)?;
@@ -71,8 +64,7 @@ fn control(
         let group = state.of(&claim)?;
         if group.stop() != stop {
             stop = group.stop();
-            let text = stop.as_ref().map_or("reset".to_owned(), |stop| format!("the group {stop}"));
-            let _is_printed = news.send(text);
+            println!("{}", stop.as_ref().map_or("reset".to_owned(), |stop| format!("the group {stop}")));
         }
         match group.phase() {
             Some(Phase::Active) => {
@@ -96,9 +88,7 @@ fn main() -> ExitCode {
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&end)).expect("these signals may be handled");
     }
-    let (news, texts) = channel::<String>();
-    std::thread::spawn(move || texts.iter().for_each(|text| println!("{text}")));
-    while let Err(error) = control(&options, &mut may_enable, &end, &news) {
+    while let Err(error) = control(&options, &mut may_enable, &end) {
         eprintln!("controller: {error}");
         if !error.is_transient() || end.load(Ordering::Relaxed) {
             return ExitCode::from(error.exit_status());
