@@ -1,4 +1,6 @@
 //! Properties of the decoders of IMU streams, tested by random samples, noise and damage.
+//!
+//! The checksum of Xsens has eight bits: one of 256 beginnings in noise, whose items end where they must, passes for a message.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -88,10 +90,20 @@ fn noise(most: usize) -> impl Strategy<Value = Vec<(u8, u8)>> {
     prop::collection::vec((any::<u8>(), any::<u8>()), 0..most)
 }
 
-/// Returns `true` when `found` has all of `expected`, in order.
-fn contains(found: &[Sample], expected: &[Sample]) -> bool {
-    let mut found = found.iter();
-    expected.iter().all(|sample| found.any(|other| other == sample))
+/// Returns the numbers of `expected` that are not in `found` in their order, and of `found` that are not in `expected`.
+///
+/// Each of the latter passed the checksum by chance, and can take the place of one that it overlaps.
+fn lost_and_false(found: &[Sample], expected: &[Sample]) -> (usize, usize) {
+    let mut at = 0;
+    let kept = expected.iter().filter(|sample| match found[at..].iter().position(|other| other == *sample) {
+        Some(place) => {
+            at += place + 1;
+            true
+        }
+        None => false,
+    });
+    let kept = kept.count();
+    (expected.len() - kept, found.len() - kept)
 }
 
 proptest! {
@@ -148,11 +160,13 @@ proptest! {
                 // The sample arrives with its last byte, not later.
                 decoded.push(vendor.rounded(sample));
                 let found = vendor.samples(&stream);
-                prop_assert!(contains(&found, &decoded));
-                prop_assert_eq!(found.last(), decoded.last());
+                let (lost, wrong) = lost_and_false(&found, &decoded);
+                prop_assert!(lost <= wrong, "lost {}, false {}", lost, wrong);
+                prop_assert!(wrong > 0 || found.last() == decoded.last());
             }
             stream.extend(vendor.mislead(&tail));
-            prop_assert!(contains(&vendor.samples(&stream), &decoded));
+            let (lost, wrong) = lost_and_false(&vendor.samples(&stream), &decoded);
+            prop_assert!(lost <= wrong, "lost {}, false {}", lost, wrong);
         }
     }
 
@@ -178,7 +192,8 @@ proptest! {
                 }
                 from = to;
             }
-            prop_assert!(contains(&vendor.samples(&damaged), &intact));
+            let (lost, wrong) = lost_and_false(&vendor.samples(&damaged), &intact);
+            prop_assert!(lost <= wrong, "lost {}, false {}", lost, wrong);
         }
     }
 }
