@@ -13,7 +13,7 @@ use motord_shared::{
 };
 
 /// Cycles after which [`LocalClient::ask`] gives up. A request that a motor must confirm takes hundreds.
-const ANSWER_CYCLES: u32 = 4000;
+pub const ANSWER_CYCLES: u32 = 4000;
 
 /// Owner of any number of groups, and operator. Does not block.
 pub struct LocalClient {
@@ -64,13 +64,21 @@ impl LocalClient {
         let ticket = self.request(operation, group)?;
         for _ in 0..ANSWER_CYCLES {
             cycle();
-            while let Some((answered, reply)) = self.answer() {
-                if answered == ticket {
-                    return outcome(reply);
-                }
+            if let Some(outcome) = self.answer_to(ticket) {
+                return outcome;
             }
         }
         Err(Refusal::Busy)
+    }
+
+    /// Returns the outcome of the request with this ticket, once it is answered. Drops the answers to earlier requests.
+    pub fn answer_to(&mut self, ticket: u32) -> Option<Result<AdminReply, Refusal>> {
+        while let Some((answered, reply)) = self.answer() {
+            if answered == ticket {
+                return Some(outcome(reply));
+            }
+        }
+        None
     }
 
     /// As [`ask`](Self::ask), without waiting. Returns the ticket of the [`answer`](Self::answer).

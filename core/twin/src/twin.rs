@@ -5,7 +5,7 @@ use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
 use motord_configuration::ConfigError;
-use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
+use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble};
 use motord_core::imu::{ImuSimulation, ImuSource};
 use motord_core::settings::Settings;
 use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
@@ -15,9 +15,6 @@ use std::path::Path;
 
 /// The virtual time of the first tick.
 const START: Instant = Instant::from_nanos(1_000_000_000);
-
-/// Longer than a request takes that a motor must confirm.
-const ANSWER_CYCLES: u32 = 4000;
 
 /// The choices for a twin that its configuration does not make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -182,18 +179,13 @@ impl Twin {
     /// Sends a request as the owner of `group`, or as an operator without a lease, and runs cycles until it is answered.
     ///
     /// # Errors
-    /// The refusal of the cycle; [`Refusal::Busy`] after 4000 cycles without an answer.
+    /// The refusal of the cycle; [`Refusal::Busy`] after [`ANSWER_CYCLES`] without an answer.
     pub fn ask(&mut self, operation: Operation, group: usize) -> Result<AdminReply, Refusal> {
         let ticket = self.client.request(operation, group)?;
         for _ in 0..ANSWER_CYCLES {
             self.step();
-            while let Some((answered, reply)) = self.client.answer() {
-                if answered == ticket {
-                    return match reply.refusal {
-                        0 => Ok(reply),
-                        code => Err(Refusal::try_from(code).unwrap_or(Refusal::UnknownOperation)),
-                    };
-                }
+            if let Some(outcome) = self.client.answer_to(ticket) {
+                return outcome;
             }
         }
         Err(Refusal::Busy)
