@@ -84,22 +84,7 @@ impl Imu {
 
     /// Returns the sample that arrives at `time` after the start.
     pub fn sample(&mut self, time: Duration) -> ImuOutput {
-        let Faults { is_gone, is_off, is_garbage, delay, lost, .. } = self.faults;
-        if is_gone {
-            return ImuOutput::Gone;
-        }
-        if is_off || self.random.fraction() < lost {
-            return ImuOutput::Nothing;
-        }
-        if is_garbage {
-            return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..self.measured(time) });
-        }
-        if let Some(values) = self.faults.stuck {
-            return ImuOutput::Sample(values);
-        }
-        let values = self.measured(time.saturating_sub(self.delay + delay));
-        self.faults.stuck = self.faults.should_stick.then_some(values);
-        ImuOutput::Sample(values)
+        self.sample_of(&motion(time.saturating_sub(self.delay())))
     }
 
     /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time that the sample was taken.
@@ -112,7 +97,7 @@ impl Imu {
             return ImuOutput::Nothing;
         }
         if is_garbage {
-            return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..*values });
+            return ImuOutput::Sample(ImuValues { orientation: [f64::NAN; 4], ..self.with_errors(*values) });
         }
         if let Some(values) = self.faults.stuck {
             return ImuOutput::Sample(values);
@@ -146,10 +131,6 @@ impl Imu {
             _ => return Err(InjectError::NotForImus),
         }
         Ok(())
-    }
-
-    fn measured(&mut self, time: Duration) -> ImuValues {
-        self.with_errors(motion(time))
     }
 
     fn with_errors(&mut self, values: ImuValues) -> ImuValues {
