@@ -94,7 +94,9 @@ impl Sensor {
     }
 }
 
-fn sample(values: &ImuValues) -> ImuSample {
+/// Converts the values of a simulated IMU.
+#[must_use]
+pub fn sample(values: &ImuValues) -> ImuSample {
     ImuSample {
         orientation: values.orientation.map(|value| value as f32),
         angular_velocity: values.angular_velocity.map(|value| value as f32),

@@ -10,7 +10,7 @@ mod joints;
 mod physics;
 mod twin;
 
-pub use imus::Body;
+pub use imus::{Body, sample};
 pub use joints::{JointPhysics, Mechanics};
 pub use physics::{physics, simulate};
 pub use twin::{Options, Twin, TwinError};

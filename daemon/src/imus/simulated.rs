@@ -2,7 +2,7 @@
 
 use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
-use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation};
+use motord_core::imu::{ImuSettings, ImuSimulation};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, InjectError};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -33,7 +33,7 @@ impl Source {
     fn deliver(&mut self, start: Instant, now: Instant) {
         match self.device.sample(self.due.since(start)) {
             ImuOutput::Sample(values) => {
-                let _counted = self.writer.sample(&converted(&values), now);
+                let _counted = self.writer.sample(&motord_twin::sample(&values), now);
             }
             ImuOutput::Nothing => self.writer.missed(1),
             ImuOutput::Gone => self.writer.disconnected(),
@@ -78,14 +78,5 @@ impl SimulatedImus {
             let next = self.deliver(start, now);
             clock.sleep_until(next.min(now + TURN));
         }
-    }
-}
-
-fn converted(values: &motord_simulator::ImuValues) -> ImuSample {
-    ImuSample {
-        orientation: values.orientation.map(|value| value as f32),
-        angular_velocity: values.angular_velocity.map(|value| value as f32),
-        acceleration: values.acceleration.map(|value| value as f32),
-        temperature: Some(values.temperature as f32),
     }
 }
