@@ -26,6 +26,19 @@ pub(crate) fn values(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize)
     }
 }
 
+/// Reads position, velocity, stiffness, damping and torque of `count` joints. A stiffness needs a position.
+pub(crate) fn setpoints(given: [Option<&Bound<'_, PyAny>>; 5], count: usize) -> PyResult<[Values; 5]> {
+    let [q, _, kp, ..] = given;
+    if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
+        return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
+    }
+    let mut read = [[0.0; JOINTS_MAX]; 5];
+    for ((name, value), read) in ["q", "dq", "kp", "kd", "tau"].into_iter().zip(given).zip(&mut read) {
+        *read = values(name, value, count)?;
+    }
+    Ok(read)
+}
+
 /// Reads the position of each joint: a number, an array, or a mapping that names each joint.
 pub(crate) fn pose(value: &Bound<'_, PyAny>, names: &[String]) -> PyResult<Values> {
     let Ok(mapping) = value.cast::<PyMapping>().cloned() else {

@@ -1,6 +1,6 @@
 //! The ownership of a group, and its loop.
 
-use crate::arrays::{JOINTS_MAX, Values, duration, pose, values};
+use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::raised;
 use crate::interpreter::without_lock;
 use crate::motion::Motion;
@@ -157,12 +157,7 @@ impl Claim {
     ) -> PyResult<()> {
         let count = self.order.joints.len();
         let horizon = duration("horizon", horizon)?;
-        if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
-            return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
-        }
-        let [q, dq, kp, kd, tau] = [("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)]
-            .map(|(name, value)| values(name, value, count));
-        let (q, dq, kp, kd, tau) = (q?, dq?, kp?, kd?, tau?);
+        let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], count)?;
         let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
         for (at, place) in self.places.iter().enumerate() {
             setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
@@ -252,7 +247,8 @@ impl Claim {
 }
 
 /// Returns the number of cycles between two states at `hz`.
-fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
+#[pyfunction]
+pub(crate) fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
     let cycles = (rate_hz / hz).round();
     let is_whole = hz > 0.0 && cycles >= 1.0 && ((rate_hz / cycles - hz).abs() < 1e-6 * rate_hz);
     if !is_whole {

@@ -27,7 +27,7 @@ mod _motord {
     #[pymodule_export]
     use crate::bench::measure;
     #[pymodule_export]
-    use crate::claim::{Claim, Cycles};
+    use crate::claim::{Claim, Cycles, every};
     #[pymodule_export]
     use crate::errors::{ClaimLost, Error, NotRunning, Refused, Restarted, Stopped, TimedOut};
     #[pymodule_export]
@@ -35,5 +35,5 @@ mod _motord {
     #[pymodule_export]
     use crate::state::{Imu, Imus, State};
     #[pymodule_export]
-    use crate::twin::Engine;
+    use crate::twin::{Engine, describe};
 }

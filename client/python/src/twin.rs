@@ -1,10 +1,11 @@
 //! A robot on virtual time: the engine below `motord.sim.Twin`.
 
-use crate::arrays::{JOINTS_MAX, duration, values};
-use crate::errors::refused;
+use crate::arrays::{JOINTS_MAX, duration, setpoints};
+use crate::errors::{raised, refused};
 use crate::state::{Order, State};
-use motord_client::{Operation, State as ClientState};
+use motord_client::{Error as ClientError, Operation, State as ClientState};
 use motord_shared::JointSetpoint;
+use motord_shared::description::RobotDescription;
 use motord_twin::{Body, FaultVerb, ImuValues, JointPhysics, Mechanics, Options, Twin};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -12,7 +13,6 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 /// The first exception of a callable, which the next step raises.
 type Raised = Arc<Mutex<Option<PyErr>>>;
@@ -84,13 +84,34 @@ impl Body for PyBody {
     }
 }
 
+fn refuse(error: impl ToString) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Returns the description of a configuration, as JSON, and the part of each motor in the mechanics of its joint.
+#[pyfunction]
+pub(crate) fn describe(py: Python<'_>, config: PathBuf) -> PyResult<(String, Vec<Bound<'_, PyDict>>)> {
+    let settings = motord_configuration::load(&config).map_err(refuse)?.settings;
+    let description = serde_json::to_string(&motord_configuration::describe(&settings, 0)).map_err(refuse)?;
+    let joint = |joint: JointPhysics| {
+        let values = PyDict::new(py);
+        values.set_item("name", joint.name)?;
+        values.set_item("armature", joint.armature)?;
+        values.set_item("damping", joint.damping)?;
+        values.set_item("friction", joint.friction)?;
+        values.set_item("begin", joint.begin)?;
+        Ok(values)
+    };
+    let physics = JointPhysics::of(&settings).into_iter().map(joint).collect::<PyResult<_>>()?;
+    Ok((description, physics))
+}
+
 /// The cycle of a configuration, its simulated motors, and the mechanics of the caller.
 #[pyclass(frozen, module = "motord._motord")]
 pub(crate) struct Engine {
     twin: Mutex<Twin>,
     raised: Raised,
-    description: motord_shared::description::RobotDescription,
-    physics: Vec<JointPhysics>,
+    description: RobotDescription,
 }
 
 impl Engine {
@@ -121,12 +142,9 @@ impl Engine {
         measure: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let raised = Raised::default();
-        let loaded =
-            motord_configuration::load(&config).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        let settings = loaded.settings;
+        let settings = motord_configuration::load(&config).map_err(refuse)?.settings;
         let count = settings.motors.len();
         let description = motord_configuration::describe(&settings, seed);
-        let physics = JointPhysics::of(&settings);
         let mechanics = step.map(|step| {
             let arrays = [(); 3].map(|()| PyArray1::<f64>::zeros(py, count, false).unbind());
             Box::new(PyMechanics { step, arrays, begin, raised: Arc::clone(&raised) }) as Box<dyn Mechanics>
@@ -134,30 +152,8 @@ impl Engine {
         let body =
             measure.map(|measure| Box::new(PyBody { measure, raised: Arc::clone(&raised) }) as Box<dyn Body>);
         let options = Options { seed, compute: duration("compute", compute)? };
-        let twin = Twin::new(settings, options, mechanics, body)
-            .map_err(|error| PyValueError::new_err(error.to_string()))?;
-        Ok(Self { twin: Mutex::new(twin), raised, description, physics })
-    }
-
-    /// The description of the robot as JSON.
-    #[getter]
-    fn description(&self) -> PyResult<String> {
-        serde_json::to_string(&self.description).map_err(|error| PyValueError::new_err(error.to_string()))
-    }
-
-    /// The part of each motor in the mechanics of its joint.
-    #[getter]
-    fn physics<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let joint = |joint: &JointPhysics| {
-            let values = PyDict::new(py);
-            values.set_item("name", &joint.name)?;
-            values.set_item("armature", joint.armature)?;
-            values.set_item("damping", joint.damping)?;
-            values.set_item("friction", joint.friction)?;
-            values.set_item("begin", joint.begin)?;
-            Ok(values)
-        };
-        self.physics.iter().map(joint).collect()
+        let twin = Twin::new(settings, options, mechanics, body).map_err(refuse)?;
+        Ok(Self { twin: Mutex::new(twin), raised, description })
     }
 
     /// Virtual time since the first tick, s.
@@ -198,9 +194,7 @@ impl Engine {
         horizon: f64,
     ) -> PyResult<()> {
         let count = places.len();
-        let [q, dq, kp, kd, tau] = [("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)]
-            .map(|(name, value)| values(name, value, count));
-        let (q, dq, kp, kd, tau) = (q?, dq?, kp?, kd?, tau?);
+        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], count)?;
         let mut joints = [JointSetpoint::default(); JOINTS_MAX];
         for (at, place) in places.into_iter().enumerate() {
             let setpoint = JointSetpoint {
@@ -216,10 +210,7 @@ impl Engine {
         let horizon = duration("horizon", horizon)?;
         let most = self.description.setpoint_horizon_max;
         if horizon > most {
-            let [asked, most] = [horizon, most].map(|time: Duration| time.as_secs_f64() * 1e3);
-            return Err(PyValueError::new_err(format!(
-                "a horizon of {asked} ms is longer than setpoint-horizon-max-ms of the configuration permits: {most}"
-            )));
+            return Err(raised(&ClientError::HorizonTooLong { horizon, most }));
         }
         self.twin().send(group, &joints[..count], horizon).map_err(refused)
     }

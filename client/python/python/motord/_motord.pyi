@@ -300,6 +300,12 @@ def estop(instance: str = "robot", *, runtime: str | PathLike[str] | None = None
 def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, int, int]:
     """The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints."""
 
+def every(rate_hz: float, hz: float) -> int:
+    """The number of cycles between two states at hz. ValueError when that is none."""
+
+def describe(config: str | PathLike[str]) -> tuple[str, list[dict[str, Any]]]:
+    """The description of a configuration, as JSON, and name, armature, damping, friction and begin of each joint."""
+
 @final
 class Engine:
     """The robot below motord.sim.Twin, which describes each value."""
@@ -314,12 +320,6 @@ class Engine:
         begin: list[float] | None = None,
         measure: Callable[[], tuple[_Array, _Array, _Array] | None] | None = None,
     ) -> Engine: ...
-    @property
-    def description(self) -> str:
-        """The description of the robot, as JSON."""
-    @property
-    def physics(self) -> list[dict[str, Any]]:
-        """name, armature, damping, friction and begin of each joint."""
     @property
     def time(self) -> float:
         """Virtual time since the first tick, s."""

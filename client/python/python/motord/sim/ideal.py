@@ -128,6 +128,8 @@ class IdealEngine:
         )
 
     def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float) -> None:
+        if q is None and kp is not None:
+            raise ValueError("kp without q: a stiffness needs a position to follow")
         joints = np.array(self._robot["groups"][group]["joints"])[places]
         if self._joints.phases.get(group) == "active":
             for name, value in (("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)):

@@ -1,10 +1,12 @@
 """MuJoCo as the plant of a twin."""
 
+import json
 from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
 
+from .._motord import describe
 from .plant import Array
 
 STEP_S = 250e-6
@@ -72,14 +74,10 @@ def fit_mjcf(config: str | PathLike[str], model: str | PathLike[str], output: st
 
     ValueError names each joint that contradicts the configuration.
     """
-    import json
-
-    from .._motord import Engine
-
-    engine = Engine(fspath(config))
+    description, physics = describe(fspath(config))
     mujoco = _mujoco()
     spec = mujoco.MjSpec.from_file(fspath(model))
-    _fit(mujoco, spec, fspath(model), json.loads(engine.description), engine.physics)
+    _fit(mujoco, spec, fspath(model), json.loads(description), physics)
     spec.compile()
     with open(output, "w", encoding="utf-8") as file:
         file.write(spec.to_xml())

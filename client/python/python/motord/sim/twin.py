@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._motord import Engine, Refused, State, Stopped, TimedOut
+from .._motord import Engine, Refused, State, Stopped, TimedOut, describe, every
 from .plant import Array, Plant
 
 Values = float | Array
@@ -29,10 +29,9 @@ class Twin:
     def __init__(
         self, config: str | PathLike[str], plant: Plant | None = None, *, compute_us: float = 0.0, seed: int = 0
     ) -> None:
-        # A first engine without the plant knows the robot, which the plant needs to begin.
-        engine = Engine(fspath(config), seed=seed)
-        self.description: dict[str, Any] = json.loads(engine.description)
-        self.physics: list[dict[str, Any]] = engine.physics
+        description, physics = describe(fspath(config))
+        self.description: dict[str, Any] = json.loads(description)
+        self.physics: list[dict[str, Any]] = physics
         self.plant = plant
         self.engine = self._built(config, plant, compute_us * 1e-6, seed)
         self.instance: str = self.description["instance"]
@@ -136,11 +135,9 @@ class TwinClaim:
 
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
         """Runs cycles, and yields the states of those that are due at hz. Raises Stopped when the group is stopped."""
-        every = 1 if hz is None else round(self._twin.rate_hz / hz)
-        if every < 1 or (hz is not None and abs(self._twin.rate_hz / every - hz) > 1e-6 * self._twin.rate_hz):
-            raise ValueError(f"hz is {hz}: give a whole part of {self._twin.rate_hz}")
+        due = 1 if hz is None else every(self._twin.rate_hz, hz)
         while True:
-            self._engine.step(every)
+            self._engine.step(due)
             state = self.state()
             self._must_be_active(state)
             yield state
@@ -156,8 +153,6 @@ class TwinClaim:
         horizon: float = 0.0,
     ) -> None:
         """Sends a setpoint for each joint, as motord.Claim.send does."""
-        if q is None and kp is not None:
-            raise ValueError("kp without q: a stiffness needs a position to follow")
         self._engine.send(self._index, self._places, q, dq, kp, kd, tau, horizon)
 
     def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
