@@ -8,9 +8,9 @@
  * you freed it: the library finds some of these mistakes, and returns MOTORD_STATUS_BAD_ARGUMENT.
  *
  * After the first cycles `motord_wait`, `motord_wait_cycles`, `motord_spin`, `motord_newest`, `motord_read`, `motord_state_group`,
- * `motord_state_imu`, `motord_must_be_active`, `motord_send`, `motord_commit` and `motord_imu_publisher_send` allocate nothing while
- * they succeed, wait for no other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other
- * functions may allocate. Functions that change a claim or ask the daemon wait for its answer, a cycle or two, at most a second.
+ * `motord_state_imu`, `motord_must_be_active`, `motord_send` and `motord_commit` allocate nothing while they succeed, wait for no
+ * other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other functions may allocate.
+ * Functions that change a claim or ask the daemon wait for its answer, a cycle or two, at most a second.
  * Only `motord_emergency_stop_signal_safe` may be called from a signal handler.
  *
  * Units are SI, joint side. docs/cpp.md is the guide.
