@@ -83,7 +83,7 @@ struct Group {
     owner: Option<(u32, Option<String>)>,
     /// The cycle of the last stop.
     stopped_in: u64,
-    /// Time between its setpoints when they timed out last.
+    /// Time between its setpoints, and their horizon, when they timed out last.
     period: Option<[Duration; 2]>,
 }
 

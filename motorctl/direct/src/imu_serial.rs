@@ -16,7 +16,7 @@ const ANSWER: Duration = Duration::from_millis(500);
 const TRIES: usize = 4;
 /// Time that a device needs to start again, at most.
 const RESTART: Duration = Duration::from_secs(5);
-/// The rate is measured for this time, and for so many samples of a slow device.
+/// Time for which the rate is measured. A slow device is measured for [`MEASURE_SAMPLES`].
 const MEASURE: Duration = Duration::from_secs(1);
 const MEASURE_SAMPLES: f64 = 5.0;
 

@@ -71,7 +71,7 @@ impl<T: Send + Debug + Abandonable> Drop for PortLock<T> {
         if self.shared().holders.fetch_sub(1, Ordering::Release) > 1 {
             return;
         }
-        // What the other holders did happened before.
+        // Makes the writes of the other holders visible.
         fence(Ordering::Acquire);
         // SAFETY: no other holder is left, and this one does not use it again.
         unsafe { drop_in_place(self.0.as_ptr()) };
