@@ -27,11 +27,7 @@ pub(crate) struct Sensor {
 impl Sensor {
     pub(crate) fn new(settings: &ImuSettings, seed: u64, start: Instant) -> Self {
         let perfect = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
-        let errors = match &settings.source {
-            ImuSource::Simulated(errors) => errors,
-            ImuSource::Can(can) => &can.simulation,
-            ImuSource::Serial(_) | ImuSource::External => &perfect,
-        };
+        let errors = if let ImuSource::Simulated(errors) = &settings.source { errors } else { &perfect };
         Self {
             name: settings.name.clone(),
             device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed ^ seed),

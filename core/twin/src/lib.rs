@@ -5,14 +5,16 @@
 //!
 //! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the daemon.
 
+mod coupled;
 mod imus;
 mod joints;
 mod physics;
 mod twin;
 
+pub use coupled::{TwinError, coupled, simulate_all};
 pub use imus::{Body, sample};
 pub use joints::{JointPhysics, Mechanics};
 pub use physics::{physics, simulate};
-pub use twin::{Options, Twin, TwinError};
+pub use twin::{Options, Twin};
 
 pub use motord_simulator::{FaultVerb, ImuValues, InjectError, VerbError};

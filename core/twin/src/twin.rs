@@ -1,15 +1,14 @@
 //! One robot on virtual time, with its owner and its operator.
 
+use crate::coupled::{TwinError, coupled, simulate_all};
 use crate::imus::{Body, Sensor};
-use crate::joints::{JointPlant, Mechanics};
+use crate::joints::Mechanics;
 use crate::physics::simulate;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
-use motord_configuration::ConfigError;
 use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble};
-use motord_core::imu::{ImuSimulation, ImuSource};
 use motord_core::settings::Settings;
 use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
-use motord_simulator::{FaultVerb, InjectError, PlantBus, SharedBus, couple};
+use motord_simulator::{FaultVerb, InjectError, PlantBus, SharedBus};
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -25,32 +24,6 @@ pub struct Options {
     /// setpoints. Setpoints that are sent after the next cycle has fetched them are used one cycle later.
     pub compute: Duration,
 }
-
-/// The reason why a configuration has no twin.
-#[derive(Debug)]
-pub enum TwinError {
-    /// The configuration has errors.
-    Configuration(ConfigError),
-    /// The twin has no serial lines.
-    SerialBus {
-        /// The name of the bus.
-        bus: String,
-    },
-}
-
-impl core::fmt::Display for TwinError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Configuration(error) => error.fmt(f),
-            Self::SerialBus { bus } => write!(
-                f,
-                "bus {bus} is a serial line, which a twin does not have: give its motors a CAN bus for the twin"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for TwinError {}
 
 /// A setpoint message, and when the controller sends it.
 type Outgoing = (Instant, usize, SetpointMessage);
@@ -101,18 +74,21 @@ impl Twin {
         mechanics: Option<Box<dyn Mechanics>>,
         body: Option<Box<dyn Body>>,
     ) -> Result<Self, TwinError> {
-        if let Some(bus) = settings.buses.iter().find(|bus| bus.is_line()) {
-            return Err(TwinError::SerialBus { bus: bus.name.clone() });
-        }
+        simulate_all(&mut settings)?;
         let sensors = settings.imus.iter().map(|imu| Sensor::new(imu, options.seed, START)).collect();
-        for imu in &mut settings.imus {
-            let errors = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
-            imu.source = ImuSource::Simulated(errors);
-        }
-        let plant = mechanics.map(|mechanics| JointPlant::new(mechanics, &mut settings));
-        let bus = |index: usize| SharedBus::new(simulate(&settings, index, options.seed + index as u64));
-        let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
-        let (opened, plant) = opened(&buses, plant);
+        let seed = |bus: usize| options.seed + bus as u64;
+        let (buses, opened, plant) = match mechanics {
+            Some(mechanics) => {
+                let (buses, coupled) = coupled(&mut settings, seed, mechanics);
+                let plant = coupled.first().cloned();
+                (buses, boxed(coupled), plant)
+            }
+            None => {
+                let bus = |index: usize| SharedBus::new(simulate(&settings, index, seed(index)));
+                let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
+                (buses.clone(), boxed(buses), None)
+            }
+        };
         let clock = VirtualClock::new(START);
         let (cycle, ends) = assemble(&settings, opened, clock.clone(), options.seed | 1);
         Ok(Self {
@@ -235,14 +211,6 @@ impl Twin {
     }
 }
 
-/// Returns the buses as the cycle uses them, and a handle to the plant.
-fn opened(buses: &[SharedBus], plant: Option<JointPlant>) -> (Vec<Box<dyn Bus>>, Option<PlantBus>) {
-    match plant {
-        None => (buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect(), None),
-        Some(plant) => {
-            let coupled = couple(buses, plant);
-            let first = coupled.first().cloned();
-            (coupled.into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect(), first)
-        }
-    }
+fn boxed(buses: Vec<impl Bus + 'static>) -> Vec<Box<dyn Bus>> {
+    buses.into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect()
 }
