@@ -10,7 +10,6 @@
 //! the next line. At the end of the input the daemon shuts down as after a signal. The exit status
 //! is 1 when a motor received a forbidden frame.
 
-use motord::buses::claims::Claims;
 use motord::buses::{self, Buses};
 use motord::host::log::Log;
 use motord::run_error::RunError;
@@ -64,7 +63,7 @@ fn run(path: &Path, group: &str) -> Result<usize, RunError> {
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let buses: Vec<SharedBus> = (0..settings.buses.len()).map(|bus| recorded(&settings, bus)).collect();
     let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
-    let opened = Buses { buses: boxed, mismatched: Vec::new(), claims: Claims::default(), injectors: None };
+    let opened = Buses::of(boxed);
     let mut judge = Judge::new(settings.clone(), group, buses);
     let daemon = Daemon::start(settings, None, opened, &lock, None)?;
     let realtime = granted(daemon.realtime());

@@ -5,6 +5,7 @@
 )]
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
+use motord::commands::run;
 use motord_client::{Claim, Client, Error, RUNTIME_DIR_VARIABLE, Setpoint};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -176,7 +177,7 @@ fn allocations_of_daemon_threads_are_bounded() {
     let runtime = tempfile::tempdir().unwrap();
     // SAFETY: this is the only test of this program, and no other thread reads the environment yet.
     unsafe { std::env::set_var(RUNTIME_DIR_VARIABLE, runtime.path()) };
-    let daemon = std::thread::spawn(|| motord::commands::run::run(Path::new(CONFIG), Duration::ZERO));
+    let daemon = std::thread::spawn(|| run::run(Path::new(CONFIG), &run::Options::default()));
     let watcher = connect();
     await_cycles(&watcher, 10);
 

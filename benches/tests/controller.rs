@@ -6,7 +6,6 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-use motord::buses::claims::Claims;
 use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
@@ -97,14 +96,7 @@ fn daemon_process() {
     let bus = SharedBus::new(buses::simulate(&settings, 0, 1));
     let lock = Arc::new(Instance::below(Path::new(&runtime), "robot").unwrap().lock().unwrap());
     let opened: Vec<Box<dyn Bus>> = vec![Box::new(bus.clone())];
-    let daemon = Daemon::start(
-        settings,
-        None,
-        Buses { buses: opened, mismatched: Vec::new(), claims: Claims::default(), injectors: None },
-        &lock,
-        None,
-    )
-    .unwrap();
+    let daemon = Daemon::start(settings, None, Buses::of(opened), &lock, None).unwrap();
     for line in std::io::stdin().lock().lines().map_while(Result::ok).take_while(|line| !line.is_empty()) {
         bus.lock().inject(clock::monotonic(), &line.parse::<FaultVerb>().unwrap()).unwrap();
     }

@@ -6,7 +6,6 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
-use motord::buses::claims::Claims;
 use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
@@ -108,12 +107,7 @@ fn absurd_value_is_rejected_or_limited() {
     let lock = Arc::new(Instance::below(directory.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;
     let torque_end = settings.motors[0].scales.torque.max();
-    let opened = Buses {
-        buses: vec![Box::new(bus.clone())],
-        mismatched: Vec::new(),
-        claims: Claims::default(),
-        injectors: None,
-    };
+    let opened = Buses::of(vec![Box::new(bus.clone())]);
     let daemon = Daemon::start(settings, None, opened, &lock, None).unwrap();
 
     let not_finite = send_absurd_values(directory.path());

@@ -4,6 +4,7 @@
 //! - [`arming`]: whether the motors are the configured ones.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
 //! - [`simulation`]: faults for simulated buses.
+//! - [`plant`]: another process that moves the joints of a simulated robot.
 //! - [`imus`]: the sources of the samples of IMUs.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
@@ -19,6 +20,7 @@ pub mod host;
 pub mod housekeeping;
 pub mod imus;
 pub mod ipc;
+pub mod plant;
 pub mod run_error;
 pub mod simulation;
 pub mod telemetry;

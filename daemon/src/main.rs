@@ -3,6 +3,7 @@
 use clap::{CommandFactory, Parser, Subcommand};
 use motord::commands::check::{Wanted, check};
 use motord::commands::init::{InitError, Options};
+use motord::commands::run;
 use motord::host::log::Log;
 use motord::run_error::RunError;
 use motord_deadman::DeadmanError;
@@ -42,6 +43,10 @@ enum Command {
         /// adapter may be plugged in after the computer has started.
         #[arg(long, value_name = "SECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=86_400))]
         wait_for_buses: u32,
+        /// Open no bus: simulate all motors and IMUs of the configuration, whose joints the plant on this Unix socket moves.
+        /// `python -m motord.sim live` starts a plant and the daemon. docs/twin.md describes the socket.
+        #[arg(long, value_name = "SOCKET", conflicts_with = "wait_for_buses")]
+        plant: Option<PathBuf>,
     },
     /// Run the dead man's switch of the instance: damp and stop its motors when the daemon dies or stalls.
     Deadman {
@@ -127,9 +132,9 @@ fn main() -> ExitCode {
         Command::Pages(pages) => {
             ended(pages.write(Arguments::command()), |_| exit_status::IO, &mut std::io::stderr())
         }
-        Command::Run { config, wait_for_buses } => {
-            let patience = Duration::from_secs(wait_for_buses.into());
-            logged(log, || motord::commands::run::run(&config.path(), patience), RunError::exit_status)
+        Command::Run { config, wait_for_buses, plant } => {
+            let options = run::Options { patience: Duration::from_secs(wait_for_buses.into()), plant };
+            logged(log, || run::run(&config.path(), &options), RunError::exit_status)
         }
         Command::Deadman { config } => {
             logged(log, || motord_deadman::run(&config.path()), DeadmanError::exit_status)

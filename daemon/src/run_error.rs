@@ -1,6 +1,6 @@
 //! Why the daemon does not run, or why it ended by itself.
 
-use crate::buses::BusError;
+use crate::buses::{BusError, PlantedError};
 use motord_bus::LockError;
 use motord_configuration::ConfigError;
 use motord_ports::instance::InstanceError;
@@ -25,6 +25,9 @@ pub enum RunError {
     /// A bus cannot be opened.
     #[error("{0}")]
     Bus(#[from] BusError),
+    /// The robot has no twin, or the plant does not take it, or it ended.
+    #[error("{0}")]
+    Plant(#[from] PlantedError),
     /// Clients cannot be served.
     #[error("{0}")]
     Service(#[from] ServiceError),
@@ -63,14 +66,18 @@ impl RunError {
     #[must_use]
     pub fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } => exit_status::CONFIG,
+            Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } | Self::Plant(PlantedError::Twin(_)) => {
+                exit_status::CONFIG
+            }
             Self::Instance(error) if error.is_a_setting() => exit_status::CONFIG,
             Self::Instance(InstanceError::AlreadyRunning { .. })
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => exit_status::BUSY,
             Self::Instance(_) => exit_status::PERMISSION,
-            Self::Bus(_) | Self::Service(_) | Self::DirectoryLost(_) | Self::Unstopped(_) => {
-                exit_status::UNAVAILABLE
-            }
+            Self::Bus(_)
+            | Self::Plant(_)
+            | Self::Service(_)
+            | Self::DirectoryLost(_)
+            | Self::Unstopped(_) => exit_status::UNAVAILABLE,
             Self::Descriptors(_) | Self::System(_) => exit_status::OS,
             Self::Thread(_) => exit_status::SOFTWARE,
         }

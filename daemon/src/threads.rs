@@ -8,6 +8,7 @@
 //! | `motord-owners` | detects the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | receives emergency stops on their socket |
+//! | `motord-plant` | asks the plant for its steps; only with `--plant` |
 //! | `motord-imus` | simulated IMUs; only where there is one |
 //! | `motord-imu-line` | an IMU on a serial line; one for each |
 //! | `motord-reconnector` | reopens buses that disconnected |
@@ -23,9 +24,10 @@ use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::BusWatch;
 use crate::emergency_stop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
-use crate::imus::{ExternalImus, Sources};
+use crate::imus::{ExternalImus, Sources, World};
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Records, Schedule};
+use crate::plant::{Plant, PlantError};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
@@ -130,6 +132,8 @@ pub struct Daemon {
     realtime: Vec<Step>,
     /// The first file of the runtime directory that was lost.
     lost: Arc<OnceLock<PathBuf>>,
+    /// Why the plant ended, if there was one.
+    unplanted: Arc<OnceLock<PlantError>>,
 }
 
 impl Daemon {
@@ -153,8 +157,9 @@ impl Daemon {
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }
+        let (unplanted, world) = start_plant(&settings, &orders, buses.plant)?;
         let Sources { simulated, external, .. } =
-            start_imus(&settings, &orders, std::mem::take(&mut ends.imus), boot_id)?;
+            start_imus(&settings, &orders, (std::mem::take(&mut ends.imus), world), boot_id)?;
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
         let (owners, deaths) = owners().map_err(io::Error::from)?;
@@ -186,7 +191,7 @@ impl Daemon {
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors.with_imus(simulated))?;
         }
-        Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost })
+        Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost, unplanted })
     }
 
     /// The steps by which the cycle thread became real-time, and their outcomes.
@@ -202,10 +207,10 @@ impl Daemon {
     }
 
     /// Returns true when the last cycle is over, by request or because a thread panicked. Orders the stop itself when no new
-    /// client can reach the daemon.
+    /// client can reach the daemon, or when the plant has ended.
     #[must_use]
     pub fn has_ended(&self) -> bool {
-        if self.lost.get().is_some() {
+        if self.lost.get().is_some() || self.unplanted.get().is_some() {
             self.stop();
         }
         self.orders.are(Orders::STOP) && self.cycle.is_finished()
@@ -248,6 +253,9 @@ impl Daemon {
         }
         if let Some(path) = self.lost.get() {
             return Err(RunError::DirectoryLost(path.clone()));
+        }
+        if let Some(error) = Arc::into_inner(self.unplanted).and_then(OnceLock::into_inner) {
+            return Err(RunError::Plant(error.into()));
         }
         tracing::info!("the motors are stopped");
         Ok(())
@@ -472,26 +480,39 @@ fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
     SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
 }
 
+/// Detached: the thread waits for the plant, and ends with the process. Returns where it says why the plant ended, and the body
+/// that IMUs measure.
+fn start_plant(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    plant: Option<(Plant, World)>,
+) -> Result<(Arc<OnceLock<PlantError>>, World), RunError> {
+    let Some((plant, world)) = plant else { return Ok((Arc::default(), World::BuiltIn)) };
+    let ended = plant.ended();
+    start_source(settings, orders, "plant", move |stop| plant.run(stop))?;
+    Ok((ended, world))
+}
+
 /// Detached: the thread holds nothing, and ends with the process.
 fn start_imus(
     settings: &Settings,
     orders: &Arc<Orders>,
-    inputs: Vec<Input<ImuReading>>,
+    (inputs, world): (Vec<Input<ImuReading>>, World),
     boot_id: u64,
 ) -> Result<Sources, RunError> {
     let start_time = clock::monotonic();
-    let mut sources = Sources::of(&settings.imus, inputs, start_time, boot_id);
+    let mut sources = Sources::of(&settings.imus, inputs, start_time, world, boot_id);
     if let Some(running) = sources.simulated.clone() {
-        start_imu(settings, orders, "imus", move |stop| running.run(start_time, stop))?;
+        start_source(settings, orders, "imus", move |stop| running.run(start_time, stop))?;
     }
     for imu in std::mem::take(&mut sources.serial) {
-        start_imu(settings, orders, "imu-line", move |stop| imu.run(stop))?;
+        start_source(settings, orders, "imu-line", move |stop| imu.run(stop))?;
     }
     Ok(sources)
 }
 
 /// Detached, as above.
-fn start_imu(
+fn start_source(
     settings: &Settings,
     orders: &Arc<Orders>,
     thread: &'static str,

@@ -49,7 +49,9 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
     }
     for imu in &mut settings.imus {
         let errors = match &imu.source {
-            ImuSource::Simulated(errors) | ImuSource::Can(ImuCan { simulation: errors, .. }) => errors.clone(),
+            ImuSource::Simulated(errors) | ImuSource::Can(ImuCan { simulation: errors, .. }) => {
+                errors.clone()
+            }
             ImuSource::Serial(_) | ImuSource::External => {
                 ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 }
             }

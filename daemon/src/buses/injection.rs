@@ -11,8 +11,9 @@ use super::fault_line::{self, FaultLineError};
 use super::simulate;
 use crate::imus::SimulatedImus;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
-use motord_core::settings::{BusKind, Settings};
-use motord_simulator::{Fault, FaultVerb, InjectError, SimulatedBus};
+use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_simulator::{Fault, FaultVerb, InjectError, PlantBus, SharedBus, SimulatedBus};
+use motord_twin::{Mechanics, coupled};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 /// The cycle takes a fault within this time, as long as it runs.
@@ -23,9 +24,34 @@ const TURN: Duration = Duration::from_millis(1);
 /// A verb and its outcome. It returns to the thread that allocated it, because the cycle frees nothing.
 type Outcome = (FaultVerb, Result<(), InjectError>);
 
+/// A simulated bus.
+enum Wire {
+    /// Its motors turn by themselves.
+    Alone(Box<SimulatedBus>),
+    /// A plant moves them. No other thread uses it, so that nothing waits for its locks.
+    Coupled(SharedBus, PlantBus),
+}
+
+impl Wire {
+    fn with<T>(&mut self, act: impl FnOnce(&mut SimulatedBus) -> T) -> T {
+        match self {
+            Self::Alone(bus) => act(bus),
+            Self::Coupled(bus, _) => act(&mut bus.lock()),
+        }
+    }
+
+    fn bus(&mut self) -> &mut dyn Bus {
+        match self {
+            Self::Alone(bus) => &mut **bus,
+            Self::Coupled(_, bus) => bus,
+        }
+    }
+}
+
 /// A simulated bus that takes faults from another thread.
 pub struct InjectedBus {
-    bus: SimulatedBus,
+    name: String,
+    wire: Wire,
     verbs: Consumer<FaultVerb>,
     outcomes: Producer<Outcome>,
     unplugged: bool,
@@ -38,8 +64,8 @@ impl InjectedBus {
             return;
         }
         let Ok(verb) = self.verbs.pop() else { return };
-        let outcome = self.bus.inject(now, &verb);
-        if verb.target == self.bus.name() {
+        let outcome = self.wire.with(|bus| bus.inject(now, &verb));
+        if verb.target == self.name {
             self.plug(now, verb.fault);
         }
         let _has_a_place = self.outcomes.push((verb, outcome));
@@ -50,7 +76,7 @@ impl InjectedBus {
     fn plug(&mut self, now: Instant, fault: Fault) {
         if fault == Fault::Ok && std::mem::take(&mut self.unplugged) {
             let restarted = ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] };
-            self.bus.deliver(now, Content::Error(restarted));
+            self.wire.with(|bus| bus.deliver(now, Content::Error(restarted)));
         }
         self.unplugged |= fault == Fault::Gone;
     }
@@ -58,17 +84,20 @@ impl InjectedBus {
 
 impl Bus for InjectedBus {
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
-        self.bus.send(now, frames)
+        self.wire.bus().send(now, frames)
     }
 
     /// The cycle calls this every time, even for a bus that is off or gone, so that faults can end.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
         self.obey(now);
-        self.bus.receive(now, inbox);
+        self.wire.bus().receive(now, inbox);
     }
 
     fn readiness(&self) -> Readiness<'_> {
-        self.bus.readiness()
+        match &self.wire {
+            Wire::Alone(bus) => bus.readiness(),
+            Wire::Coupled(_, bus) => bus.readiness(),
+        }
     }
 }
 
@@ -79,12 +108,15 @@ struct Injector {
 }
 
 impl Injector {
-    /// The bus `index` of `settings`, and the end that gives it faults. Allocates.
-    fn of(settings: &Settings, index: usize, seed: u64) -> (InjectedBus, Self) {
+    /// The bus `name` with this wire, and the end that gives it faults. Allocates.
+    fn of(name: &str, wire: Wire) -> (InjectedBus, Self) {
         let (verbs, taken) = RingBuffer::new(1);
         let (returned, outcomes) = RingBuffer::new(1);
-        let bus = simulate(settings, index, seed);
-        (InjectedBus { bus, verbs: taken, outcomes: returned, unplugged: false }, Self { verbs, outcomes })
+        let name = name.to_owned();
+        (
+            InjectedBus { name, wire, verbs: taken, outcomes: returned, unplugged: false },
+            Self { verbs, outcomes },
+        )
     }
 
     fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {
@@ -113,14 +145,31 @@ impl Injectors {
     /// The buses of `settings`, and the end that gives them faults; `None` when one of them is real. Allocates.
     #[must_use]
     pub fn open(settings: &Settings) -> Option<(Vec<Box<dyn Bus>>, Self)> {
+        let seeds: Vec<_> = settings.buses.iter().map(seed).collect::<Option<_>>()?;
+        let wires = seeds
+            .iter()
+            .enumerate()
+            .map(|(index, seed)| Wire::Alone(simulate(settings, index, *seed).into()));
+        Some(Self::of(settings, wires))
+    }
+
+    /// As [`open`](Self::open), where `mechanics` move the motors. They begin where the mechanics have them; `settings` says so
+    /// afterwards. Every bus must be a simulated one. Allocates.
+    #[must_use]
+    pub fn open_coupled(settings: &mut Settings, mechanics: Box<dyn Mechanics>) -> (Vec<Box<dyn Bus>>, Self) {
+        let seeds: Vec<_> = settings.buses.iter().map(|bus| seed(bus).unwrap_or_default()).collect();
+        let (shared, coupled) = coupled(settings, |bus| seeds[bus], mechanics);
+        Self::of(settings, shared.into_iter().zip(coupled).map(|(shared, bus)| Wire::Coupled(shared, bus)))
+    }
+
+    fn of(settings: &Settings, wires: impl Iterator<Item = Wire>) -> (Vec<Box<dyn Bus>>, Self) {
         let (mut buses, mut injectors) = (Vec::<Box<dyn Bus>>::new(), Vec::new());
-        for (index, bus) in settings.buses.iter().enumerate() {
-            let BusKind::Simulated { seed, .. } = bus.kind else { return None };
-            let (bus, injector) = Injector::of(settings, index, seed);
+        for (bus, wire) in settings.buses.iter().zip(wires) {
+            let (bus, injector) = Injector::of(&bus.name, wire);
             buses.push(Box::new(bus));
             injectors.push(injector);
         }
-        Some((buses, Self { settings: settings.clone(), injectors, imus: None }))
+        (buses, Self { settings: settings.clone(), injectors, imus: None })
     }
 
     /// Gives faults to these IMUs as well.
@@ -149,6 +198,11 @@ impl Injectors {
     }
 }
 
+/// The seed of a simulated bus.
+const fn seed(bus: &BusSettings) -> Option<u64> {
+    if let BusKind::Simulated { seed, .. } = bus.kind { Some(seed) } else { None }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -159,6 +213,11 @@ mod tests {
     fn settings(file: &str) -> Settings {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config").join(file);
         motord_configuration::load(&file).unwrap().settings
+    }
+
+    /// The first bus.
+    fn one(settings: &Settings) -> (InjectedBus, Injector) {
+        Injector::of(&settings.buses[0].name, Wire::Alone(simulate(settings, 0, 0).into()))
     }
 
     #[test]
@@ -201,7 +260,7 @@ mod tests {
 
     #[test]
     fn late_outcome_is_not_taken_for_next_verb() {
-        let (mut bus, mut injector) = Injector::of(&settings("quadruped-simulated.toml"), 0, 0);
+        let (mut bus, mut injector) = one(&settings("quadruped-simulated.toml"));
         std::thread::scope(|scope| {
             let injects = scope.spawn(move || injector.inject("fl-knee off".parse().unwrap()));
             while bus.verbs.is_empty() {

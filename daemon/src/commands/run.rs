@@ -16,26 +16,35 @@ use motord_realtime::{forbid_deep_sleep, granted, systemd};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::SignalsInfo;
 use signal_hook::iterator::exfiltrator::origin::{Origin, WithOrigin};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const SIGNAL_TURN: Duration = Duration::from_millis(20);
 /// Interval of looking for a missing bus.
 const WAIT_TURN: Duration = Duration::from_millis(500);
 
-/// Runs the daemon until a signal ends it. Waits for at most `patience` for buses that are missing or down.
+/// The choices for a run that its configuration does not make.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Waits at most this long for buses that are missing or down.
+    pub patience: Duration,
+    /// No bus is opened: the plant on this socket moves the joints of the simulated robot.
+    pub plant: Option<PathBuf>,
+}
+
+/// Runs the daemon until a signal ends it.
 ///
 /// # Errors
 ///
 /// Why it could not start, or why it ended by itself.
-pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
+pub fn run(path: &Path, options: &Options) -> Result<(), RunError> {
     let loaded = config::load(path)?;
     loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
     let lock = Arc::new(Instance::find(&loaded.settings.instance)?.lock()?);
     lock.displaced().iter().for_each(|displaced| tracing::warn!("{displaced}"));
-    let outcome = drive(path, patience, loaded, &lock);
+    let outcome = drive(path, options, loaded, &lock);
     if !matches!(outcome, Err(RunError::Unstopped(_))) {
         lock.rest();
     }
@@ -45,12 +54,15 @@ pub fn run(path: &Path, patience: Duration) -> Result<(), RunError> {
 /// Opens the buses and drives their motors until a signal, or until the daemon ends by itself.
 fn drive(
     path: &Path,
-    patience: Duration,
+    options: &Options,
     loaded: config::Loaded,
     lock: &Arc<InstanceLock>,
 ) -> Result<(), RunError> {
-    let config::Loaded { settings, telemetry, hash, .. } = loaded;
-    let mut buses = await_buses(&settings, patience)?;
+    let config::Loaded { mut settings, telemetry, hash, .. } = loaded;
+    let mut buses = match &options.plant {
+        Some(plant) => buses::open_planted(&mut settings, plant)?,
+        None => await_buses(&settings, options.patience)?,
+    };
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
@@ -67,6 +79,9 @@ fn drive(
     });
     let daemon = Daemon::start(settings, Some((path, hash)), buses, lock, outputs)?;
     let realtime = granted(&[daemon.realtime(), &[deep_sleep]].concat());
+    if let Some(plant) = &options.plant {
+        tracing::info!("every bus is simulated: the plant on {} moves the joints", plant.display());
+    }
     log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();
     let mut watchdog = Watchdog::new();

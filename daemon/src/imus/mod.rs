@@ -15,7 +15,8 @@ mod writer;
 pub use external::ExternalImus;
 pub use port::twin;
 pub use serial::SerialImu;
-pub use simulated::SimulatedImus;
+pub use simulated::{SimulatedImus, World};
+pub(crate) use voice::Voice;
 use writer::Writer;
 
 use motord_bus::Instant;
@@ -35,9 +36,16 @@ pub struct Sources {
 }
 
 impl Sources {
-    /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`; `boot_id` is that of the daemon.
+    /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`, and measure `world`; `boot_id` is that
+    /// of the daemon.
     #[must_use]
-    pub fn of(imus: &[ImuSettings], inputs: Vec<Input<ImuReading>>, start: Instant, boot_id: u64) -> Self {
+    pub fn of(
+        imus: &[ImuSettings],
+        inputs: Vec<Input<ImuReading>>,
+        start: Instant,
+        world: World,
+        boot_id: u64,
+    ) -> Self {
         let (mut simulated, mut serial, mut external) = (Vec::new(), Vec::new(), Vec::new());
         for ((index, imu), input) in imus.iter().enumerate().zip(inputs) {
             let writer = Writer::new(input, imu.mount);
@@ -52,7 +60,7 @@ impl Sources {
             }
         }
         Self {
-            simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated)),
+            simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated, world)),
             serial,
             external: (!external.is_empty()).then(|| ExternalImus::new(external, boot_id)),
         }

@@ -1,4 +1,4 @@
-//! Lines of the log about one device, without a flood.
+//! Lines of the log about one device or process, without a flood.
 
 use motord_bus::{Duration, Instant};
 
@@ -9,18 +9,18 @@ const REFILL: Duration = Duration::from_secs(10);
 
 /// Permits lines of the log.
 #[derive(Debug)]
-pub(super) struct Voice {
+pub(crate) struct Voice {
     left: u32,
     refilled: Instant,
 }
 
 impl Voice {
-    pub(super) const fn new(now: Instant) -> Self {
+    pub(crate) const fn new(now: Instant) -> Self {
         Self { left: BURST, refilled: now }
     }
 
     /// Returns whether a line may be logged at `now`.
-    pub(super) fn may_speak(&mut self, now: Instant) -> bool {
+    pub(crate) fn may_speak(&mut self, now: Instant) -> bool {
         while self.left < BURST && now.since(self.refilled) >= REFILL {
             self.left += 1;
             self.refilled = self.refilled + REFILL;

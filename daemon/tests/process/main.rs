@@ -9,6 +9,7 @@ mod log;
 mod memory;
 mod motord_sim;
 mod owners;
+mod plant;
 mod player;
 mod port;
 mod safe_stop;

@@ -20,11 +20,12 @@ const CORE: Rows = &[
 /// `threads` connects the rooms; `commands` are the subcommands of `motord`.
 const DAEMON: Rows = &[
     ("arming", &[]),
-    ("buses", &["imus"]),
+    ("buses", &["imus", "plant"]),
     ("commands", &["arming", "buses", "host", "run_error", "threads"]),
     ("host", &[]),
     ("imus", &[]),
     ("ipc", &["imus", "telemetry"]),
+    ("plant", &["imus"]),
     ("run_error", &["buses"]),
     ("simulation", &["buses"]),
     ("housekeeping", &[]),
@@ -39,6 +40,7 @@ const DAEMON: Rows = &[
             "housekeeping",
             "imus",
             "ipc",
+            "plant",
             "run_error",
             "simulation",
             "telemetry",

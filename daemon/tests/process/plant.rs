@@ -1,0 +1,200 @@
+//! `motord run --plant`: the real daemon, and a plant that speaks the protocol of docs/twin.md by itself.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_client::{Phase, Setpoint};
+use motord_harness::daemon::{Daemon, PATIENCE, until};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// Its interface does not exist: `--plant` opens none.
+const CONFIG: &str = r#"
+[daemon]
+instance = "robot"
+[cycle]
+rate-hz = 500
+max-lateness-ms = 1000.0
+[[bus]]
+name = "left"
+type = "socketcan"
+interface = "absent0"
+[[motor]]
+name = "arm"
+bus = "left"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+direction = -1
+[[imu]]
+name = "base"
+type = "external"
+rate-hz = 500
+mount-rpy-deg = [0, 0, 90]
+"#;
+
+/// How the plant answers a step, with the torque: position and velocity.
+type Answer = Box<dyn FnMut(f64) -> [f64; 2] + Send>;
+
+/// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer` until that returns NaN for the
+/// velocity.
+fn daemon(config: &str, greeting: &'static str, answer: Answer) -> Daemon {
+    let directory = TempDir::new().unwrap();
+    let socket = directory.path().with_extension("plant");
+    let listener = UnixListener::bind(&socket).unwrap();
+    std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer));
+    Daemon::start_in(directory, config, |command| {
+        command.arg("--plant").arg(socket);
+    })
+}
+
+fn plant(stream: UnixStream, greeting: &str, mut answer: Answer) {
+    let mut reader = BufReader::new(stream.try_clone().unwrap());
+    let mut line = String::new();
+    reader.read_line(&mut line).unwrap();
+    let hello: Value = serde_json::from_str(&line).unwrap();
+    assert_eq!((&hello["motord_plant"], &hello["physics"][0]["name"]), (&1.into(), &"arm".into()));
+    assert!(hello["physics"][0]["armature"].as_f64().unwrap() > 0.0);
+    assert_eq!(hello["description"]["joints"][0]["name"], "arm");
+    let mut writer = stream;
+    writeln!(writer, "{greeting}").unwrap();
+    let mut asked = [[0; 8]; 2];
+    while reader.read_exact(asked.as_flattened_mut()).is_ok() {
+        let [seconds, torque] = asked.map(f64::from_le_bytes);
+        assert_eq!(seconds, 0.00025);
+        let [position, velocity] = answer(torque);
+        let imu = [1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 9.81];
+        let numbers = [position, velocity].into_iter().chain(imu).flat_map(f64::to_le_bytes);
+        if velocity == f64::MAX || writer.write_all(&numbers.collect::<Vec<_>>()).is_err() {
+            return;
+        }
+    }
+}
+
+/// A joint that begins at 0.7 rad, with an inertia of 0.05 kg·m² and viscous friction.
+fn joint() -> Answer {
+    let (mut position, mut velocity) = (0.7, 0.0);
+    Box::new(move |torque| {
+        velocity += (torque - 0.2 * velocity) / 0.05 * 0.00025;
+        position += velocity * 0.00025;
+        [position, velocity]
+    })
+}
+
+/// Waits until the daemon ends, and returns its exit status and its log.
+fn end(mut daemon: Daemon) -> (Option<i32>, String) {
+    let status = until("the end of the daemon", || daemon.process.try_wait().unwrap());
+    let log = std::fs::read_to_string(daemon.directory.path().with_extension("log")).unwrap();
+    (status.code(), log)
+}
+
+#[test]
+fn plant_moves_joints_and_is_measured() {
+    let daemon = daemon(CONFIG, r#"{"begin": [0.7], "imu": true}"#, joint());
+    let client = daemon.connect();
+    let state = client.wait(PATIENCE).unwrap();
+    let begin = state.joints().next().unwrap().position().unwrap();
+    assert!((begin - 0.7).abs() < 0.01, "{begin}");
+    let imu = until("a sample", || {
+        client
+            .wait(PATIENCE)
+            .ok()?
+            .imu(client.imu("base")?)
+            .filter(|imu| imu.angular_velocity().is_some_and(|axes| axes[0] > 0.0))
+    });
+    // An IMU of the plant measures the body: the mount of the real one does not turn it.
+    assert_eq!(imu.angular_velocity(), Some([0.1, 0.2, 0.3]));
+
+    let mut claim = client.claim("all").unwrap();
+    claim.hold(&client.wait(PATIENCE).unwrap(), 20.0, 1.0).unwrap();
+    claim.commit().unwrap();
+    claim.enable().unwrap();
+    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    until("the joint at its goal", || {
+        claim.set("arm", Setpoint::impedance(1.0, 0.0, 20.0, 1.0, 0.0)).ok()?;
+        claim.commit().ok()?;
+        let position = client.wait(PATIENCE).ok()?.joints().next()?.position()?;
+        ((position - 1.0).abs() < 0.02).then_some(())
+    });
+    claim.disable().unwrap();
+    assert_eq!(daemon.motorctl(&["sim", "arm", "off"]).status.code(), Some(0));
+}
+
+/// The end of the plant is the end of the robot: no controller goes on with joints that nothing moves.
+#[test]
+fn daemon_ends_with_its_plant() {
+    let mut steps = 0;
+    let ends = Box::new(move |_torque: f64| {
+        steps += 1;
+        [0.0, if steps > 2000 { f64::MAX } else { 0.0 }]
+    });
+    let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, ends));
+    assert_eq!(status, Some(69), "{log}");
+    assert!(log.contains("the plant ended: the motors were damped and stopped"), "{log}");
+}
+
+#[test]
+fn daemon_ends_when_its_plant_is_silent() {
+    let mut steps = 0;
+    let hangs = Box::new(move |_torque: f64| {
+        steps += 1;
+        if steps > 1000 {
+            std::thread::sleep(Duration::from_secs(5));
+        }
+        [0.0, 0.0]
+    });
+    let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, hangs));
+    assert_eq!(status, Some(69), "{log}");
+    assert!(log.contains("the plant did not answer for 1s"), "{log}");
+}
+
+#[test]
+fn numbers_that_are_none_end_the_daemon() {
+    let mut steps = 0;
+    let breaks = Box::new(move |_torque: f64| {
+        steps += 1;
+        [if steps > 1000 { f64::NAN } else { 0.0 }, 0.0]
+    });
+    let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, breaks));
+    assert_eq!(status, Some(69), "{log}");
+    assert!(log.contains("the plant has computed the position NaN of arm"), "{log}");
+}
+
+#[test]
+fn refusals_of_plant_are_told() {
+    let serial = CONFIG.replace(
+        "type = \"socketcan\"\ninterface = \"absent0\"",
+        "type = \"serial\"\ndevice = \"/dev/absent\"\nevery = 4",
+    );
+    let serial = serial.replace("\"mit\"", "\"gim\"");
+    for (config, greeting, expected, code) in [
+        (
+            CONFIG,
+            r#"{"error": "arm: the model has no joint of this name"}"#,
+            "refuses the robot: arm: the model has no joint",
+            69,
+        ),
+        (CONFIG, "no JSON", "the plant's answer is not understood", 69),
+        (CONFIG, r#"{"begin": [0.1, 0.2]}"#, "`begin` must have 1 positions", 69),
+        (CONFIG, r#"{"begin": [1e999]}"#, "the plant's answer is not understood", 69),
+        (&serial, "{}", "bus left is a serial line", 78),
+    ] {
+        let (status, log) = end(daemon(config, greeting, joint()));
+        assert_eq!(status, Some(code), "{log}");
+        assert!(log.contains(expected), "{log}");
+    }
+}
+
+#[test]
+fn missing_plant_is_told_with_a_cure() {
+    let daemon = Daemon::start_in(TempDir::new().unwrap(), CONFIG, |command| {
+        command.arg("--plant").arg(Path::new("/nowhere/plant"));
+    });
+    let (status, log) = end(daemon);
+    assert_eq!(status, Some(69), "{log}");
+    assert!(log.contains("/nowhere/plant: No such file or directory"), "{log}");
+    assert!(log.contains("python -m motord.sim live"), "{log}");
+}
