@@ -2,7 +2,7 @@
 
     python walk.py ideal            MuJoCo alone: torques act at once and exactly
     python walk.py twin             motord's cycle, drives and buses between controller and MuJoCo
-    python walk.py INSTANCE         a running daemon: a robot that hangs, or motorctl demo's configuration
+    python walk.py INSTANCE         a running daemon: a robot, or a model in real time (python -m motord.sim live)
 
 The robot is examples/quadruped.xml with the motors of config/quadruped-simulated.toml.
 """
@@ -36,6 +36,7 @@ PHASE = np.array([0.0, 0.5, 0.5, 0.0])
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
 STAND = np.tile([0.0, 0.8, -1.6], 4)
+CROUCH = np.tile([0.0, 1.3, -2.6], 4)
 GAINS = (100.0, 3.0)
 RATE_HZ = 500.0
 
@@ -76,7 +77,10 @@ def walk(robot: Any, seconds: float, speed: float = 0.4, turn: float = 0.0) -> N
     imu = robot.imus[0]
     with robot.claim("legs") as legs:
         legs.enable(hold=GAINS)
-        legs.move_to(STAND, 0.5)
+        if np.abs(legs.wait().q - STAND).max() > 0.3:
+            # It lies: the feet go below the hips first.
+            legs.move_to(CROUCH, 1.5)
+        legs.move_to(STAND, 1.0)
         trot = Trot(speed, turn)
         for state in legs.cycles(hz=RATE_HZ):
             sensor = state.imu[imu]

@@ -13,8 +13,9 @@ A twin has the methods of motord.connect. The same calls with the same seed give
 
 from .compare import Gap, JointGap, compare
 from .ideal import Ideal
+from .live import live, serve
 from .mujoco import Mujoco, fit_mjcf
 from .plant import Plant
 from .twin import Twin, TwinClaim
 
-__all__ = ["Gap", "Ideal", "JointGap", "Mujoco", "Plant", "Twin", "TwinClaim", "compare", "fit_mjcf"]
+__all__ = ["Gap", "Ideal", "JointGap", "Mujoco", "Plant", "Twin", "TwinClaim", "compare", "fit_mjcf", "live", "serve"]

@@ -1,14 +1,35 @@
 """python -m motord.sim: commands about twins.
 
+python -m motord.sim live robot.toml robot.xml --imu imu --view
 python -m motord.sim compare run.mcap --config robot.toml --model robot.xml --picture gap.png
 """
 
 import argparse
 import json
 import sys
+from contextlib import nullcontext
 
 from .compare import compare
-from .mujoco import fit_mjcf
+from .live import live
+from .mujoco import Mujoco, Window, fit_mjcf
+
+
+def _live(arguments: argparse.Namespace) -> int:
+    plant = Mujoco(arguments.model, imu=arguments.imu, key=arguments.key)
+    with Window(plant) if arguments.view else nullcontext() as window:
+        moved, passed = live(
+            arguments.config,
+            plant,
+            motord=arguments.motord,
+            each=(lambda: None) if window is None else window.show,
+        )
+    place = [round(float(part), 3) for part in plant.data.xpos[1]]
+    if arguments.json:
+        print(json.dumps({"moved": moved, "passed": passed, "body": place}))
+    else:
+        x, y, z = place
+        print(f"{moved:.1f} s; the body is at {x:.2f} m forward, {y:.2f} m to the left, {z:.2f} m up")
+    return 0
 
 
 def main() -> int:
@@ -28,8 +49,24 @@ def main() -> int:
     fit.add_argument("model")
     fit.add_argument("output")
     fit.add_argument("--config", required=True, help="the configuration of the robot")
+    alive = commands.add_parser(
+        "live",
+        help="run motord with a MuJoCo model behind it, in real time",
+        description="Runs motord of a configuration, whose motors and IMUs are simulated and whose joints the model moves, in real time. "
+        "Controllers, motorctl and recordings use it as they use the robot. Ctrl-C damps and stops it.",
+        epilog="Example: python -m motord.sim live robot.toml robot.xml --imu imu --key stand --view",
+    )
+    alive.add_argument("config", help="the configuration of the robot: its interfaces are not opened")
+    alive.add_argument("model", help="a MuJoCo model whose hinge joints have the names of the configuration")
+    alive.add_argument("--imu", help="the site of the IMU")
+    alive.add_argument("--key", help="the keyframe of the beginning")
+    alive.add_argument("--view", action="store_true", help="show it in a window")
+    alive.add_argument("--motord", default="motord", help="the program [default: motord]")
+    alive.add_argument("--json", action="store_true", help="print the end as JSON, s and m")
     arguments = parser.parse_args()
     try:
+        if arguments.command == "live":
+            return _live(arguments)
         if arguments.command == "fit":
             fit_mjcf(arguments.config, arguments.model, arguments.output)
             return 0
@@ -37,7 +74,7 @@ def main() -> int:
         print(json.dumps(found.summary()) if arguments.json else found.table())
         if arguments.picture:
             found.picture(arguments.picture)
-    except (ValueError, ImportError, OSError) as error:
+    except (ValueError, ImportError, OSError, RuntimeError) as error:
         print(f"motord.sim: {error}", file=sys.stderr)
         return 1
     return 0

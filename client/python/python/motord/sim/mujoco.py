@@ -1,5 +1,6 @@
 """MuJoCo as the plant of a twin."""
 
+import importlib
 import json
 from os import PathLike, fspath
 from typing import Any
@@ -45,6 +46,8 @@ class Mujoco:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._step = mujoco.mj_step
+        if self._imu is not None:
+            self._sensors = [_place(self.model.sensor(f"motord-{name}")) for name in ("orientation", "gyro", "acceleration")]
         if self._key is not None:
             mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(self._key).id)
         joints = [self.model.joint(joint["name"]) for joint in description["joints"]]
@@ -65,8 +68,35 @@ class Mujoco:
     def imu(self) -> tuple[Array, Array, Array] | None:
         if self._imu is None:
             return None
-        read = [np.array(self.data.sensor(f"motord-{name}").data) for name in ("orientation", "gyro", "acceleration")]
-        return read[0], read[1], read[2]
+        orientation, gyro, acceleration = (self.data.sensordata[place].copy() for place in self._sensors)
+        return orientation, gyro, acceleration
+
+
+class Window:
+    """Shows a model while it moves, about 30 times a second."""
+
+    def __init__(self, plant: Mujoco) -> None:
+        self._plant, self._shown = plant, -1.0
+        self._viewer: Any = None
+
+    def __enter__(self) -> "Window":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._viewer is not None:
+            self._viewer.close()
+
+    def show(self) -> None:
+        """Draws the model if it is time to."""
+        data = self._plant.data
+        if data.time - self._shown < 1.0 / 30.0:
+            return
+        self._shown = data.time
+        if self._viewer is None:
+            # The package imports its viewer only on demand: it needs a display.
+            viewer: Any = importlib.import_module("mujoco.viewer")
+            self._viewer = viewer.launch_passive(self._plant.model, data)
+        self._viewer.sync()
 
 
 def fit_mjcf(config: str | PathLike[str], model: str | PathLike[str], output: str | PathLike[str]) -> None:
@@ -143,6 +173,11 @@ def _set(model: Any, key: str, value: float) -> None:
         changed = np.array(now, dtype=float)
         changed[0] = value
         setattr(model, key, changed)
+
+
+def _place(sensor: Any) -> slice:
+    begin, count = int(sensor.adr[0]), int(sensor.dim[0])
+    return slice(begin, begin + count)
 
 
 def _add_imu(mujoco: Any, spec: Any, site: str) -> None:
