@@ -5,10 +5,12 @@ The programs motord and motorctl are those of PATH, or of MOTORD_PROGRAMS, a fol
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,11 @@ def program(name: str) -> str:
     if found is None:
         pytest.skip(f"needs {name} in PATH, or MOTORD_PROGRAMS: cargo build -p motord -p motorctl")
     return found
+
+
+def interruptible() -> None:
+    """A shell starts background programs with SIGINT ignored, and their children inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 class Daemon:
@@ -65,11 +72,20 @@ class Daemon:
             time.sleep(0.02)
         return recorder
 
-    def python(self, *arguments: str, cwd: Path | None = None) -> "subprocess.Popen[str]":
-        """Starts a Python program beside the daemon."""
-        pipe, environment = subprocess.PIPE, self.environment
-        command = [sys.executable, *arguments]
-        return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment, cwd=cwd)
+    @contextmanager
+    def python(self, *arguments: str, cwd: Path | None = None) -> Iterator["subprocess.Popen[str]"]:
+        """A Python program beside the daemon, which Ctrl-C interrupts. It is killed when a test gives it up."""
+        pipe, command = subprocess.PIPE, [sys.executable, *arguments]
+        program = subprocess.Popen(
+            command, stdout=pipe, stderr=pipe, text=True, env=self.environment, cwd=cwd, preexec_fn=interruptible
+        )
+        with program:
+            try:
+                yield program
+            finally:
+                # A test that failed has not waited for it.
+                if program.poll() is None:
+                    program.kill()
 
     def end(self) -> None:
         self.process.terminate()
