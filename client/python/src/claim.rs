@@ -3,7 +3,7 @@
 use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::raised;
 use crate::interpreter::without_lock;
-use crate::motion::Motion;
+use crate::motion::Begun;
 use crate::state::{Order, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
@@ -192,7 +192,7 @@ impl Claim {
         let motion = self.call(py, |client, claim| {
             claim.set_horizon(Duration::ZERO)?;
             let state = client.wait(PATIENCE)?;
-            Motion::plan(claim, &state, |place| of_place[place], seconds)
+            Begun::plan(claim, &state, |place| of_place[place], seconds)
         })?;
         let motion = motion.map_err(PyValueError::new_err)?;
         while !self.call(py, |client, claim| motion.advance(client, claim))? {

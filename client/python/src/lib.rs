@@ -31,6 +31,8 @@ mod _motord {
     #[pymodule_export]
     use crate::errors::{ClaimLost, Error, NotRunning, Refused, Restarted, Stopped, TimedOut};
     #[pymodule_export]
+    use crate::motion::Motion;
+    #[pymodule_export]
     use crate::robot::{ImuPublisher, Robot, connect, estop};
     #[pymodule_export]
     use crate::state::{Imu, Imus, State};

@@ -1,6 +1,9 @@
 //! A smooth motion to a pose, checked against the limits of the joints before it begins.
 
+use crate::arrays::{duration, pose};
 use motord_client::{Claim, Client, Error, JointLimits, Setpoint, State};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
 use std::time::Duration;
 
 /// The highest speed of the motion, as a multiple of distance divided by time.
@@ -11,18 +14,16 @@ const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The motion of a joint.
 #[derive(Debug, Clone, Copy)]
-struct Path {
-    start: f32,
-    goal: f32,
-    kp: f32,
-    kd: f32,
+pub(crate) struct Path {
+    pub(crate) start: f32,
+    pub(crate) goal: f32,
 }
 
-/// A motion that has begun.
+/// A motion within the limits of its joints.
+#[pyclass(frozen, module = "motord._motord")]
 #[derive(Debug)]
 pub(crate) struct Motion {
     paths: Vec<Path>,
-    begun: Duration,
     seconds: f64,
 }
 
@@ -63,8 +64,71 @@ impl Slowest {
 }
 
 impl Motion {
+    /// Plans the motion of joints of these names and limits.
+    ///
+    /// # Errors
+    /// A sentence about the joint that may not move so.
+    pub(crate) fn new<'a>(
+        joints: impl Iterator<Item = (&'a str, JointLimits, Path)>,
+        seconds: f64,
+    ) -> Result<Self, String> {
+        let (mut paths, mut slowest) = (Vec::new(), Slowest::default());
+        for (name, limits, path) in joints {
+            if let Some(objection) = outside(name, path.goal, &limits) {
+                return Err(objection);
+            }
+            slowest.note(name, &path, &limits);
+            paths.push(path);
+        }
+        if slowest.least > seconds { Err(slowest.text) } else { Ok(Self { paths, seconds }) }
+    }
+}
+
+#[pymethods]
+impl Motion {
+    /// Plans the motion of joints of these names, with lowest and highest position, rad, and largest speed, rad/s, to a
+    /// pose as that of `Claim.move_to`.
+    #[new]
+    fn of_joints(
+        joints: Vec<(String, [f32; 2], f32)>,
+        starts: Vec<f32>,
+        goals: &Bound<'_, PyAny>,
+        seconds: f64,
+    ) -> PyResult<Self> {
+        let names: Vec<_> = joints.iter().map(|(name, ..)| name.clone()).collect();
+        let goals = pose(goals, &names)?;
+        let paths = starts.into_iter().zip(goals).map(|(start, goal)| Path { start, goal });
+        let limits = |position, velocity| JointLimits { position, velocity, ..JointLimits::default() };
+        let joints = joints.iter().zip(paths);
+        let joints =
+            joints.map(|((name, position, velocity), path)| (&**name, limits(*position, *velocity), path));
+        Self::new(joints, duration("seconds", seconds)?.as_secs_f64()).map_err(PyValueError::new_err)
+    }
+
+    /// The position, rad, and velocity, rad/s, of each joint, and whether it is at its goal, after this time, s.
+    fn at(&self, time: f64) -> (Vec<f32>, Vec<f32>, bool) {
+        let at = if self.seconds > 0.0 { time / self.seconds } else { 1.0 };
+        let (distance, speed) = share(at);
+        let per_second = if self.seconds > 0.0 { speed / self.seconds as f32 } else { 0.0 };
+        let way = |path: &Path| path.goal - path.start;
+        let positions = self.paths.iter().map(|path| path.start + way(path) * distance);
+        let velocities = self.paths.iter().map(|path| way(path) * per_second);
+        (positions.collect(), velocities.collect(), at >= 1.0)
+    }
+}
+
+/// A motion of a claim that has begun.
+#[derive(Debug)]
+pub(crate) struct Begun {
+    motion: Motion,
+    /// Stiffness and damping of each joint.
+    gains: Vec<[f32; 2]>,
+    begun: Duration,
+}
+
+impl Begun {
     /// Plans the motion of the joints of `claim`, in its order, from their present commands, or positions where they
-    /// have no stiffness.
+    /// have no stiffness. `goals` are position, stiffness and damping.
     ///
     /// # Errors
     /// A sentence about the joint that may not move so. An error of the group is that of the outer result.
@@ -76,23 +140,17 @@ impl Motion {
     ) -> Result<Result<Self, String>, Error> {
         let group = state.of(claim)?;
         group.must_be_active()?;
-        let (mut paths, mut slowest) = (Vec::new(), Slowest::default());
+        let (mut joints, mut gains) = (Vec::new(), Vec::new());
         for (place, name) in claim.names().enumerate() {
             let joint = group.joint(name)?;
             let measured = group.position(name)?;
             let start = if joint.applied.kp > 0.0 { joint.applied.position } else { measured };
             let [goal, kp, kd] = goals(place);
-            let (path, limits) = (Path { start, goal, kp, kd }, claim.limits(name)?);
-            if let Some(objection) = outside(name, goal, &limits) {
-                return Ok(Err(objection));
-            }
-            slowest.note(name, &path, &limits);
-            paths.push(path);
+            joints.push((name, claim.limits(name)?, Path { start, goal }));
+            gains.push([kp, kd]);
         }
-        if slowest.least > seconds {
-            return Ok(Err(slowest.text));
-        }
-        Ok(Ok(Self { paths, begun: state.time(), seconds }))
+        let motion = Motion::new(joints.into_iter(), seconds);
+        Ok(motion.map(|motion| Self { motion, gains, begun: state.time() }))
     }
 
     /// Moves for some cycles. Returns `true` once the goal is sent.
@@ -103,23 +161,15 @@ impl Motion {
         for _ in 0..CYCLES {
             let state = client.wait(PATIENCE)?;
             state.of(claim)?.must_be_active()?;
-            let time = state.time().saturating_sub(self.begun).as_secs_f64();
-            let at = if self.seconds > 0.0 { time / self.seconds } else { 1.0 };
-            claim.send(&self.setpoints(at))?;
-            if at >= 1.0 {
+            let (positions, velocities, is_at_goal) =
+                self.motion.at(state.time().saturating_sub(self.begun).as_secs_f64());
+            let setpoints = positions.iter().zip(&velocities).zip(&self.gains);
+            let setpoints = setpoints.map(|((q, dq), [kp, kd])| Setpoint::impedance(*q, *dq, *kp, *kd, 0.0));
+            claim.send(&setpoints.collect::<Vec<_>>())?;
+            if is_at_goal {
                 return Ok(true);
             }
         }
         Ok(false)
-    }
-
-    fn setpoints(&self, at: f64) -> Vec<Setpoint> {
-        let (distance, speed) = share(at);
-        let per_second = if self.seconds > 0.0 { speed / self.seconds as f32 } else { 0.0 };
-        let setpoint = |path: &Path| {
-            let way = path.goal - path.start;
-            Setpoint::impedance(path.start + way * distance, way * per_second, path.kp, path.kd, 0.0)
-        };
-        self.paths.iter().map(setpoint).collect()
     }
 }

@@ -223,3 +223,17 @@ def test_speed_with_mujoco(tmp_path: Path) -> None:
     twin, begun = Twin(CONFIG, Mujoco(model)), time.process_time()
     trot(twin, 3.0)
     print(f"{twin.time / (time.process_time() - begun):.1f} times real time")
+
+
+def test_motions_keep_the_limits_of_the_robot() -> None:
+    twin = Twin(CONFIG)
+    with twin.claim("legs") as legs:
+        legs.enable()
+        for pose, seconds, words in [
+            ({"fl-hip": 0.1}, 1.0, "fl-thigh"),
+            (99.0, 1.0, "outside its limits"),
+            (legs.wait().q + 0.05, 0.001, "give at least"),
+            ([0.0, 1.0], 1.0, "12"),
+        ]:
+            with pytest.raises(ValueError, match=words):
+                legs.move_to(pose, seconds)

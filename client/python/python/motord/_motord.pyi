@@ -307,6 +307,19 @@ def describe(config: str | PathLike[str]) -> tuple[str, list[dict[str, Any]]]:
     """The description of a configuration, as JSON, and name, armature, damping, friction and begin of each joint."""
 
 @final
+class Motion:
+    """A smooth motion. joints are names, lowest and highest position, rad, and largest speed, rad/s.
+
+    ValueError with the joint whose goal is outside its limits, or that would be too fast.
+    """
+
+    def __new__(
+        cls, joints: Sequence[tuple[str, Sequence[float], float]], starts: Sequence[float], goals: Any, seconds: float
+    ) -> Motion: ...
+    def at(self, time: float) -> tuple[list[float], list[float], bool]:
+        """The position, rad, and velocity, rad/s, of each joint, and whether it is at its goal, after this time, s."""
+
+@final
 class Engine:
     """The robot below motord.sim.Twin, which describes each value."""
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._motord import Engine, Refused, State, Stopped, TimedOut, describe, every
+from .._motord import Engine, Motion, Refused, State, Stopped, TimedOut, describe, every
 from .plant import Array, Plant
 
 Values = float | Array
@@ -185,22 +185,20 @@ class TwinClaim:
         kp: Values | None = None,
         kd: Values | None = None,
     ) -> None:
-        """Moves the joints to a pose, smoothly. Returns when the pose is sent."""
-        if isinstance(pose, Mapping):
-            pose = np.array([pose[name] for name in self.names])
+        """Moves the joints to a pose, smoothly, as motord.Claim.move_to does. Returns when the pose is sent."""
         state = self.wait()
         self._must_be_active(state)
         applied = state.applied
         begin = np.where(applied["kp"] > 0.0, applied["q"], state.q)
-        goal = np.broadcast_to(np.asarray(pose, dtype=float), begin.shape)
         kp = self._hold[0] if kp is None else kp
         kd = self._hold[1] if kd is None else kd
-        begun, at = state.time, 0.0
-        while at < 1.0:
-            at = min(1.0, (state.time - begun) / seconds) if seconds > 0.0 else 1.0
-            share = at**3 * (10.0 + at * (6.0 * at - 15.0))
-            speed = 30.0 * at**2 * (1.0 + at * (at - 2.0)) / seconds if seconds > 0.0 else 0.0
-            self.send(q=begin + (goal - begin) * share, dq=(goal - begin) * speed, kp=kp, kd=kd)
+        described = [self._twin.description["joints"][joint] for joint in self._joints]
+        limits = [(joint["name"], joint["position"], joint["velocity"]) for joint in described]
+        motion = Motion(limits, begin.tolist(), pose, seconds)
+        begun, is_there = state.time, False
+        while not is_there:
+            q, dq, is_there = motion.at(state.time - begun)
+            self.send(q=np.array(q), dq=np.array(dq), kp=kp, kd=kd)
             state = self.wait()
             self._must_be_active(state)
 
