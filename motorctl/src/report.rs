@@ -461,29 +461,29 @@ impl From<(&String, Bus)> for BusReport {
 }
 
 fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -> io::Result<()> {
-    let mut table = Table::new(&[
-        "group",
-        "phase",
-        "owner",
-        "setpoint age µs",
-        "period ms",
-        "accepted",
-        "late",
-        "rejected",
-    ]);
+    let has_horizon = groups.iter().any(|group| group.setpoint_horizon_us.is_some());
+    let horizon = has_horizon.then_some("horizon ms");
+    let columns = ["group", "phase", "owner", "setpoint age µs", "period ms"].into_iter().chain(horizon);
+    let mut table = Table::new(&columns.chain(["accepted", "late", "rejected"]).collect::<Vec<_>>());
     for group in groups {
         let rejected: Vec<String> =
             group.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
-        table.row(vec![
+        let mut row = vec![
             Cell::plain(&group.name),
             Cell::plain(group.phase),
             Cell::plain(group.owner()),
             Cell::number(group.setpoint_age_us, 0),
             Cell::number(group.setpoint_period_us.map(|period| period / 1e3), 1),
+        ];
+        row.extend(
+            has_horizon.then(|| Cell::number(group.setpoint_horizon_us.map(|horizon| horizon / 1e3), 1)),
+        );
+        row.extend([
             Cell::plain(group.accepted),
             Cell::new(group.late, if group.is_often_late() { Colour::Magenta } else { Colour::Plain }),
             Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),
         ]);
+        table.row(row);
     }
     table.write(out, palette)?;
     for (group, slow) in groups.iter().filter_map(|group| Some((group, group.slow_owner.as_ref()?))) {

@@ -1,6 +1,6 @@
 //! The commands of an operator, against a running daemon with one simulated motor.
 
-use motord_client::Client;
+use motord_client::{Client, Phase};
 use motord_harness::daemon::{BENCH, Daemon};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -21,6 +21,25 @@ fn started() -> Daemon {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn status_shows_horizon_of_slow_controllers() {
+    let daemon = started();
+    let client = daemon.connect();
+    let mut claim = client.claim("all").unwrap();
+    claim.hold(&client.wait(Duration::from_secs(1)).unwrap(), 5.0, 0.5).unwrap();
+    claim.commit().unwrap();
+    claim.enable().unwrap();
+    let without = text(&daemon.motorctl(&["status"]).stdout);
+    assert!(!without.contains("horizon ms"), "{without}");
+    claim.wait_for(Phase::Active, Duration::from_secs(5)).unwrap();
+    claim.set_horizon(Duration::from_millis(15)).unwrap();
+    claim.commit().unwrap();
+    // Also after the timeout that the next lines may cause.
+    daemon.await_status(|status| status["groups"][0]["setpoint_horizon_us"] == 15_000.0);
+    let with = text(&daemon.motorctl(&["status"]).stdout);
+    assert!(with.contains("period ms  horizon ms") && with.contains("15.0"), "{with}");
 }
 
 #[test]
