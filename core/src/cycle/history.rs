@@ -7,8 +7,8 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Most states in the queue: 128 ms of a 1 kHz cycle.
-const WAITING_MAX: usize = 128;
+/// Most states in the queue: 96 ms of a 1 kHz cycle. Each takes 17 KB of locked memory.
+const WAITING_MAX: usize = 96;
 
 /// The cycle's end.
 pub(super) struct Queue {
