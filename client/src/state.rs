@@ -68,14 +68,14 @@ impl State {
         self.message.cycle
     }
 
-    /// Returns the scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
+    /// Returns the tick with the cycle's number, ns of `CLOCK_MONOTONIC`: two states are as many periods apart as their cycles.
     #[must_use]
     pub fn tick_ns(&self) -> u64 {
         self.message.tick_ns
     }
 
-    /// Returns the scheduled start of the cycle since the zero of `CLOCK_MONOTONIC`, for the time
-    /// between two states.
+    /// Returns [`tick_ns`](Self::tick_ns) since the zero of `CLOCK_MONOTONIC`, for the time between two
+    /// states.
     #[must_use]
     pub fn time(&self) -> Duration {
         Duration::from_nanos(self.message.tick_ns)

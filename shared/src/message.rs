@@ -112,9 +112,9 @@ plain! {
         pub boot_id: u64,
         /// Cycle number, from 1. It counts ticks: missed ticks leave a gap.
         pub cycle: u64,
-        /// Scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
+        /// The tick with the cycle's number, ns of `CLOCK_MONOTONIC`: a period apart for each cycle, also after missed ticks.
         pub tick_ns: u64,
-        /// Delay of the start, ns.
+        /// Delay of the start after this tick, ns.
         pub wake_latency_ns: u64,
         /// Time when the states were complete, ns of `CLOCK_MONOTONIC`.
         pub publish_ns: u64,

@@ -260,7 +260,7 @@ typedef struct motord_cycle {
    */
   uint64_t cycle;
   /**
-   * Scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
+   * The tick with the number of the cycle, ns of `CLOCK_MONOTONIC`: periods apart, also after missed ticks.
    */
   uint64_t tick_ns;
   /**

@@ -32,8 +32,11 @@ impl Cycle {
         state.flags = flags | if config_changed { message::FLAG_CONFIG_CHANGED } else { 0 };
         state.boot_id = self.boot_id;
         state.cycle = wake.cycle;
-        state.tick_ns = wake.scheduled.as_nanos();
-        state.wake_latency_ns = nanos(wake.begun.since(wake.scheduled));
+        // The tick with the cycle's number: the missed ones were before it.
+        let missed = u32::try_from(wake.missed_ticks).unwrap_or(u32::MAX);
+        let tick = wake.scheduled + missed * self.timing.period;
+        state.tick_ns = tick.as_nanos();
+        state.wake_latency_ns = nanos(wake.begun.since(tick));
         state.publish_ns = now.as_nanos();
         state.overruns = self.missed_ticks;
     }

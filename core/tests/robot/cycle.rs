@@ -181,13 +181,15 @@ fn every_fault_bit_stops_group_and_no_position() {
 fn late_wakeup_skips_to_grid_with_one_batch() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
-    let before = robot.state().cycle;
+    let (before, tick_ns) = (robot.state().cycle, robot.state().tick_ns);
     robot.send(&joints);
     robot.take_sent();
     robot.oversleep(Duration::from_micros(10_300));
     robot.step();
     let state = robot.state();
     assert_eq!((state.cycle - before, state.overruns), (11, 10), "ten ticks were missed");
+    assert_eq!(state.tick_ns - tick_ns, 11_000_000, "the time is that of the cycle's number");
+    assert_eq!(state.wake_latency_ns, 300_000, "and the delay is after it");
     assert_eq!(robot.take_sent().len(), 3, "no burst");
     assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::TimeBase)));
 }

@@ -141,7 +141,7 @@ unsafe fn receive(
 pub struct CycleInfo {
     /// Number of the cycle, from 1. It counts ticks: missed ticks leave a gap.
     pub cycle: u64,
-    /// Scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
+    /// The tick with the number of the cycle, ns of `CLOCK_MONOTONIC`: periods apart, also after missed ticks.
     pub tick_ns: u64,
     /// Time when the states were complete, ns of `CLOCK_MONOTONIC`.
     pub publish_ns: u64,
