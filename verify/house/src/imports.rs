@@ -16,6 +16,7 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motord-commissioning", &["motord-checker", "motord-simulator"]),
     ("motord-core", &["motord-harness", "motord-simulator"]),
     ("motord-direct", &["motord-simulator"]),
+    ("motord-identify", &["motord-configuration", "motord-shared", "motord-twin"]),
     ("motord-simulator", &["motord-bus", "motord-simulator"]),
     ("motorctl", &["motord-bus", "motord-harness", "motord-protocol", "motord-simulator"]),
 ];

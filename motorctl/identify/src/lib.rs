@@ -1,0 +1,30 @@
+//! Identification of a joint: an excitation within its limits, and the fit of inertia and friction to what was measured.
+//!
+//! ```text
+//! inertia·ddq + viscous·dq + coulomb·sign(dq) + sine·sin(q) + cosine·cos(q) + offset = torque
+//! ```
+//!
+//! No I/O and no clock: [`Plan`] returns the setpoint of a time, [`identify`] takes the samples that were recorded meanwhile.
+//! Nothing is differentiated twice: the equation is integrated over short windows with a weight that is zero at their ends
+//! (modulating functions), so that derivatives act on the weight. Intervals come from residuals of blocks, which may be
+//! correlated, and contain what the time stamps leave open.
+
+#![forbid(unsafe_code)]
+
+mod delay;
+mod excitation;
+mod fit;
+mod interval;
+mod law;
+mod load;
+mod motion;
+mod sample;
+mod stiction;
+mod windows;
+
+pub use delay::{Delay, Wire};
+pub use excitation::{Command, Limits, Plan, PlanError, Shape, Stage};
+pub use fit::{Identified, Note, identify};
+pub use interval::{Value, Why};
+pub use load::{KnownLoad, torque_scale};
+pub use sample::{Applied, Sample};
