@@ -115,3 +115,12 @@ def test_contradiction_is_told_and_nothing_runs(tmp_path: Path, runtime: None) -
     done = subprocess.run(command, capture_output=True, text=True, timeout=READY_S)
     assert done.returncode == 1
     assert "motord.sim: " in done.stderr and "fl-knee: the model has no joint of this name" in done.stderr
+
+
+def test_window_without_display_is_refused(tmp_path: Path, runtime: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    command = [sys.executable, "-m", "motord.sim", "live", str(CONFIG), str(MODEL), "--view", "--motord", program("motord")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=READY_S)
+    assert done.returncode == 1
+    assert "a window needs a display: set DISPLAY, or leave out --view" in done.stderr

@@ -7,22 +7,16 @@ python -m motord.sim compare run.mcap --config robot.toml --model robot.xml --pi
 import argparse
 import json
 import sys
-from contextlib import nullcontext
 
 from .compare import compare
 from .live import live
-from .mujoco import Mujoco, Window, fit_mjcf
+from .mujoco import Mujoco, ViewedMujoco, fit_mjcf
 
 
 def _live(arguments: argparse.Namespace) -> int:
-    plant = Mujoco(arguments.model, imu=arguments.imu, key=arguments.key)
-    with Window(plant) if arguments.view else nullcontext() as window:
-        moved, passed = live(
-            arguments.config,
-            plant,
-            motord=arguments.motord,
-            each=(lambda: None) if window is None else window.show,
-        )
+    kind = ViewedMujoco if arguments.view else Mujoco
+    plant = kind(arguments.model, imu=arguments.imu, key=arguments.key)
+    moved, passed = live(arguments.config, plant, motord=arguments.motord)
     place = [round(float(part), 3) for part in plant.data.xpos[1]]
     if arguments.json:
         print(json.dumps({"moved": moved, "passed": passed, "body": place}))

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,8 @@ START_S = 60.0
 """The daemon connects within this time."""
 
 
-def serve(plant: Plant, listener: socket.socket, each: Callable[[], None] = lambda: None) -> float:
-    """Moves the plant for the daemon that connects, and calls each after every step, until the daemon ends.
+def serve(plant: Plant, listener: socket.socket) -> float:
+    """Moves the plant for the daemon that connects, until that ends.
 
     Returns the time that the plant has moved, s. ValueError when the plant does not fit the robot; the daemon says why, too.
     """
@@ -48,7 +47,6 @@ def serve(plant: Plant, listener: socket.socket, each: Callable[[], None] = lamb
                 connection.sendall(answer.data)
             except (BrokenPipeError, ConnectionResetError):
                 break
-            each()
     return moved
 
 
@@ -76,7 +74,6 @@ def live(
     plant: Plant,
     *,
     motord: str = "motord",
-    each: Callable[[], None] = lambda: None,
 ) -> tuple[float, float]:
     """Runs motord of a configuration with this plant until SIGINT or SIGTERM, or until the daemon ends.
 
@@ -98,7 +95,7 @@ def live(
         begun = time.monotonic()
         try:
             _await(daemon, listener)
-            moved = serve(plant, listener, each)
+            moved = serve(plant, listener)
             status = daemon.wait()
         finally:
             if daemon.poll() is None:

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 from os import PathLike, fspath
 from typing import Any
 
@@ -12,6 +13,9 @@ from .plant import Array
 
 STEP_S = 250e-6
 """The step of a twin's plant."""
+
+PICTURE_S = 1.0 / 30.0
+"""From one picture of a window to the next."""
 
 DIFFERENCE = 0.2
 """Largest relative difference of a value in the model from that of the motors."""
@@ -72,31 +76,24 @@ class Mujoco:
         return orientation, gyro, acceleration
 
 
-class Window:
-    """Shows a model while it moves, about 30 times a second."""
+class ViewedMujoco(Mujoco):
+    """Shows the model in a window while it moves, 30 times a second."""
 
-    def __init__(self, plant: Mujoco) -> None:
-        self._plant, self._shown = plant, -1.0
-        self._viewer: Any = None
+    def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
+        begin = super().begin(description, physics)
+        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise ValueError("a window needs a display: set DISPLAY, or leave out --view")
+        # The package imports its viewer only on demand.
+        viewer: Any = importlib.import_module("mujoco.viewer")
+        self._viewer = viewer.launch_passive(self.model, self.data)
+        self._shown = 0.0
+        return begin
 
-    def __enter__(self) -> "Window":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._viewer is not None:
-            self._viewer.close()
-
-    def show(self) -> None:
-        """Draws the model if it is time to."""
-        data = self._plant.data
-        if data.time - self._shown < 1.0 / 30.0:
-            return
-        self._shown = data.time
-        if self._viewer is None:
-            # The package imports its viewer only on demand: it needs a display.
-            viewer: Any = importlib.import_module("mujoco.viewer")
-            self._viewer = viewer.launch_passive(self._plant.model, data)
-        self._viewer.sync()
+    def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        super().step(torques, seconds, q, dq)
+        if self.data.time - self._shown >= PICTURE_S and self._viewer.is_running():
+            self._shown = self.data.time
+            self._viewer.sync()
 
 
 def fit_mjcf(config: str | PathLike[str], model: str | PathLike[str], output: str | PathLike[str]) -> None:
