@@ -247,6 +247,10 @@ sections! {
             "Position of the joint at the start. Within `position-rad`.";
         "load-inertia-kg-m2" load_inertia_kg_m2: f64, "kg·m²" = is(0.01).within(0.0, 100.0),
             "Inertia of the load on the output shaft.";
+        "viscous-friction-nm-s-per-rad" viscous_friction_nm_s_per_rad: Option<f64>, "N·m·s/rad" = follows("estimated from the model").within(0.0, 100.0),
+            "Friction of the joint that grows with its velocity. `motorctl identify` measures it.";
+        "coulomb-friction-nm" coulomb_friction_nm: Option<f64>, "N·m" = follows("estimated from the model").within(0.0, 1000.0),
+            "Friction of the moving joint that does not depend on its velocity. `motorctl identify` measures it.";
         "reply-latency-us" reply_latency_us: f64, "µs" = is(50.0).within(0.0, 100_000.0),
             "From the end of a command to the beginning of its reply. Also the answering time by which `motord check` plans a CAN bus.";
     }

@@ -364,6 +364,10 @@ pub struct MotorSimulation {
     pub initial_position: f64,
     /// Inertia of the load at the output, kg·m².
     pub load_inertia: f64,
+    /// Viscous friction, N·m·s/rad; `None`: that of the model.
+    pub viscous_friction: Option<f64>,
+    /// Coulomb friction, N·m; `None`: that of the model.
+    pub coulomb_friction: Option<f64>,
     /// Time from a command to the answer's first bit.
     pub reply_latency: Duration,
 }

@@ -14,7 +14,7 @@ mod twin;
 pub use coupled::{TwinError, coupled, simulate_all};
 pub use imus::{Body, sample};
 pub use joints::{JointPhysics, Mechanics};
-pub use physics::{physics, simulate};
+pub use physics::{armature, physics, simulate};
 pub use twin::{Options, Twin};
 
 pub use motord_simulator::{FaultVerb, ImuValues, InjectError, VerbError};

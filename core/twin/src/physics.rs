@@ -110,6 +110,14 @@ fn rotor_size(model: &Model) -> f64 {
     }
 }
 
+/// Inertia of the rotor of a model behind its gear, as it is simulated, kg·m². An estimate; `None` for an unknown model.
+#[must_use]
+pub fn armature(model: &str) -> Option<f64> {
+    let model = Model::by_name(model)?;
+    let rotor = Mechanics::of(model, &simulator::MotorSettings::default()).rotor_inertia;
+    Some(rotor * f64::from(model.gear_ratio).powi(2))
+}
+
 /// The simulated twin of a configured motor.
 fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::MotorSettings {
     let defaults = simulator::MotorSettings::default();
@@ -132,7 +140,12 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
         reply_latency: simulation.reply_latency,
         ..defaults
     };
-    model.map_or(twin.clone(), |model| of_model(model, twin))
+    let twin = model.map_or(twin.clone(), |model| of_model(model, twin));
+    simulator::MotorSettings {
+        viscous_friction: simulation.viscous_friction.unwrap_or(twin.viscous_friction),
+        coulomb_friction: simulation.coulomb_friction.unwrap_or(twin.coulomb_friction),
+        ..twin
+    }
 }
 
 /// With the properties of its model.

@@ -187,3 +187,17 @@ fn joint_physics_are_those_of_the_motors() {
     assert_eq!(physics.len(), 12);
     assert!((physics[0].armature - 3.84e-3).abs() < 1e-6, "{:?}", physics[0]);
 }
+
+#[test]
+fn configured_friction_replaces_that_of_the_model() {
+    let path = configuration("quadruped-simulated.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let keys = "simulation = { viscous-friction-nm-s-per-rad = 0.07, coulomb-friction-nm = 0, initial-";
+    let text = text.replacen("simulation = { initial-", keys, 1);
+    let loaded = motord_configuration::parse(&path, text.as_bytes(), &motord_configuration::Machine::here());
+    let physics = JointPhysics::of(&loaded.unwrap().settings);
+    assert_eq!((physics[0].damping, physics[0].friction), (0.07, 0.0));
+    assert_eq!((physics[1].damping, physics[1].friction), (0.02, 0.15), "those of the model");
+    assert!((motord_twin::armature("GIM8108-8").unwrap() - physics[0].armature).abs() < 1e-12);
+    assert_eq!(motord_twin::armature("GIM0"), None);
+}
