@@ -11,15 +11,15 @@ use triple_buffer::Output;
 /// Longest sleep, so that the thread sees that the daemon ends.
 const TURN: Duration = Duration::from_millis(50);
 
-/// A simulated IMU and its next sample.
+/// A simulated IMU and its next sample. That of a plant measures the body when it is due, and the sample arrives by its delay later.
 pub(super) struct Source {
     name: String,
     device: Imu,
     writer: Writer,
     period: Duration,
     due: Instant,
-    /// Measurements of a plant, and their times. The oldest is the newest that has arrived.
-    measured: VecDeque<(Instant, ImuValues)>,
+    /// Samples of a plant that have not arrived, and when they do.
+    under_way: VecDeque<(Instant, ImuOutput)>,
 }
 
 /// The body that simulated IMUs measure.
@@ -40,42 +40,48 @@ impl Source {
             writer,
             period: Duration::from_secs_f64(1.0 / imu.rate_hz),
             due: start,
-            measured: VecDeque::new(),
+            under_way: VecDeque::new(),
         }
     }
 
-    /// Passes the sample that is due.
+    /// Returns when it next measures, or when its next sample arrives.
+    fn next(&self) -> Instant {
+        self.under_way.front().map_or(self.due, |(arrives, _)| self.due.min(*arrives))
+    }
+
+    /// Takes the sample that is due, and passes those that have arrived.
     fn deliver(&mut self, start: Instant, now: Instant, world: &mut World) {
-        let output = match world {
-            World::BuiltIn => self.device.sample(self.due.since(start)),
-            World::Blind => ImuOutput::Nothing,
-            World::Body(body) => match self.measure(now, *body.read()) {
-                Some(values) => self.device.sample_of(&values),
-                None => ImuOutput::Nothing,
-            },
-        };
+        if self.due <= now {
+            let output = match world {
+                World::BuiltIn => Some(self.device.sample(self.due.since(start))),
+                World::Blind => Some(ImuOutput::Nothing),
+                World::Body(body) => {
+                    let output = self.device.sample_of(body.read());
+                    self.under_way.push_back((self.due + self.device.delay(), output));
+                    None
+                }
+            };
+            output.iter().for_each(|output| self.pass(output, now));
+            self.due = self.due + self.period;
+            // After a stall the samples in between are lost.
+            while self.due < now {
+                self.writer.missed(1);
+                self.due = self.due + self.period;
+            }
+        }
+        while let Some((_, output)) = self.under_way.pop_front_if(|(arrives, _)| *arrives <= now) {
+            self.pass(&output, now);
+        }
+    }
+
+    fn pass(&mut self, output: &ImuOutput, now: Instant) {
         match output {
             ImuOutput::Sample(values) => {
-                let _counted = self.writer.sample(&motord_twin::sample(&values), now);
+                let _counted = self.writer.sample(&motord_twin::sample(values), now);
             }
             ImuOutput::Nothing => self.writer.missed(1),
             ImuOutput::Gone => self.writer.disconnected(),
         }
-        self.due = self.due + self.period;
-        // After a stall the samples in between are lost.
-        while self.due < now {
-            self.writer.missed(1);
-            self.due = self.due + self.period;
-        }
-    }
-
-    /// Returns what was measured the device's delay ago.
-    fn measure(&mut self, now: Instant, values: ImuValues) -> Option<ImuValues> {
-        self.measured.push_back((now, values));
-        let arrives = |(at, _): &(Instant, ImuValues)| *at + self.device.delay() <= now;
-        let arrived = self.measured.iter().take_while(|measured| arrives(measured)).count();
-        self.measured.drain(..arrived.saturating_sub(1));
-        self.measured.front().filter(|_| arrived > 0).map(|(_, values)| *values)
     }
 }
 
@@ -98,9 +104,9 @@ impl SimulatedImus {
     /// Passes the samples that are due at `now`. Returns the time of the next one.
     fn deliver(&self, start: Instant, now: Instant) -> Instant {
         let (sources, world) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = sources.iter_mut().filter(|source| source.due <= now);
+        let due = sources.iter_mut().filter(|source| source.next() <= now);
         due.for_each(|source| source.deliver(start, now, world));
-        sources.iter().map(|source| source.due).min().unwrap_or(now + TURN)
+        sources.iter().map(Source::next).min().unwrap_or(now + TURN)
     }
 
     /// Passes samples until `stop` returns true.
@@ -110,6 +116,61 @@ impl SimulatedImus {
             let now = clock.now();
             let next = self.deliver(start, now);
             clock.sleep_until(next.min(now + TURN));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_core::control::ImuReading;
+    use motord_core::imu::Mount;
+    use triple_buffer::{Input, TripleBuffer};
+
+    const LEVEL: ImuValues = ImuValues {
+        orientation: [1.0, 0.0, 0.0, 0.0],
+        angular_velocity: [0.0; 3],
+        acceleration: [0.0, 0.0, 9.81],
+        temperature: 25.0,
+    };
+
+    /// An IMU of 200 Hz without errors on the body of a plant.
+    fn imu(delay: Duration) -> (SimulatedImus, Input<ImuValues>, Output<ImuReading>) {
+        let (body, measured) = TripleBuffer::new(&LEVEL).split();
+        let (input, read) = TripleBuffer::new(&ImuReading::default()).split();
+        let source = Source {
+            name: "base".into(),
+            device: Imu::new(0.0, 0.0, delay, 0),
+            writer: Writer::new(input, Mount::ALIGNED),
+            period: Duration::from_millis(5),
+            due: Instant::ZERO,
+            under_way: VecDeque::new(),
+        };
+        (SimulatedImus::new(vec![source], World::Body(measured)), body, read)
+    }
+
+    /// Also when the delay is no multiple of the period, and when the thread wakes up late.
+    #[test]
+    fn sample_of_plant_is_as_old_as_its_delay() {
+        for (delay, late) in [(2, 0), (2, 80), (5, 80), (12, 80)] {
+            let delay = Duration::from_millis(delay);
+            let (imus, mut body, mut read) = imu(delay);
+            let (mut now, mut sequence) = (Instant::ZERO, 0);
+            while now < Instant::from_nanos(200_000_000) {
+                // The body turns by 1 rad/s faster each second.
+                let seconds = now.since(Instant::ZERO).as_secs_f64();
+                body.write(ImuValues { angular_velocity: [seconds, 0.0, 0.0], ..LEVEL });
+                let next = imus.deliver(Instant::ZERO, now);
+                let reading = read.read();
+                if reading.sequence > sequence {
+                    sequence = reading.sequence;
+                    let age = seconds - f64::from(reading.sample.angular_velocity[0]);
+                    assert!((age - delay.as_secs_f64()).abs() < 150e-6, "{delay:?}: {age} s");
+                }
+                now = next + Duration::from_micros(late * (1 + now.as_nanos() % 2));
+            }
+            assert!(sequence > 36, "{delay:?}: {sequence}");
+            assert_eq!(read.read().missing, 0);
         }
     }
 }
