@@ -1,10 +1,14 @@
 //! The joints of the robot, between the cycle and the thread of the plant.
 
+use motord_bus::{Duration, Instant, clock};
 use motord_twin::Mechanics;
 use triple_buffer::{Input, Output};
 
-/// Steps without an answer of the plant after which the joints stand still: 10 ms.
+/// Steps after the last answer of the plant in which the joints turn on: 10 ms. A cycle that is slow or late computes more of them
+/// in a row.
 const STEPS_MAX: u32 = 40;
+/// Without an answer for this time, the joints stand still.
+const STILL: Duration = Duration::from_millis(10);
 
 /// Torques since the beginning.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,12 +61,13 @@ pub(super) struct Joints {
     begin: Option<Vec<f64>>,
     /// Steps since the last answer.
     steps: u32,
+    answered: Instant,
 }
 
 impl Joints {
     pub(super) fn new(pushes: Input<Push>, motion: Output<Motion>, begin: Option<Vec<f64>>) -> Self {
         let sum = pushes_of(&motion);
-        Self { sum, pushes, motion, begin, steps: 0 }
+        Self { sum, pushes, motion, begin, steps: 0, answered: clock::monotonic() }
     }
 }
 
@@ -87,17 +92,16 @@ impl Mechanics for Joints {
             let motion = self.motion.output_buffer();
             positions.copy_from_slice(&motion.positions);
             velocities.copy_from_slice(&motion.velocities);
-            self.steps = 0;
+            (self.steps, self.answered) = (0, clock::monotonic());
             return;
         }
         self.steps = self.steps.saturating_add(1);
-        if self.steps > STEPS_MAX {
+        if self.steps <= STEPS_MAX {
+            let turn = positions.iter_mut().zip(velocities);
+            turn.for_each(|(position, velocity)| *position += *velocity * seconds);
+        } else if clock::monotonic().since(self.answered) > STILL {
             velocities.fill(0.0);
         }
-        positions
-            .iter_mut()
-            .zip(velocities)
-            .for_each(|(position, velocity)| *position += *velocity * seconds);
     }
 }
 
@@ -144,6 +148,20 @@ mod tests {
             joints.step(&[0.0], STEP, &mut positions, &mut velocities);
         }
         assert!((positions[0] - 0.52).abs() < 1e-9, "{positions:?}");
+        std::thread::sleep(2 * STILL);
+        joints.step(&[0.0], STEP, &mut positions, &mut velocities);
         assert_eq!(velocities, [0.0]);
+    }
+
+    /// A cycle of 20 ms computes 80 steps in a row: the plant is not silent in them.
+    #[test]
+    fn slow_cycle_keeps_velocity_of_last_answer() {
+        let (mut joints, _pushes, mut motion) = joints();
+        motion.write(Motion { positions: vec![0.5], velocities: vec![2.0] });
+        let (mut positions, mut velocities) = ([0.0], [0.0]);
+        for _ in 0..80 {
+            joints.step(&[0.0], STEP, &mut positions, &mut velocities);
+        }
+        assert_eq!(velocities, [2.0]);
     }
 }
