@@ -25,9 +25,12 @@ pub enum RunError {
     /// A bus cannot be opened.
     #[error("{0}")]
     Bus(#[from] BusError),
-    /// The robot has no twin, or the plant does not take it, or it ended.
+    /// The robot has no twin, or the plant does not take it.
     #[error("{0}")]
     Plant(#[from] PlantedError),
+    /// The plant ended while the daemon ran.
+    #[error("{0}")]
+    PlantEnded(String),
     /// Clients cannot be served.
     #[error("{0}")]
     Service(#[from] ServiceError),
@@ -75,6 +78,7 @@ impl RunError {
             Self::Instance(_) => exit_status::PERMISSION,
             Self::Bus(_)
             | Self::Plant(_)
+            | Self::PlantEnded(_)
             | Self::Service(_)
             | Self::DirectoryLost(_)
             | Self::Unstopped(_) => exit_status::UNAVAILABLE,

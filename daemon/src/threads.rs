@@ -254,8 +254,8 @@ impl Daemon {
         if let Some(path) = self.lost.get() {
             return Err(RunError::DirectoryLost(path.clone()));
         }
-        if let Some(error) = Arc::into_inner(self.unplanted).and_then(OnceLock::into_inner) {
-            return Err(RunError::Plant(error.into()));
+        if let Some(error) = self.unplanted.get() {
+            return Err(RunError::PlantEnded(error.to_string()));
         }
         tracing::info!("the motors are stopped");
         Ok(())
@@ -480,8 +480,8 @@ fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
     SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
 }
 
-/// Detached: the thread waits for the plant, and ends with the process. Returns where it says why the plant ended, and the body
-/// that IMUs measure.
+/// Detached: the thread waits for the plant, and ends with the process. Returns the reason for which the plant ended,
+/// once it has, and the body that IMUs measure.
 fn start_plant(
     settings: &Settings,
     orders: &Arc<Orders>,

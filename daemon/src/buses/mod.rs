@@ -45,16 +45,26 @@ pub enum PlantedError {
 }
 
 /// Makes every bus and IMU of `settings` a simulated one, whose joints the plant on the socket at `path` moves. Blocks until the
-/// plant has answered, at most 60 s.
+/// plant has answered, at most 2 minutes.
 ///
 /// # Errors
 /// The robot has a serial line, or there is no plant that takes it.
 pub fn open_planted(settings: &mut Settings, path: &Path) -> Result<Buses, PlantedError> {
     simulate_all(settings)?;
     let (plant, PlantEnds { mechanics, body }) = Plant::new(PlantLink::connect(path, settings)?);
+    if body.is_none() {
+        settings.imus.iter().for_each(|imu| warn_of_blind(&imu.name));
+    }
     let (buses, injectors) = Injectors::open_coupled(settings, mechanics);
     let world = body.map_or(World::Blind, World::Body);
     Ok(Buses { injectors: Some(injectors), plant: Some((plant, world)), ..Buses::of(buses) })
+}
+
+fn warn_of_blind(imu: &str) {
+    tracing::warn!(
+        imu,
+        "gets no samples: the plant has no IMU. `python -m motord.sim live` needs --imu SITE"
+    );
 }
 
 impl Buses {

@@ -7,7 +7,7 @@
 //! | motord, each step | `f64` little endian: seconds of the step, and the torque of each joint, N·m |
 //! | plant, each step | `f64` little endian: positions, rad; velocities, rad/s; with an IMU orientation w, x, y, z, angular velocity, rad/s, specific force, m/s² |
 
-use motord_bus::Duration;
+use motord_bus::{Duration, clock};
 use motord_configuration::describe;
 use motord_core::settings::Settings;
 use motord_shared::description::RobotDescription;
@@ -49,10 +49,10 @@ pub enum PlantError {
     Answer(String),
     /// A number is NaN or infinite.
     #[error(
-        "the plant has computed {quantity} {value} of {joint}: look for an unstable contact or a torque that is too large"
+        "the plant has computed {quantity} {value} of {joint}: check the model for an unstable contact or a torque that is too large"
     )]
     NotFinite {
-        /// Position or velocity.
+        /// The quantity.
         quantity: &'static str,
         /// The number.
         value: f64,
@@ -65,6 +65,16 @@ pub enum PlantError {
     /// It did not answer.
     #[error("the plant did not answer for {0:?}: the motors were damped and stopped")]
     Silent(Duration),
+    /// Its answer to a step is not as long as the greetings say.
+    #[error(
+        "the plant answered a step with {answered} bytes, not {expected}: 8 for each position and velocity of the joints, and 80 for the IMU if the plant said `imu: true`"
+    )]
+    Length {
+        /// The bytes that arrived.
+        answered: String,
+        /// The bytes of a complete answer.
+        expected: usize,
+    },
     /// The connection broke.
     #[error("the connection to the plant: {0}")]
     Io(io::Error),
@@ -115,7 +125,7 @@ pub struct PlantLink {
 }
 
 impl PlantLink {
-    /// Connects to the plant on the socket at `path`, and shows it the robot. Blocks until it has answered, at most 60 s.
+    /// Connects to the plant on the socket at `path`, and shows it the robot. Blocks until it has answered, at most 2 minutes.
     ///
     /// # Errors
     /// Nobody accepts there, or the plant does not take this robot.
@@ -131,7 +141,8 @@ impl PlantLink {
             return Err(PlantError::Answer(format!("`begin` must have {} positions", names.len())));
         }
         let imu = if answer.imu { IMU_LEN } else { 0 };
-        let (outgoing, incoming) = (vec![0; 8 * (1 + names.len())], vec![0; 8 * (2 * names.len() + imu)]);
+        // One byte more than the answer has: a longer answer shows.
+        let (outgoing, incoming) = (vec![0; 8 * (1 + names.len())], vec![0; 8 * (2 * names.len() + imu) + 1]);
         let link = Self { stream, names, answer, outgoing, incoming };
         link.sound("the position", link.answer.begin.as_deref().unwrap_or_default())?;
         Ok(link)
@@ -149,7 +160,7 @@ impl PlantLink {
         self.answer.begin.clone()
     }
 
-    /// Asks for a step with these torques. Returns the body's IMU values, if the plant has an IMU. Blocks at most 1 s.
+    /// Asks for a step with these torques. Returns the body's IMU values, if the plant has an IMU. Blocks at most 2 s.
     pub(super) fn step(
         &mut self,
         torques: &[f64],
@@ -162,7 +173,7 @@ impl PlantLink {
             .zip(numbers)
             .for_each(|(bytes, number)| bytes.copy_from_slice(&number.to_le_bytes()));
         self.stream.write_all(&self.outgoing).map_err(|error| PlantError::of(error, SILENCE))?;
-        self.stream.read_exact(&mut self.incoming).map_err(|error| PlantError::of(error, SILENCE))?;
+        self.read_answer()?;
         let mut numbers = self.incoming.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes));
         for value in positions.iter_mut().chain(&mut *velocities) {
             *value = numbers.next().unwrap_or(f64::NAN);
@@ -171,7 +182,30 @@ impl PlantLink {
             self.answer.imu.then(|| imu_values(std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN))));
         self.sound("the position", positions)?;
         self.sound("the velocity", velocities)?;
+        imu.as_ref().map_or(Ok(()), sound_imu)?;
         Ok(imu)
+    }
+
+    /// Reads the answer to a step. Blocks at most twice [`SILENCE`]: an answer that arrives in parts must be complete in that time.
+    fn read_answer(&mut self) -> Result<(), PlantError> {
+        let (expected, begun) = (self.incoming.len() - 1, clock::monotonic());
+        let mut count = 0;
+        while count < expected {
+            let part = match self.stream.read(&mut self.incoming[count..]) {
+                Ok(0) => return Err(PlantError::Ended),
+                Ok(part) => part,
+                Err(error) if error.kind() == ErrorKind::Interrupted => 0,
+                Err(error) => return Err(incomplete(PlantError::of(error, SILENCE), count, expected)),
+            };
+            count += part;
+            if count < expected && clock::monotonic().since(begun) > SILENCE {
+                return Err(incomplete(PlantError::Silent(SILENCE), count, expected));
+            }
+        }
+        if count > expected {
+            return Err(PlantError::Length { answered: format!("more than {expected}"), expected });
+        }
+        Ok(())
     }
 
     fn sound(&self, quantity: &'static str, values: &[f64]) -> Result<(), PlantError> {
@@ -195,6 +229,29 @@ pub(super) fn imu_values([w, x, y, z, gx, gy, gz, ax, ay, az]: [f64; IMU_LEN]) -
         angular_velocity: [gx, gy, gz],
         acceleration: [ax, ay, az],
         temperature: TEMPERATURE,
+    }
+}
+
+fn sound_imu(imu: &ImuValues) -> Result<(), PlantError> {
+    let ImuValues { orientation, angular_velocity, acceleration, .. } = imu;
+    let quantities: [(&'static str, &[f64]); 3] = [
+        ("the orientation", orientation),
+        ("the angular velocity", angular_velocity),
+        ("the specific force", acceleration),
+    ];
+    for (quantity, values) in quantities {
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            return Err(PlantError::NotFinite { quantity, value: *value, joint: "its IMU".into() });
+        }
+    }
+    Ok(())
+}
+
+/// The error of an answer of which only `count` bytes have arrived.
+fn incomplete(error: PlantError, count: usize, expected: usize) -> PlantError {
+    match error {
+        PlantError::Silent(_) if count > 0 => PlantError::Length { answered: count.to_string(), expected },
+        error => error,
     }
 }
 
@@ -228,11 +285,14 @@ fn greet(stream: &mut UnixStream, settings: &Settings) -> Result<Answer, PlantEr
     }
 }
 
-/// Reads a line. The bytes after it are those of steps, and stay in the socket.
+/// Reads a line, for at most twice [`GREETING`]. The bytes after it are those of steps, and stay in the socket.
 fn line(stream: &mut UnixStream) -> io::Result<Vec<u8>> {
     let mut line = Vec::new();
-    let mut byte = [0];
+    let (mut byte, begun) = ([0], clock::monotonic());
     loop {
+        if clock::monotonic().since(begun) > GREETING {
+            return Err(ErrorKind::TimedOut.into());
+        }
         stream.read_exact(&mut byte)?;
         if byte == *b"\n" || line.len() == ANSWER_BYTES_MAX {
             return Ok(line);

@@ -29,6 +29,8 @@ const LATE: Duration = Duration::from_millis(20);
 const WINDOW: Duration = Duration::from_secs(10);
 /// A larger part of the time is worth a line of the log.
 const LOST_SHARE: f64 = 0.01;
+/// So much lost time is worth a line immediately: the stop that it may cause names a motor, not the plant.
+const LOST_MAX: Duration = Duration::from_millis(200);
 
 /// The thread that asks the plant for its steps.
 pub struct Plant {
@@ -69,13 +71,13 @@ impl Plant {
         (plant, PlantEnds { mechanics, body: measured })
     }
 
-    /// Returns where the reason stands for which the plant ended.
+    /// Returns the slot of the reason for which the plant ends.
     #[must_use]
     pub fn ended(&self) -> Arc<OnceLock<PlantError>> {
         Arc::clone(&self.ended)
     }
 
-    /// Asks for a step every 250 µs until `stop` returns true, or until the plant ends. Blocks in each step, at most 1 s.
+    /// Asks for a step every 250 µs until `stop` returns true, or until the plant ends. Blocks in each step, at most 2 s.
     pub fn run(mut self, stop: impl Fn() -> bool) {
         let mut clock = Monotonic;
         let mut pace = Pace::new(clock.now());
@@ -122,17 +124,26 @@ impl Pace {
             self.lost += late;
             self.due = now;
         }
-        if now.since(self.begun) >= WINDOW {
-            let share = self.lost.as_secs_f64() / now.since(self.begun).as_secs_f64();
-            (self.begun, self.lost) = (now, Duration::ZERO);
-            if share > LOST_SHARE && self.voice.may_speak(now) {
-                tracing::warn!(
-                    "the plant is slower than real time: it lost {:.0} % of the last 10 s",
-                    100.0 * share
-                );
-            }
+        if let Some((share, seconds)) = self.lost_share(now)
+            && self.voice.may_speak(now)
+        {
+            tracing::warn!(
+                "the plant is slower than real time: it lost {:.0} % of the last {seconds:.1} s, and its joints jump. Simplify the model, or reduce the other load of the computer",
+                100.0 * share
+            );
         }
         self.due
+    }
+
+    /// Returns the part of the time that was lost, and that time, s, when it is worth a line.
+    fn lost_share(&mut self, now: Instant) -> Option<(f64, f64)> {
+        let passed = now.since(self.begun);
+        if passed < WINDOW && self.lost < LOST_MAX {
+            return None;
+        }
+        let share = self.lost.as_secs_f64() / passed.as_secs_f64();
+        (self.begun, self.lost) = (now, Duration::ZERO);
+        (share > LOST_SHARE).then_some((share, passed.as_secs_f64()))
     }
 }
 
@@ -149,5 +160,18 @@ mod tests {
         assert_eq!(pace.next(at(5_000)), at(500));
         assert_eq!(pace.next(at(100_000)), at(100_000));
         assert_eq!(pace.lost, Duration::from_micros(100_000 - 750));
+    }
+
+    #[test]
+    fn much_lost_time_is_reported_immediately() {
+        let at = |ms: u64| Instant::from_nanos(ms * 1_000_000);
+        let mut pace = Pace::new(at(0));
+        pace.next(at(100));
+        assert_eq!(pace.lost_share(at(100)), None);
+        pace.due = at(100);
+        pace.lost += Duration::from_millis(150);
+        let (share, seconds) = pace.lost_share(at(500)).unwrap();
+        assert!((share - 0.5).abs() < 0.01 && (seconds - 0.5).abs() < 1e-9, "{share} {seconds}");
+        assert_eq!(pace.lost_share(at(10_000)), None);
     }
 }

@@ -39,19 +39,29 @@ mount-rpy-deg = [0, 0, 90]
 /// How the plant answers a step, with the torque: position and velocity.
 type Answer = Box<dyn FnMut(f64) -> [f64; 2] + Send>;
 
-/// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer` until that returns NaN for the
+/// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer` until that returns `f64::MAX` for the
 /// velocity.
 fn daemon(config: &str, greeting: &'static str, answer: Answer) -> Daemon {
+    daemon_with_imu(config, greeting, answer, Box::new(|| 0.1))
+}
+
+/// As [`daemon`], whose IMU measures `rate` about x, rad/s.
+fn daemon_with_imu(
+    config: &str,
+    greeting: &'static str,
+    answer: Answer,
+    rate: Box<dyn FnMut() -> f64 + Send>,
+) -> Daemon {
     let directory = TempDir::new().unwrap();
     let socket = directory.path().with_extension("plant");
     let listener = UnixListener::bind(&socket).unwrap();
-    std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer));
+    std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer, rate));
     Daemon::start_in(directory, config, |command| {
         command.arg("--plant").arg(socket);
     })
 }
 
-fn plant(stream: UnixStream, greeting: &str, mut answer: Answer) {
+fn plant(stream: UnixStream, greeting: &str, mut answer: Answer, mut rate: Box<dyn FnMut() -> f64 + Send>) {
     let mut reader = BufReader::new(stream.try_clone().unwrap());
     let mut line = String::new();
     reader.read_line(&mut line).unwrap();
@@ -66,7 +76,8 @@ fn plant(stream: UnixStream, greeting: &str, mut answer: Answer) {
         let [seconds, torque] = asked.map(f64::from_le_bytes);
         assert_eq!(seconds, 0.00025);
         let [position, velocity] = answer(torque);
-        let imu = [1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 9.81];
+        let imu = [1.0, 0.0, 0.0, 0.0, rate(), 0.2, 0.3, 0.0, 0.0, 9.81];
+        let imu = imu.into_iter().take(if greeting.contains("true") { 10 } else { 0 });
         let numbers = [position, velocity].into_iter().chain(imu).flat_map(f64::to_le_bytes);
         if velocity == f64::MAX || writer.write_all(&numbers.collect::<Vec<_>>()).is_err() {
             return;
@@ -161,6 +172,56 @@ fn numbers_that_are_none_end_the_daemon() {
     let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, breaks));
     assert_eq!(status, Some(69), "{log}");
     assert!(log.contains("the plant has computed the position NaN of arm"), "{log}");
+}
+
+/// A plant whose answers have another length does not fit its greeting: each later answer would be read shifted.
+#[test]
+fn answers_of_wrong_length_end_the_daemon() {
+    for (greeting, expected) in [
+        (r#"{"imu": false}"#, "the plant answered a step with more than 16 bytes, not 16"),
+        (r#"{"imu": true}"#, "the plant answered a step with 16 bytes, not 96"),
+    ] {
+        let directory = TempDir::new().unwrap();
+        let socket = directory.path().with_extension("plant");
+        let listener = UnixListener::bind(&socket).unwrap();
+        let imu = greeting.contains("false");
+        std::thread::spawn(move || {
+            let mut stream = listener.accept().unwrap().0;
+            let mut reader = BufReader::new(stream.try_clone().unwrap());
+            reader.read_line(&mut String::new()).unwrap();
+            writeln!(stream, "{greeting}").unwrap();
+            let answer = vec![0; if imu { 96 } else { 16 }];
+            while reader.read_exact(&mut [0; 16]).is_ok() && stream.write_all(&answer).is_ok() {}
+        });
+        let (status, log) = end(Daemon::start_in(directory, CONFIG, |command| {
+            command.arg("--plant").arg(socket);
+        }));
+        assert_eq!(status, Some(69), "{log}");
+        assert!(log.contains(expected), "{log}");
+    }
+}
+
+#[test]
+fn imu_of_nan_ends_the_daemon() {
+    let mut steps = 0;
+    let breaks: Box<dyn FnMut() -> f64 + Send> = Box::new(move || {
+        steps += 1;
+        if steps > 1000 { f64::NAN } else { 0.1 }
+    });
+    let (status, log) = end(daemon_with_imu(CONFIG, r#"{"imu": true}"#, Box::new(|_| [0.0, 0.0]), breaks));
+    assert_eq!(status, Some(69), "{log}");
+    assert!(log.contains("the plant has computed the angular velocity NaN of its IMU"), "{log}");
+}
+
+#[test]
+fn plant_without_imu_is_reported() {
+    let mut steps = 0;
+    let ends = Box::new(move |_torque: f64| {
+        steps += 1;
+        [0.0, if steps > 1000 { f64::MAX } else { 0.0 }]
+    });
+    let (_, log) = end(daemon(CONFIG, "{}", ends));
+    assert!(log.contains("gets no samples: the plant has no IMU") && log.contains("imu=\"base\""), "{log}");
 }
 
 #[test]
