@@ -11,10 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Timer
 
+import numpy as np
 import pytest
 from conftest import CONFIG, program
 
 import motord
+from motord._motord import describe
+from motord.sim import Mujoco
 
 pytest.importorskip("mujoco")
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -108,6 +111,55 @@ def test_killed_plant_ends_the_daemon(live: Start, tmp_path: Path) -> None:
         time.sleep(0.05)
 
 
+def run_live(*arguments: str, model: Path = MODEL, before: str = "", **environment: str) -> "subprocess.CompletedProcess[str]":
+    """Runs the command until it ends, after Python's statements before."""
+    code = f"import os, sys; {before}\nfrom motord.sim.__main__ import main\nsys.exit(main())"
+    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-c", code, "live", str(CONFIG), str(model), "--motord", program("motord"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=READY_S, env={**kept, **environment})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "before", "expected"),
+    [
+        (["--key", "sit"], "", "the model has no keyframe 'sit'; it has stand"),
+        (["--imu", "base"], "", "the model has no site 'base' for the IMU; it has imu"),
+        (["--motord", "absent/motord"], "", "absent/motord: No such file or directory; install motord, or give the path"),
+        (["--view"], "", "a window needs a display: set DISPLAY, or leave out --view"),
+        (["--view"], "os.environ['DISPLAY'] = ':9999'", "a window needs a display: set DISPLAY, or leave out --view"),
+        ([], "sys.modules['mujoco'] = None", "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"),
+        (["--view"], "sys.modules['mujoco'] = None", "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"),
+    ],
+)
+def test_mistakes_end_with_a_cure(runtime: None, arguments: list[str], before: str, expected: str) -> None:
+    done = run_live(*arguments, before=before)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    assert f"motord.sim: {expected}" in done.stderr, done.stderr
+
+
+def test_long_directory_is_named(runtime: None, tmp_path: Path) -> None:
+    long = tmp_path / ("long" * 25)
+    long.mkdir()
+    done = run_live(TMPDIR=str(long))
+    assert done.returncode == 1 and "set TMPDIR to a shorter directory" in done.stderr, done.stderr
+
+
+def test_interrupt_while_the_model_is_read(runtime: None) -> None:
+    slow = "import signal, motord.sim.mujoco as m; begin = m.Mujoco.begin; "
+    slow += "m.Mujoco.begin = lambda *a: (os.kill(os.getpid(), signal.SIGINT), __import__('time').sleep(0.5), begin(*a))[2]"
+    done = run_live(before=slow)
+    assert (done.returncode, done.stderr) == (1, "motord.sim: stopped before motord was ready\n")
+
+
+def test_killed_daemon_is_told_by_signal(live: Start, tmp_path: Path) -> None:
+    process = live()
+    (daemon,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    os.kill(int(daemon), signal.SIGKILL)
+    process.communicate()
+    assert process.returncode == 1
+    assert "motord.sim: motord was ended by SIGKILL\n" in (tmp_path / "log").read_text()
+
+
 def test_contradiction_is_told_and_nothing_runs(tmp_path: Path, runtime: None) -> None:
     model = tmp_path / "robot.xml"
     model.write_text(MODEL.read_text().replace('name="fl-knee"', 'name="fl-shin"'))
@@ -117,10 +169,28 @@ def test_contradiction_is_told_and_nothing_runs(tmp_path: Path, runtime: None) -
     assert "motord.sim: " in done.stderr and "fl-knee: the model has no joint of this name" in done.stderr
 
 
-def test_window_without_display_is_refused(tmp_path: Path, runtime: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    command = [sys.executable, "-m", "motord.sim", "live", str(CONFIG), str(MODEL), "--view", "--motord", program("motord")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=READY_S)
-    assert done.returncode == 1
-    assert "a window needs a display: set DISPLAY, or leave out --view" in done.stderr
+def begun(model: Path) -> tuple[Mujoco, np.ndarray, np.ndarray]:
+    description, physics = describe(str(CONFIG))
+    plant = Mujoco(model)
+    plant.begin(json.loads(description), physics)
+    return plant, np.zeros(12), np.zeros(12)
+
+
+def test_unstable_model_is_not_reset() -> None:
+    plant, q, dq = begun(MODEL)
+    for _ in range(40):
+        plant.step(np.full(12, 1e6), 250e-6, q, dq)
+    assert not np.isfinite(q).all(), q
+
+
+def test_actuators_of_the_model_do_nothing(tmp_path: Path) -> None:
+    model = tmp_path / "robot.xml"
+    actuator = '<actuator><position joint="fl-knee" kp="100"/></actuator></mujoco>'
+    model.write_text(MODEL.read_text().replace("</mujoco>", actuator))
+    moves = []
+    for file in (MODEL, model):
+        plant, q, dq = begun(file)
+        for _ in range(100):
+            plant.step(np.zeros(12), 250e-6, q, dq)
+        moves.append(q.copy())
+    assert np.array_equal(moves[0], moves[1])

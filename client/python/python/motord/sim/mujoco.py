@@ -2,7 +2,8 @@
 
 import importlib
 import json
-import os
+import sys
+import warnings
 from os import PathLike, fspath
 from typing import Any
 
@@ -47,13 +48,15 @@ class Mujoco:
         if self._imu is not None:
             _add_imu(mujoco, spec, self._imu)
         spec.option.timestep = STEP_S
+        # Without AUTORESET, an unstable model becomes NaN, which is reported. With it, the robot would jump to its beginning.
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._step = mujoco.mj_step
         if self._imu is not None:
             self._sensors = [_place(self.model.sensor(f"motord-{name}")) for name in ("orientation", "gyro", "acceleration")]
         if self._key is not None:
-            mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(self._key).id)
+            mujoco.mj_resetDataKeyframe(self.model, self.data, self._keyframe())
         joints = [self.model.joint(joint["name"]) for joint in description["joints"]]
         self._q = np.array([joint.qposadr[0] for joint in joints])
         self._dq = np.array([joint.dofadr[0] for joint in joints])
@@ -61,6 +64,12 @@ class Mujoco:
             self.data.qpos[self._q] = [motor["begin"] for motor in physics]
         mujoco.mj_forward(self.model, self.data)
         return np.array(self.data.qpos[self._q])
+
+    def _keyframe(self) -> int:
+        known = [self.model.key(index).name for index in range(self.model.nkey)]
+        if self._key not in known:
+            raise ValueError(f"the model has no keyframe {self._key!r}; it has {', '.join(filter(None, known)) or 'none'}")
+        return known.index(self._key)
 
     def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
         data = self.data
@@ -81,10 +90,10 @@ class ViewedMujoco(Mujoco):
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
         begin = super().begin(description, physics)
-        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise ValueError("a window needs a display: set DISPLAY, or leave out --view")
-        # The package imports its viewer only on demand.
+        # The package imports its viewer only on demand. Without a display, the viewer ends the process.
         viewer: Any = importlib.import_module("mujoco.viewer")
+        if sys.platform != "darwin" and not _has_display(viewer.glfw):
+            raise ValueError("a window needs a display: set DISPLAY, or leave out --view")
         self._viewer = viewer.launch_passive(self.model, self.data)
         self._shown = 0.0
         return begin
@@ -94,6 +103,13 @@ class ViewedMujoco(Mujoco):
         if self.data.time - self._shown >= PICTURE_S and self._viewer.is_running():
             self._shown = self.data.time
             self._viewer.sync()
+
+
+def _has_display(glfw: Any) -> bool:
+    with warnings.catch_warnings():
+        # The package warns about what the return value says.
+        warnings.simplefilter("ignore")
+        return bool(glfw.init())
 
 
 def fit_mjcf(config: str | PathLike[str], model: str | PathLike[str], output: str | PathLike[str]) -> None:
