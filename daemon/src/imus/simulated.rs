@@ -151,7 +151,7 @@ mod tests {
 
     /// Also when the delay is no multiple of the period, and when the thread wakes up late.
     #[test]
-    fn sample_of_plant_is_as_old_as_its_delay() {
+    fn plant_sample_is_as_old_as_its_delay() {
         for (delay, late) in [(2, 0), (2, 80), (5, 80), (12, 80)] {
             let delay = Duration::from_millis(delay);
             let (imus, mut body, mut read) = imu(delay);
