@@ -1,7 +1,9 @@
 //! Exit statuses of errors of the client.
 
 use motord_client::Error;
-pub(crate) use motord_terminal::exit_status::{INTERRUPTED, IO, NOT_HEARD, NOT_STOPPED, UNAVAILABLE, USAGE};
+pub(crate) use motord_terminal::exit_status::{
+    DATA, INTERRUPTED, IO, NOT_HEARD, NOT_STOPPED, UNAVAILABLE, USAGE,
+};
 
 /// Returns the exit status of an unconfirmed emergency stop. A missing daemon, a missing permission
 /// and a wrong instance name keep their own; every other error gives `NOT_STOPPED`.

@@ -4,6 +4,7 @@ use crate::confirmation;
 use crate::demo::error::DemoError;
 use crate::exit_status;
 use crate::hold::failure::HoldFailure;
+use crate::identify::failure::IdentifyFailure;
 use motord_client::{Error, FaultError};
 use motord_direct::DirectFailure;
 use motord_doctor::DoctorFailure;
@@ -39,6 +40,9 @@ pub(crate) enum Failure {
     /// Nothing was held.
     #[error(transparent)]
     Hold(#[from] HoldFailure),
+    /// A joint was not identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyFailure),
     /// The computer is not fit for a real-time cycle, or the checks failed.
     #[error(transparent)]
     Doctor(#[from] DoctorFailure),
@@ -97,6 +101,7 @@ impl Failure {
             Self::Demo(error) => error.status(),
             Self::Hold(failure) if failure.is_refusal() => 1,
             Self::Hold(_) => exit_status::USAGE,
+            Self::Identify(failure) => failure.status(),
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Latency(failure) => failure.status(),

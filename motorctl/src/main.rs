@@ -16,6 +16,7 @@ mod failure;
 mod fault;
 mod history;
 mod hold;
+mod identify;
 mod imu;
 mod imu_report;
 mod indicator;
@@ -200,6 +201,23 @@ enum Command {
         after_help = "Examples:\n  motorctl hold fl-knee --seconds 1\n  motorctl hold legs --kp 10 --kd 1 --seconds 1\n  motorctl hold fl-knee --amplitude-rad 0.1 --frequency-hz 0.5 --seconds 1\n  motorctl hold fl-knee --seconds 1 --json | jq '.joints[0].position_rad'"
     )]
     Hold(hold::HoldArguments),
+    /// Measure inertia, friction and delay of a joint, by moving it around where it is.
+    ///
+    /// The command claims the group of the joint, starts its motors, and moves the joint along a sum of sines, then at constant
+    /// velocities in both directions. Every setpoint keeps a margin to the limits of the configuration. The other joints of the
+    /// group are only damped. Ctrl-C, an emergency stop and the end of the time damp and stop the motors. Then the command fits
+    /// the motion, and prints each value with its 95 % interval, or why the motion does not show it. It also prints the lines
+    /// of `[motor.simulation]` with which `motord run`, the twin and `fit_mjcf` simulate this joint.
+    ///
+    /// Hang the robot up, or free the joint: a leg that touches the ground is another mechanism. The other joints must not move.
+    /// Torques are those that the motor reports; --known-load measures their scale.
+    ///
+    /// Exit status: 0 the inertia was identified; 1 it was not, or the group was stopped; 130 interrupted, and the group is
+    /// stopped.
+    #[command(
+        after_help = "Examples:\n  motorctl identify fl-knee --yes --seconds 10\n  motorctl identify fl-knee --amplitude-rad 0.2 --seconds 10 --yes --json | jq .inertia_kg_m2"
+    )]
+    Identify(identify::Arguments),
     #[command(flatten)]
     Operate(operate::Operate),
     /// List the faults that motors have reported, or handle them.
@@ -373,6 +391,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Replay(arguments) => monitor::replay(&arguments),
         Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
         Command::Hold(arguments) => hold::run(instance, &arguments),
+        Command::Identify(arguments) => identify::run(instance, &arguments),
         Command::Operate(command) => operate::run(instance, command),
         Command::Fault(FaultArguments { command: None, json }) => fault::list(instance, json),
         Command::Fault(FaultArguments { command: Some(FaultCommand::Get { name, reading }), .. }) => {

@@ -143,8 +143,9 @@ impl fmt::Display for PlanError {
         match self {
             Self::Narrow { position, most, limits: [lower, upper] } => write!(
                 f,
-                "it is at {position:.2} rad, where its limits, {lower:.2} to {upper:.2}, leave an amplitude of {:.2} rad: \
+                "it is at {:.2} rad, where its limits, {lower:.2} to {upper:.2}, leave an amplitude of {:.2} rad: \
                  choose a smaller --amplitude-rad (at least {AMPLITUDE_MIN}), or move it by hand",
+                hundredths(*position),
                 most.max(0.0)
             ),
             Self::Left { position, limits: [lower, upper] } => write!(
@@ -161,6 +162,11 @@ impl fmt::Display for PlanError {
 }
 
 impl core::error::Error for PlanError {}
+
+/// Avoids a negative zero.
+fn hundredths(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0 + 0.0
+}
 
 /// An excitation of one joint. Values of every time are within its limits, less a margin.
 #[derive(Debug, Clone, PartialEq)]

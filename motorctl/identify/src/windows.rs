@@ -6,7 +6,7 @@ use core::ops::Range;
 
 /// Slower than this a joint may rest, and its friction be anything, rad/s.
 const SLOWEST: f64 = 0.06;
-/// Length of windows, s.
+/// Length of windows, s; at low rates they are longer, to have twice the fewest samples.
 const LONGEST: f64 = 0.12;
 const SHORTEST: f64 = 0.025;
 /// Fewest samples in a window.
@@ -34,14 +34,14 @@ pub(crate) struct Row {
 
 /// Returns the lines of a recording. `centre` is the position from which the gravity is counted, rad.
 pub(crate) fn rows(samples: &[Sample], velocities: &[f64], torque: &Torque, centre: f64) -> Vec<Row> {
-    let runs = runs(samples, velocities);
-    let windows = runs.into_iter().flat_map(|run| windows(samples, run));
+    let period = period(samples);
+    let runs = runs(samples, velocities, GAP * period);
+    let windows = runs.into_iter().flat_map(|run| windows(samples, run, period));
     windows.filter_map(|window| row(samples, velocities, torque, centre, window)).collect()
 }
 
 /// Spans of samples without a gap in which the joint turns in one direction.
-fn runs(samples: &[Sample], velocities: &[f64]) -> Vec<Range<usize>> {
-    let gap = GAP * period(samples);
+fn runs(samples: &[Sample], velocities: &[f64], gap: f64) -> Vec<Range<usize>> {
     let direction = |at: usize| if velocities[at].abs() > SLOWEST { velocities[at].signum() } else { 0.0 };
     let (mut runs, mut from) = (Vec::new(), 0);
     for at in 1..=samples.len() {
@@ -66,9 +66,10 @@ fn period(samples: &[Sample]) -> f64 {
 }
 
 /// Windows of equal length that overlap by half.
-fn windows(samples: &[Sample], run: Range<usize>) -> Vec<Range<usize>> {
+fn windows(samples: &[Sample], run: Range<usize>, period: f64) -> Vec<Range<usize>> {
     let length = samples[run.end - 1].time - samples[run.start].time;
-    let count = (length / LONGEST).ceil().max(1.0);
+    let longest = LONGEST.max(2.0 * SAMPLES_MIN as f64 * period);
+    let count = (length / longest).ceil().max(1.0);
     let each = run.len() as f64 / count;
     if each < SAMPLES_MIN as f64 || length / count < SHORTEST {
         return Vec::new();

@@ -13,7 +13,7 @@ use crate::advice::{Advice, motorctl};
 use crate::failure::Failure;
 use crate::hold::failure::HoldFailure;
 use crate::hold::motion::Motion;
-use crate::hold::printer::Printer;
+pub(crate) use crate::hold::printer::Printer;
 use crate::hold::report::{HeldJoint, Line, Report};
 use motord_client::{
     About, Cause, Claim, Client, Error, JointLimits, Phase, Refusal, RobotDescription, Setpoint, Slot, State,
@@ -23,9 +23,9 @@ use std::io;
 use std::time::Duration;
 
 /// Time without a state after which the connection counts as lost. Shorter stalls are tolerated.
-const SILENCE: Duration = Duration::from_secs(1);
+pub(crate) const SILENCE: Duration = Duration::from_secs(1);
 /// Longer than motors take to start: the daemon gives up before.
-const START: Duration = Duration::from_secs(60);
+pub(crate) const START: Duration = Duration::from_secs(60);
 /// Longest wait for stopped motors. A configuration holds and damps for at most 30 s each.
 const STOP: Duration = Duration::from_secs(60);
 
@@ -105,7 +105,7 @@ pub(crate) fn run(instance: &str, arguments: &HoldArguments) -> Result<(), Failu
     let printer = Printer::start(arguments.json)?;
     let followed = hold.start().and_then(|()| hold.follow(&mut report, arguments, &interrupt, &printer));
     let is_stopped = matches!(followed, Err(Failure::Client(Error::Stopped { .. })));
-    let stopped = if is_stopped { Ok(()) } else { hold.stop(&interrupt) };
+    let stopped = if is_stopped { Ok(()) } else { disable(&mut hold.claim, &interrupt) };
     let printed = printer.end();
     let out = &mut io::stdout().lock();
     if is_stopped {
@@ -119,14 +119,20 @@ pub(crate) fn run(instance: &str, arguments: &HoldArguments) -> Result<(), Failu
 
 /// The group to claim, and the joints of it to hold.
 #[derive(Debug, PartialEq)]
-struct Target {
-    group: String,
-    /// The joints by name; empty for all of the group.
-    joint: Option<String>,
+pub(crate) struct Target {
+    /// The group.
+    pub(crate) group: String,
+    /// The joint by name; `None` for all of the group.
+    pub(crate) joint: Option<String>,
 }
 
 impl Target {
-    fn find(robot: &RobotDescription, name: Option<&str>) -> Result<Self, HoldFailure> {
+    /// Finds a joint or a group by name.
+    ///
+    /// # Errors
+    ///
+    /// There is none of this name, the joint is in no group, or there are several groups and no name.
+    pub(crate) fn find(robot: &RobotDescription, name: Option<&str>) -> Result<Self, HoldFailure> {
         let groups = || robot.groups.iter().map(|group| group.name.as_str()).collect::<Vec<_>>().join(", ");
         let Some(name) = name else {
             let [group] = &robot.groups[..] else { return Err(HoldFailure::Ambiguous(groups())) };
@@ -304,23 +310,31 @@ impl Hold {
         };
         self.held.iter().map(one).collect()
     }
+}
 
-    /// Damps and stops the motors. A second signal ends the wait; the daemon then stops them without this program.
-    fn stop(&mut self, interrupt: &Interrupt) -> Result<(), Failure> {
-        interrupt.came_again();
-        self.claim.disable()?;
-        for _ in 0..STOP.as_secs() {
-            match self.claim.wait_for(Phase::Disarmed, Duration::from_secs(1)) {
-                Err(Error::NotReached { .. }) if !interrupt.came_again() => {}
-                outcome => return Ok(outcome?),
-            }
+/// Damps and stops the motors of a claimed group. A second signal ends the wait; the daemon then stops them without this program.
+///
+/// # Errors
+///
+/// The daemon refuses, ends, or does not confirm the stop in time.
+pub(crate) fn disable(claim: &mut Claim, interrupt: &Interrupt) -> Result<(), Failure> {
+    interrupt.came_again();
+    claim.disable()?;
+    for _ in 0..STOP.as_secs() {
+        match claim.wait_for(Phase::Disarmed, Duration::from_secs(1)) {
+            Err(Error::NotReached { .. }) if !interrupt.came_again() => {}
+            outcome => return Ok(outcome?),
         }
-        Ok(self.claim.wait_for(Phase::Disarmed, SILENCE)?)
     }
+    Ok(claim.wait_for(Phase::Disarmed, SILENCE)?)
 }
 
 /// Refuses a group whose stop is latched.
-fn refuse_latched(client: &Client, instance: &str, group: &str) -> Result<(), Failure> {
+///
+/// # Errors
+///
+/// The cause of the stop, and the commands that end it.
+pub(crate) fn refuse_latched(client: &Client, instance: &str, group: &str) -> Result<(), Failure> {
     let state = client.wait(SILENCE)?;
     let stopped = state.group(client.group_named(group)?).filter(|group| group.latched);
     let Some(stopped) = stopped else { return Ok(()) };
@@ -339,7 +353,7 @@ fn refuse_latched(client: &Client, instance: &str, group: &str) -> Result<(), Fa
 }
 
 /// Adds to the refusal of a claim which process owns the group, and how to end that.
-fn owned(error: Error, client: &Client, instance: &str, group: &str) -> Failure {
+pub(crate) fn owned(error: Error, client: &Client, instance: &str, group: &str) -> Failure {
     let Error::Refused { refusal: Refusal::Owned, about, .. } = &error else { return error.into() };
     let About::Process(pid) = about else { return error.into() };
     let telemetry = client.telemetry().unwrap_or_default();

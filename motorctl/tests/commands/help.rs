@@ -327,8 +327,10 @@ fn every_other_example_of_motorctl_works() {
     let mut examples = examples("motorctl", &[]);
     examples.retain(|example| !needs_bus(example));
     assert!(examples.len() >= 20, "{examples:?}");
-    // `release` ends the controller's claim, and `hold` is a controller.
-    examples.sort_by_key(|example| (example.contains(" hold "), example.contains(" release ")));
+    // `release` ends the controller's claim; `hold` and `identify` are controllers.
+    let controls =
+        |example: &String| [" hold ", " identify "].iter().any(|command| example.contains(command));
+    examples.sort_by_key(|example| (controls(example), example.contains(" release ")));
     let end = AtomicBool::new(false);
     let runtime = place.path().join("run");
     std::thread::scope(|scope| {

@@ -17,6 +17,7 @@ mod frame;
 mod frame_logs;
 mod help;
 mod hold;
+mod identify;
 mod imu;
 mod monitor;
 mod operate;

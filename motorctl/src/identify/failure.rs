@@ -1,0 +1,71 @@
+//! The errors of `motorctl identify`.
+
+use motord_identify::PlanError;
+use std::io;
+use std::path::PathBuf;
+
+/// Why nothing was identified.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum IdentifyFailure {
+    /// The motor has no stiffness.
+    #[error(
+        "{0} has the native protocol, which has no stiffness and damping: set its motor to MIT (`motorctl set-protocol`), or measure \
+         it on a bench"
+    )]
+    Native(String),
+    /// The joint has not reported a position.
+    #[error("{0} does not answer: `motorctl status` shows its motor")]
+    Silent(String),
+    /// The joint cannot be moved so, or not any more.
+    #[error("{joint} is not identified: {reason}")]
+    Plan {
+        /// The joint.
+        joint: String,
+        /// The reason.
+        reason: PlanError,
+    },
+    /// A signal ended the motion.
+    #[error(
+        "{0} is not identified: the motion was interrupted. Its group is stopped, after damping what moves"
+    )]
+    Interrupted(String),
+    /// The recording does not show an inertia.
+    #[error(
+        "{0}: the inertia is not identifiable. Check that the joint turns freely, and try a larger --amplitude-rad, --kp or --seconds"
+    )]
+    Nothing(String),
+    /// The file of an identification without load cannot be used.
+    #[error(
+        "{path}: {reason}. Write it with `motorctl identify {joint} --json >{path}`, without the known load"
+    )]
+    Without {
+        /// The file.
+        path: String,
+        /// The joint.
+        joint: String,
+        /// The reason.
+        reason: String,
+    },
+    /// The lines cannot be written.
+    #[error("{}: {source}", .path.display())]
+    Output {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: io::Error,
+    },
+}
+
+impl IdentifyFailure {
+    /// Returns the exit status.
+    pub(crate) const fn status(&self) -> u8 {
+        use crate::exit_status::{DATA, INTERRUPTED, IO, USAGE};
+        match self {
+            Self::Native(_) | Self::Plan { reason: PlanError::Narrow { .. }, .. } => USAGE,
+            Self::Silent(_) | Self::Plan { .. } | Self::Nothing(_) => 1,
+            Self::Interrupted(_) => INTERRUPTED,
+            Self::Without { .. } => DATA,
+            Self::Output { .. } => IO,
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! The motion of `motorctl identify`: from the claim to the stopped group, with a record of every cycle.
+
+use crate::failure::Failure;
+use crate::hold::{Printer, SILENCE, START, Target, disable, owned, refuse_latched};
+use crate::identify::failure::IdentifyFailure;
+use motord_client::{Claim, Client, Error, Joint, JointDescription, Phase, Setpoint, Slot};
+use motord_identify::{Applied, Limits, Plan, Sample, Shape, Stage};
+use motord_terminal::Interrupt;
+
+/// Time between two lines about the progress, s.
+const PROGRESS: f64 = 5.0;
+/// Damping of the other joints of the group, N·m·s/rad, where their limits permit it.
+const DAMPING: f32 = 0.5;
+/// Share of the gains before the motor follows. With a stiffness of 0 the daemon would not check the pose.
+const FIRST_SHARE: f64 = 0.05;
+
+/// Plans the motion of a joint that is at `position`, rad.
+///
+/// # Errors
+///
+/// Its limits leave too little.
+pub(crate) fn plan(joint: &JointDescription, position: f64, shape: Shape) -> Result<Plan, Failure> {
+    let refused = |reason| IdentifyFailure::Plan { joint: joint.name.clone(), reason };
+    Ok(Plan::new(limits(joint), position, shape).map_err(refused)?)
+}
+
+/// The bounds of the joint's setpoints.
+fn limits(joint: &JointDescription) -> Limits {
+    let of = &joint.limits;
+    Limits {
+        position: of.position.map(f64::from),
+        velocity: of.velocity.into(),
+        torque: of.torque.into(),
+        kp: of.kp.into(),
+        kd: of.kd.into(),
+    }
+}
+
+/// A claimed group of which one joint moves.
+pub(crate) struct Session {
+    client: Client,
+    instance: String,
+    claim: Claim,
+    slot: Slot,
+    joint: JointDescription,
+    shape: Shape,
+    plan: Plan,
+    samples: Vec<Sample>,
+}
+
+impl Session {
+    /// Claims the group. Nothing moves.
+    pub(crate) fn claim(
+        client: Client,
+        instance: &str,
+        target: &Target,
+        shape: Shape,
+    ) -> Result<Self, Failure> {
+        let claim =
+            client.claim(&target.group).map_err(|error| owned(error, &client, instance, &target.group))?;
+        let name = target.joint.as_deref().unwrap_or_default();
+        let slot = claim.slot(name)?;
+        let robot = client.description();
+        let joint = robot.joints[client.joint_named(name)?].clone();
+        let position = client.wait(SILENCE)?.of(&claim)?.position(slot)?;
+        let plan = plan(&joint, position.into(), shape)?;
+        // Everything that is recorded has its place before the motion.
+        let capacity = ((plan.seconds() + 1.0) * robot.rate_hz) as usize;
+        let samples = Vec::with_capacity(capacity);
+        let instance = instance.to_owned();
+        let mut session = Self { client, instance, claim, slot, joint, shape, plan, samples };
+        session.rest()?;
+        session.hold(position)?;
+        Ok(session)
+    }
+
+    /// Damps the other joints.
+    fn rest(&mut self) -> Result<(), Error> {
+        let state = self.client.wait(SILENCE)?;
+        let names: Vec<String> = self.claim.names().map(str::to_owned).collect();
+        for name in names.iter().filter(|name| **name != self.joint.name) {
+            let excluded = state.of(&self.claim)?.joint(name.as_str())?.is_excluded();
+            let kd = DAMPING.min(self.claim.limits(name.as_str())?.kd);
+            let setpoint = if excluded { Setpoint::torque(0.0) } else { Setpoint::damping(kd) };
+            self.claim.set(name.as_str(), setpoint)?;
+        }
+        Ok(())
+    }
+
+    /// Holds the joint softly until its motor follows.
+    fn hold(&mut self, position: f32) -> Result<(), Error> {
+        let [kp, kd] = self.plan.gains().map(|gain| (FIRST_SHARE * gain) as f32);
+        self.claim.set(self.slot, Setpoint::hold(position, kp, kd))
+    }
+
+    /// Starts the motors, and plans from where the joint is when its motor begins to follow.
+    pub(crate) fn start(&mut self) -> Result<(), Failure> {
+        self.claim.commit()?;
+        self.claim.enable()?;
+        self.claim.wait_for(Phase::Active, START)?;
+        let position = self.client.wait(SILENCE)?.of(&self.claim)?.position(self.slot)?;
+        self.plan = plan(&self.joint, position.into(), self.shape)?;
+        Ok(())
+    }
+
+    /// Answers every state with the next setpoint and records it, until the end, a signal, or a limit.
+    pub(crate) fn follow(&mut self, interrupt: &Interrupt, printer: &Printer) -> Result<(), Failure> {
+        let (mut begun, mut due) = (None, 0.0);
+        loop {
+            if interrupt.came() {
+                return Err(IdentifyFailure::Interrupted(self.joint.name.clone()).into());
+            }
+            let state = self.client.wait(SILENCE)?;
+            let view = state.of(&self.claim)?;
+            view.must_be_active()?;
+            let joint = view.joint(self.slot)?;
+            let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
+            let Some(stage) = self.plan.stage(time) else { return Ok(()) };
+            self.command(time, &joint)?;
+            if joint.fresh && matches!(stage, Stage::Multisine | Stage::Sweeps) && self.is_free() {
+                self.samples.push(sample(&joint));
+            }
+            if time >= due {
+                due = (due + PROGRESS).max(time);
+                let text = format!("{time:5.0} of {:.0} s  {stage}", self.plan.seconds());
+                if !printer.say(vec![text]) {
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    /// The loop never allocates for what it records.
+    fn is_free(&self) -> bool {
+        self.samples.len() < self.samples.capacity()
+    }
+
+    /// Sends the setpoint of a time, from where the joint is.
+    fn command(&mut self, time: f64, joint: &Joint) -> Result<(), Failure> {
+        let (position, velocity) = (joint.position(), joint.velocity());
+        let (position, velocity) =
+            (f64::from(position.unwrap_or(f32::NAN)), f64::from(velocity.unwrap_or(f32::NAN)));
+        let failed = |reason| IdentifyFailure::Plan { joint: self.joint.name.clone(), reason };
+        self.plan.judge(position, velocity).map_err(failed)?;
+        if let Some(command) = self.plan.command(time, position, velocity) {
+            let [position, velocity, kp, kd] =
+                [command.position, command.velocity, command.kp, command.kd].map(|value| value as f32);
+            self.claim.set(self.slot, Setpoint::impedance(position, velocity, kp, kd, 0.0))?;
+        }
+        Ok(self.claim.commit()?)
+    }
+
+    /// Damps and stops the motors. A second signal ends the wait; the daemon then stops them without this program.
+    pub(crate) fn stop(&mut self, interrupt: &Interrupt) -> Result<(), Failure> {
+        disable(&mut self.claim, interrupt)
+    }
+
+    /// The cause of a stop that the daemon has latched.
+    pub(crate) fn refuse_latched(&self) -> Result<(), Failure> {
+        refuse_latched(&self.client, &self.instance, self.claim.group())
+    }
+
+    /// The recorded samples.
+    pub(crate) fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+}
+
+fn sample(joint: &Joint) -> Sample {
+    let latency = joint.reply_latency.as_secs_f64();
+    let of = &joint.applied;
+    Sample {
+        time: joint.receive_ns as f64 / 1e9 - latency,
+        latency,
+        position: joint.position().unwrap_or(f32::NAN).into(),
+        torque: joint.torque().unwrap_or(f32::NAN).into(),
+        applied: Applied {
+            position: of.position.into(),
+            velocity: of.velocity.into(),
+            kp: of.kp.into(),
+            kd: of.kd.into(),
+            torque: of.torque.into(),
+        },
+    }
+}

@@ -1,0 +1,147 @@
+//! `motorctl identify`: a joint of a running daemon whose simulated mechanics are in its configuration.
+
+use crate::schema::assert_lines_valid;
+use motord_client::Client;
+use motord_harness::daemon::Daemon;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use serde_json::Value;
+use std::process::Stdio;
+
+/// A motor with an inertia of 0.03 kg·m², of which 0.00384 are the rotor behind its gear.
+const HIDDEN: &str = r#"
+[daemon]
+instance = "bench"
+[cycle]
+rate-hz = 500
+max-lateness-ms = 1000.0
+max-skipped-percent = 100
+[safety]
+setpoint-timeout-ms = 1000.0
+deadman-ms = 2000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+limits = { position-rad = [-1.0, 1.0], velocity-rad-s = 6.0 }
+
+[motor.simulation]
+load-inertia-kg-m2 = 0.02616
+viscous-friction-nm-s-per-rad = 0.08
+coulomb-friction-nm = 0.25
+reply-latency-us = 120
+"#;
+
+fn started() -> Daemon {
+    let daemon = Daemon::start(HIDDEN);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    daemon
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn assert_free(daemon: &Daemon) {
+    let status = daemon.await_status(|status| status["groups"][0]["owner"] == Value::Null);
+    assert_eq!(
+        (&status["groups"][0]["phase"], &status["groups"][0]["stop"]),
+        (&"disarmed".into(), &Value::Null)
+    );
+}
+
+/// The value, and whether `truth` is in the interval or at most `share` away.
+fn assert_near(printed: &Value, truth: f64, share: f64) {
+    let number = |key: &str| printed[key].as_f64().unwrap_or(f64::NAN);
+    let is_near = (number("value") - truth).abs() <= share * truth;
+    let is_inside = (number("lower")..=number("upper")).contains(&truth);
+    assert_eq!(printed["is_identified"], true, "{printed}");
+    assert!(is_near || is_inside, "{printed} is not {truth}");
+}
+
+#[test]
+fn joint_is_identified_and_its_lines_are_read() {
+    let daemon = started();
+    let file = daemon.directory.path().join("arm.toml");
+    let arguments =
+        ["identify", "arm", "--seconds", "16", "--yes", "--json", "--output", file.to_str().unwrap()];
+    let found = daemon.motorctl(&arguments);
+    let printed = text(&found.stdout);
+    assert!(found.status.success(), "{printed}{}", text(&found.stderr));
+    assert_lines_valid("motorctl-identify", &printed);
+    let printed: Value = serde_json::from_str(&printed).unwrap();
+    println!("{printed:#}");
+    assert_near(&printed["inertia_kg_m2"], 0.03, 0.02);
+    assert_near(&printed["viscous_friction_nm_s_per_rad"], 0.08, 0.1);
+    assert_near(&printed["coulomb_friction_nm"], 0.25, 0.05);
+    assert_near(&printed["reply_latency_us"], 120.0, 0.4);
+    assert_free(&daemon);
+
+    // The configuration without its mechanics and with the lines is one, and they are known again.
+    let lines = std::fs::read_to_string(&file).unwrap();
+    let (motor, _) = HIDDEN.split_once("[motor.simulation]").unwrap();
+    drop(daemon);
+    let again = Daemon::start(&format!("{motor}{lines}"));
+    again.await_status(|status| status["joints"][0]["mode"] == "idle");
+    assert!(
+        lines.contains("load-inertia-kg-m2 = 0.026") || lines.contains("load-inertia-kg-m2 = 0.025"),
+        "{lines}"
+    );
+}
+
+#[test]
+fn interrupted_identification_ends_stopped_with_130() {
+    let daemon = started();
+    let mut command = daemon.command(&["identify", "arm", "--yes"]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
+    let mut moving = 0;
+    while moving < 50 {
+        let state = client.wait(std::time::Duration::from_secs(20)).unwrap();
+        moving += u32::from(state.joint(0).and_then(|joint| joint.velocity()).is_some_and(|v| v.abs() > 0.1));
+    }
+    kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap();
+    let ended = child.wait_with_output().unwrap();
+    let said = text(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(130), "{said}");
+    assert!(said.contains("arm is not identified: the motion was interrupted"), "{said}");
+    assert_free(&daemon);
+}
+
+#[test]
+fn stopped_group_ends_identification_with_its_cause() {
+    let daemon = started();
+    let mut command = daemon.command(&["identify", "arm", "--yes"]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    daemon.await_status(|status| status["groups"][0]["phase"] == "active");
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    let ended = child.wait_with_output().unwrap();
+    let said = text(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("emergency-stop") && said.contains("reset all"), "{said}");
+}
+
+#[test]
+fn unconfirmed_or_narrow_motion_moves_nothing() {
+    let daemon = started();
+    let refused = |arguments: &[&str]| {
+        let output = daemon.motorctl(&[&["identify", "arm"], arguments].concat());
+        assert!(!output.status.success());
+        text(&output.stderr)
+    };
+    let unconfirmed = refused(&[]);
+    assert!(unconfirmed.contains("This moves arm by ±0.30 rad for 42 s"), "{unconfirmed}");
+    let wide = refused(&["--amplitude-rad", "1.5", "--yes"]);
+    assert!(
+        wide.contains("arm is not identified: it is at 0.00 rad, where its limits, -1.00 to 1.00"),
+        "{wide}"
+    );
+    let alone = refused(&["--known-load", "0.5@0.2", "--yes"]);
+    assert!(alone.contains("--without"), "{alone}");
+    assert_free(&daemon);
+}
