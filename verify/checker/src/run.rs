@@ -472,7 +472,7 @@ impl Checker {
         } else if now.valid && cycle.state.cycle > cycle.before.cycle {
             let is_kept = takes_turns && now.age_cycles == before.age_cycles;
             let is_aged = now.age_cycles == before.age_cycles + 1 && now.receive_ns == before.receive_ns;
-            assert!(is_kept || is_aged || is_backdated, "I6: the age of {now:?}");
+            assert!(is_kept || is_aged || is_backdated, "I6: the age of {now:?} after {before:?}");
             assert!(kept, "I6: {now:?} from {before:?}");
         }
     }

@@ -49,14 +49,15 @@ impl Motor {
         (at - late, latency + late)
     }
 
-    /// Corrects the age of the last state after the lateness has changed from `before` turns.
+    /// Corrects the age of the last state after the lateness has grown from `before` turns. When it has shrunk, the next states
+    /// come in time; the last one stays as old as it was published.
     fn shift(&mut self, before: u32, cx: &mut Context) {
         let turns = self.backlog.turns();
         if turns == before {
             return;
         }
         let time = self.turn.time(cx.period);
-        self.measured_at = self.measured_at + before * time - turns * time;
+        self.measured_at = self.measured_at - turns.saturating_sub(before) * time;
         self.replies.set_behind(turns);
         cx.push(Event::Late { motor: self.joint, turns, time: turns * time });
     }

@@ -62,9 +62,9 @@ impl Replies {
         self.answered
     }
 
-    /// Records that all its answers are late by this many turns.
+    /// Records that all its answers are late by this many turns. The last state does not get younger.
     pub(super) const fn set_behind(&mut self, turns: u32) {
-        self.age_cycles = self.age_cycles.saturating_sub(self.behind).saturating_add(turns);
+        self.age_cycles = self.age_cycles.saturating_add(turns.saturating_sub(self.behind));
         self.behind = turns;
     }
 
@@ -123,5 +123,24 @@ impl Replies {
     /// Returns whether the state of this turn has arrived by `cycle` and no late reply is expected.
     pub(super) const fn is_settled(&self, cycle: u64) -> bool {
         self.answered && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Seed 232 of the fault injection: answers that came turns late come in time again, and the last late state was published as
+    /// current.
+    #[test]
+    fn last_state_does_not_get_younger() {
+        let mut replies = Replies::default();
+        replies.set_behind(2);
+        replies.state(Duration::ZERO, 7);
+        assert_eq!(replies.age_cycles, 2);
+        replies.set_behind(0);
+        assert_eq!((replies.age_cycles, replies.is_fresh(8)), (2, false));
+        replies.state(Duration::ZERO, 9);
+        assert_eq!((replies.age_cycles, replies.is_fresh(9)), (0, true));
     }
 }
