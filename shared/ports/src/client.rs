@@ -156,7 +156,7 @@ impl ClientPorts {
 
     /// Sleeps until the daemon has published a state after `seen` was [read](Self::published), at
     /// most `timeout` or 10 ms. It may return early, and always does without `seen`. Any number of
-    /// threads may sleep.
+    /// threads may sleep. Allocates only in the first call and after a restart of the daemon.
     ///
     /// # Errors
     /// [`Obstacle::Version`] when the daemon does not support this wake-up; a file that cannot be
@@ -166,7 +166,8 @@ impl ClientPorts {
             return self.open_waiter();
         };
         let slept = waiter.sleep(seen, timeout.min(SLEEP_MAX)).map_err(of_waiter)?;
-        if slept == Slept::TimedOut {
+        // A daemon that is late wakes it from the same file.
+        if slept == Slept::TimedOut && !waiter.is_current() {
             // Without a file there is no daemon: the old file serves as well.
             let _none = self.open_waiter();
         }

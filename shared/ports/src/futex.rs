@@ -7,12 +7,13 @@ use crate::instance_error::{InstanceError, refused};
 use nix::errno::Errno;
 use nix::fcntl::posix_fallocate;
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
-use nix::sys::stat::fstat;
+use nix::sys::stat::{fstat, lstat};
 use rustix::thread::Timespec;
 use rustix::thread::futex::{Flags, wait, wake};
 use std::fs::File;
 use std::num::NonZeroUsize;
 use std::os::fd::AsFd;
+use std::path::PathBuf;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, Ordering, fence};
 use std::time::Duration;
@@ -48,7 +49,12 @@ impl Waker {
 
 /// The client's side.
 #[derive(Debug)]
-pub(crate) struct Waiter(Mapping);
+pub(crate) struct Waiter {
+    mapping: Mapping,
+    path: PathBuf,
+    /// The file: its device and its number there.
+    file: (u64, u64),
+}
 
 /// The end of a sleep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,13 +76,20 @@ impl Waiter {
             InstanceError::System { errno, .. } => errno,
             _ => Errno::EPERM,
         })?;
-        Mapping::of(&file, ProtFlags::PROT_READ).map(Self)
+        let mapping = Mapping::of(&file, ProtFlags::PROT_READ)?;
+        let found = fstat(&file)?;
+        Ok(Self { mapping, path: instance.futex_path(), file: (found.st_dev, found.st_ino) })
+    }
+
+    /// Returns whether a daemon that runs wakes it: its file is still the instance's. Does not allocate; one system call.
+    pub(crate) fn is_current(&self) -> bool {
+        lstat(&self.path).is_ok_and(|found| (found.st_dev, found.st_ino) == self.file)
     }
 
     /// Returns the number of states so far, modulo 2³². The states it counts can be read.
     pub(crate) fn count(&self) -> u32 {
         // Read-only memory allows relaxed loads only; the fence adds acquire ordering.
-        let count = self.0.word().load(Ordering::Relaxed);
+        let count = self.mapping.word().load(Ordering::Relaxed);
         fence(Ordering::Acquire);
         count
     }
@@ -88,7 +101,7 @@ impl Waiter {
     pub(crate) fn sleep(&self, seen: u32, timeout: Duration) -> Result<Slept, Errno> {
         let timeout =
             Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
-        match wait(self.0.word(), Flags::empty(), seen, Some(&timeout)) {
+        match wait(self.mapping.word(), Flags::empty(), seen, Some(&timeout)) {
             Ok(()) | Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Ok(Slept::Woken),
             Err(rustix::io::Errno::TIMEDOUT) => Ok(Slept::TimedOut),
             Err(error) => Err(Errno::from_raw(error.raw_os_error())),
@@ -153,9 +166,13 @@ mod tests {
         with_lock(|lock| {
             let first = Waker::open(lock).unwrap();
             let waiter = Waiter::open(lock.instance()).unwrap();
-            assert!(is_woken(&waiter, &first));
+            assert!(is_woken(&waiter, &first) && waiter.is_current());
             drop(first);
             assert!(is_woken(&waiter, &Waker::open(lock).unwrap()));
+            fs::remove_file(lock.instance().futex_path()).unwrap();
+            assert!(!waiter.is_current());
+            let _other = Waker::open(lock).unwrap();
+            assert!(!waiter.is_current(), "the file of another daemon");
         });
     }
 
