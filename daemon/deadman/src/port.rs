@@ -224,10 +224,19 @@ mod tests {
         let port = Port::open(&device, 921_600).unwrap();
         std::thread::sleep(Duration::from_millis(50));
         drop((motors, slave));
-        std::thread::sleep(2 * IDLE);
-        let open = std::fs::read_dir("/proc/self/fd").unwrap();
-        let links = open.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
-        assert!(!links.into_iter().any(|link| link.to_string_lossy().starts_with(&device)));
+        // A port of another test may get the name, which belongs to nobody now.
+        let gone = format!("{device} (deleted)");
+        let is_open = || {
+            let open = std::fs::read_dir("/proc/self/fd").unwrap();
+            let mut links = open.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
+            links.any(|link| link.to_string_lossy() == gone)
+        };
+        assert!(is_open(), "the port's thread has it until it looks");
+        let begun = Clock::now();
+        while is_open() {
+            assert!(begun.elapsed() < Duration::from_secs(30), "{gone} is still open");
+            std::thread::sleep(IDLE / 4);
+        }
         drop(port);
     }
 }
