@@ -229,11 +229,12 @@ def test_motions_keep_the_limits_of_the_robot() -> None:
     twin = Twin(CONFIG)
     with twin.claim("legs") as legs:
         legs.enable()
-        for pose, seconds, words in [
+        refused: list[tuple[Any, float, str]] = [
             ({"fl-hip": 0.1}, 1.0, "fl-thigh"),
             (99.0, 1.0, "outside its limits"),
             (legs.wait().q + 0.05, 0.001, "give at least"),
             ([0.0, 1.0], 1.0, "12"),
-        ]:
+        ]
+        for pose, seconds, words in refused:
             with pytest.raises(ValueError, match=words):
                 legs.move_to(pose, seconds)
