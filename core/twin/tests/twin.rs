@@ -191,7 +191,7 @@ fn joint_physics_are_those_of_the_motors() {
 #[test]
 fn configured_friction_replaces_that_of_the_model() {
     let path = configuration("quadruped-simulated.toml");
-    let text = std::fs::read_to_string(&path).unwrap();
+    let text = include_str!("../../../config/quadruped-simulated.toml");
     let keys = "simulation = { viscous-friction-nm-s-per-rad = 0.07, coulomb-friction-nm = 0, initial-";
     let text = text.replacen("simulation = { initial-", keys, 1);
     let loaded = motord_configuration::parse(&path, text.as_bytes(), &motord_configuration::Machine::here());
