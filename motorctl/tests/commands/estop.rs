@@ -1,14 +1,11 @@
 //! `motorctl estop` where motors do not answer, and where the daemon is not the one that was named.
 
+use crate::robots::text;
 use motord_harness::daemon::{BENCH, Daemon};
 use motord_harness::programs::{directory, lacks};
 use serde_json::Value;
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
 
 /// Runs a script of bash in network and mount namespaces of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
 /// INSTANCE` starts a daemon. `None` where the computer allows no namespaces.

@@ -6,6 +6,7 @@
 
 use crate::line::Line;
 use crate::programs::help;
+use crate::robots::text;
 use motord_client::{Client, Setpoint};
 use motord_harness::programs::{directory, lacks, program};
 use motord_simulator::ImuVendor;
@@ -17,10 +18,6 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(30);
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
 
 /// Returns the examples in the help of a program and of its commands.
 fn examples(program: &str, command: &[String]) -> Vec<String> {

@@ -1,5 +1,6 @@
 //! `motorctl hold`: the first motion, through a daemon with simulated motors.
 
+use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
 use motord_client::{Client, State};
 use motord_harness::daemon::{BENCH, Daemon, slow_quadruped};
@@ -10,26 +11,6 @@ use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(20);
-
-/// The arm on its desk, at rest.
-fn started() -> Daemon {
-    let daemon = Daemon::start(BENCH);
-    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
-    daemon
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// The group is stopped without a cause, and has no owner.
-fn assert_free(daemon: &Daemon) {
-    let status = daemon.await_status(|status| status["groups"][0]["owner"] == Value::Null);
-    assert_eq!(
-        (&status["groups"][0]["phase"], &status["groups"][0]["stop"]),
-        (&"disarmed".into(), &Value::Null)
-    );
-}
 
 /// Starts `motorctl hold` with these arguments, and waits until its group is active.
 fn holding(daemon: &Daemon, arguments: &[&str]) -> Child {
@@ -54,7 +35,7 @@ fn await_state(client: &Client, wanted: impl Fn(&State) -> bool) {
 
 #[test]
 fn hold_keeps_position_and_ends_stopped() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let held = daemon.motorctl(&["hold", "arm", "--seconds", "1.5", "--hz", "10", "--json"]);
     assert!(held.status.success(), "{}", text(&held.stderr));
     let lines = text(&held.stdout);
@@ -72,7 +53,7 @@ fn hold_keeps_position_and_ends_stopped() {
 
 #[test]
 fn sine_moves_joint_by_its_amplitude() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let sine = ["hold", "--kp", "40", "--amplitude-rad", "0.2", "--frequency-hz", "0.5", "--seconds", "4"];
     let moved = daemon.motorctl(&sine);
     let said = text(&moved.stdout);
@@ -90,7 +71,7 @@ fn sine_moves_joint_by_its_amplitude() {
 
 #[test]
 fn interrupt_damps_and_stops_the_motors() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let ended = interrupted(holding(&daemon, &[]));
     assert!(ended.status.success(), "{}", text(&ended.stderr));
     assert!(
@@ -130,7 +111,7 @@ fn gains_rise_within_limits_and_others_are_damped() {
 
 #[test]
 fn stopped_group_is_refused_with_cause_and_commands() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let child = holding(&daemon, &[]);
     assert!(daemon.motorctl(&["estop"]).status.success());
     let during = child.wait_with_output().unwrap();
@@ -155,7 +136,7 @@ fn stopped_group_is_refused_with_cause_and_commands() {
 
 #[test]
 fn group_of_another_process_is_refused() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let child = holding(&daemon, &[]);
     let refused = daemon.motorctl(&["hold", "arm"]);
     assert_eq!(refused.status.code(), Some(1));
@@ -210,7 +191,7 @@ fn reader_that_pauses_does_not_stop_robot() {
 
 #[test]
 fn refused_hold_claims_to_hold_nothing() {
-    let daemon = started();
+    let daemon = started(BENCH);
     assert!(daemon.motorctl(&["sim", "arm", "fault", "over-voltage"]).status.success());
     daemon.await_status(|status| status["joints"][0]["mode"] == "fault");
     let refused = daemon.motorctl(&["hold"]);

@@ -1,5 +1,6 @@
 //! `motorctl identify`: a joint of a running daemon whose simulated mechanics are in its configuration.
 
+use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
 use motord_client::Client;
 use motord_harness::daemon::Daemon;
@@ -37,24 +38,6 @@ coulomb-friction-nm = 0.25
 reply-latency-us = 120
 "#;
 
-fn started() -> Daemon {
-    let daemon = Daemon::start(HIDDEN);
-    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
-    daemon
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn assert_free(daemon: &Daemon) {
-    let status = daemon.await_status(|status| status["groups"][0]["owner"] == Value::Null);
-    assert_eq!(
-        (&status["groups"][0]["phase"], &status["groups"][0]["stop"]),
-        (&"disarmed".into(), &Value::Null)
-    );
-}
-
 /// The value, and whether `truth` is in the interval or at most `share` away.
 fn assert_near(printed: &Value, truth: f64, share: f64) {
     let number = |key: &str| printed[key].as_f64().unwrap_or(f64::NAN);
@@ -66,7 +49,7 @@ fn assert_near(printed: &Value, truth: f64, share: f64) {
 
 #[test]
 fn joint_is_identified_and_its_lines_are_read() {
-    let daemon = started();
+    let daemon = started(HIDDEN);
     let file = daemon.directory.path().join("arm.toml");
     let arguments =
         ["identify", "arm", "--seconds", "16", "--yes", "--json", "--output", file.to_str().unwrap()];
@@ -96,7 +79,7 @@ fn joint_is_identified_and_its_lines_are_read() {
 
 #[test]
 fn interrupted_identification_ends_stopped_with_130() {
-    let daemon = started();
+    let daemon = started(HIDDEN);
     let mut command = daemon.command(&["identify", "arm", "--yes"]);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
@@ -115,7 +98,7 @@ fn interrupted_identification_ends_stopped_with_130() {
 
 #[test]
 fn stopped_group_ends_identification_with_its_cause() {
-    let daemon = started();
+    let daemon = started(HIDDEN);
     let mut command = daemon.command(&["identify", "arm", "--yes"]);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     daemon.await_status(|status| status["groups"][0]["phase"] == "active");
@@ -128,7 +111,7 @@ fn stopped_group_ends_identification_with_its_cause() {
 
 #[test]
 fn unconfirmed_or_narrow_motion_moves_nothing() {
-    let daemon = started();
+    let daemon = started(HIDDEN);
     let refused = |arguments: &[&str]| {
         let output = daemon.motorctl(&[&["identify", "arm"], arguments].concat());
         assert!(!output.status.success());

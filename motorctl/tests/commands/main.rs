@@ -23,6 +23,7 @@ mod monitor;
 mod operate;
 mod protocol_table;
 mod recording;
+mod robots;
 mod schemas;
 mod setup;
 mod wire;

@@ -1,5 +1,6 @@
 //! The commands of an operator, against a running daemon with one simulated motor.
 
+use crate::robots::{started, text};
 use motord_client::{Client, Phase};
 use motord_harness::daemon::{BENCH, Daemon};
 use nix::sys::signal::{Signal, kill};
@@ -12,20 +13,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// The arm on its desk, at rest.
-fn started() -> Daemon {
-    let daemon = Daemon::start(BENCH);
-    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
-    daemon
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
 #[test]
 fn status_shows_horizon_of_slow_controllers() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let client = daemon.connect();
     let mut claim = client.claim("all").unwrap();
     claim.hold(&client.wait(Duration::from_secs(1)).unwrap(), 5.0, 0.5).unwrap();
@@ -44,7 +34,7 @@ fn status_shows_horizon_of_slow_controllers() {
 
 #[test]
 fn status_tells_people_and_scripts_the_same() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let status = daemon.status();
     assert_eq!(status["instance"], "bench");
     assert_eq!(status["pid"], daemon.process.id());
@@ -63,7 +53,7 @@ fn status_tells_people_and_scripts_the_same() {
 
 #[test]
 fn emergency_stop_has_a_slot_when_full() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let mut idle = Vec::new();
     let full = loop {
         match Client::connect_in(daemon.directory.path(), "bench") {
@@ -81,7 +71,7 @@ fn emergency_stop_has_a_slot_when_full() {
 /// A successful stop must not be reported as failed when its output cannot be written.
 #[test]
 fn completed_action_succeeds_whatever_the_output_does() {
-    let daemon = started();
+    let daemon = started(BENCH);
     for verb in ["estop", "reset", "disable"] {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let output = daemon.command(&[verb]).stdout(full).output().unwrap();
@@ -92,7 +82,7 @@ fn completed_action_succeeds_whatever_the_output_does() {
 
 #[test]
 fn emergency_stop_advises_and_reset_clears_it() {
-    let daemon = started();
+    let daemon = started(BENCH);
     assert!(daemon.motorctl(&["estop"]).status.success());
     let status = daemon.status();
     assert_eq!(status["emergency_stop"], true);
@@ -108,7 +98,7 @@ fn emergency_stop_advises_and_reset_clears_it() {
 
 #[test]
 fn what_the_daemon_refuses_fails_with_the_reason() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let refused = daemon.motorctl(&["enable", "all"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(text(&refused.stderr).contains("No process owns this group"), "{}", text(&refused.stderr));
@@ -145,7 +135,7 @@ fn while_held(daemon: &Daemon, test: impl FnOnce()) {
 
 #[test]
 fn active_group_counts_as_enabled_and_reset_waits() {
-    let daemon = started();
+    let daemon = started(BENCH);
     while_held(&daemon, || {
         let until_enabled = Instant::now() + Duration::from_secs(20);
         while !daemon.motorctl(&["enable", "all"]).status.success() {
@@ -187,7 +177,7 @@ fn status_states_period_of_slow_owner() {
 /// An operator needs the process that moves the robot: a lease does not identify it.
 #[test]
 fn status_names_the_process_that_owns_a_group() {
-    let daemon = started();
+    let daemon = started(BENCH);
     assert_eq!(daemon.status()["groups"][0]["owner"], Value::Null);
     while_held(&daemon, || {
         let pid = std::process::id();
@@ -208,7 +198,7 @@ fn status_names_the_process_that_owns_a_group() {
 
 #[test]
 fn check_judges_robot_by_exit_status() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let check = || daemon.motorctl(&["status", "--check"]);
     assert_eq!((check().status.code(), text(&check().stdout)), (Some(0), String::new()));
     assert!(daemon.motorctl(&["estop"]).status.success());
@@ -231,7 +221,7 @@ fn check_judges_robot_by_exit_status() {
 
 #[test]
 fn name_is_resolved_before_any_prompt() {
-    let daemon = started();
+    let daemon = started(BENCH);
     // Without a terminal, a prompt would fail with advice to use `--yes`.
     let output = daemon.motorctl(&["zero", "leg"]);
     let complaint = text(&output.stderr);
@@ -304,7 +294,7 @@ fn escape_sequences_of_a_file_are_spelled_out() {
 
 #[test]
 fn simulated_fault_is_seen_by_clients_and_ends() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let sim = |words: &[&str]| daemon.motorctl(&[&["sim"], words].concat());
     let mode = |mode: &'static str| move |status: &Value| status["joints"][0]["mode"] == mode;
     assert!(sim(&["arm", "off"]).status.success());
@@ -329,7 +319,7 @@ fn simulated_fault_is_seen_by_clients_and_ends() {
 
 #[test]
 fn unknown_fault_suggests_the_nearest() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let refused = [
         (["arn", "off"].as_slice(), "did you mean `arm`?"),
         (&["arm", "of"], "did you mean `off`?"),
@@ -353,7 +343,7 @@ fn unknown_fault_suggests_the_nearest() {
 
 #[test]
 fn latency_tells_every_percentile() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let latency: Value = serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap();
     for key in [
         "cycle_us",
@@ -376,7 +366,7 @@ fn latency_tells_every_percentile() {
 
 #[test]
 fn a_reset_of_the_latencies_begins_them_anew() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let latency =
         || -> Value { serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap() };
     let deadline = Instant::now() + Duration::from_secs(30);
@@ -396,7 +386,7 @@ fn a_reset_of_the_latencies_begins_them_anew() {
 
 #[test]
 fn latencies_round_trip_through_files() {
-    let (daemon, place) = (started(), TempDir::new().unwrap());
+    let (daemon, place) = (started(BENCH), TempDir::new().unwrap());
     let file = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
     let (log, percentiles, picture) = (file("run.hlog"), file("cycle.hgrm"), file("run.svg"));
     let run = |arguments: &[&str]| {
@@ -430,7 +420,7 @@ fn latencies_round_trip_through_files() {
 
 #[test]
 fn a_closed_pipe_ends_a_watch_without_complaint() {
-    let daemon = started();
+    let daemon = started(BENCH);
     let mut watch = daemon.command(&["watch"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
@@ -443,7 +433,7 @@ fn a_closed_pipe_ends_a_watch_without_complaint() {
 /// Method: kill the daemon during a watch, start another one, and continue reading.
 #[test]
 fn watch_outlives_daemon_and_finds_next() {
-    let mut daemon = started();
+    let mut daemon = started(BENCH);
     let mut watch =
         daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(watch.stdout.take().unwrap()).lines();
@@ -468,7 +458,7 @@ fn watch_outlives_daemon_and_finds_next() {
 
 #[test]
 fn changed_configuration_is_reported_and_not_used() {
-    let daemon = started();
+    let daemon = started(BENCH);
     assert_eq!(daemon.status()["config_changed"], false);
     std::fs::write(daemon.directory.path().join("motord.toml"), "nonsense").unwrap();
     let deadline = Instant::now() + Duration::from_secs(20);
