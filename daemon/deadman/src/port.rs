@@ -224,7 +224,7 @@ mod tests {
         let port = Port::open(&device, 921_600).unwrap();
         std::thread::sleep(Duration::from_millis(50));
         drop((motors, slave));
-        // A port of another test may get the name, which belongs to nobody now.
+        // The name is free now, and a port of another test may get it.
         let gone = format!("{device} (deleted)");
         let is_open = || {
             let open = std::fs::read_dir("/proc/self/fd").unwrap();

@@ -33,7 +33,7 @@ const IMU_LEN: usize = 10;
 /// Why there is no plant, or none any more.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
-    /// Nobody accepts on the socket.
+    /// No process accepts connections on the socket.
     #[error("{}: {source}; start the plant first: `python -m motord.sim live` does both", .path.display())]
     Connect {
         /// The socket.
@@ -128,7 +128,7 @@ impl PlantLink {
     /// Connects to the plant on the socket at `path`, and shows it the robot. Blocks until it has answered, at most 2 minutes.
     ///
     /// # Errors
-    /// Nobody accepts there, or the plant does not take this robot.
+    /// No process accepts connections there, or the plant refuses this robot.
     pub fn connect(path: &Path, settings: &Settings) -> Result<Self, PlantError> {
         let failed = |source| PlantError::Connect { path: path.to_owned(), source };
         let mut stream = UnixStream::connect(path).map_err(failed)?;

@@ -110,7 +110,7 @@ impl fmt::Display for Stage {
     }
 }
 
-/// The reason for which a joint is not moved, or not any more.
+/// The reason why a joint cannot be moved, or why its motion ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PlanError {
     /// The limits leave less than the amplitude.

@@ -16,7 +16,7 @@ pub(crate) enum IdentifyFailure {
     /// The joint has not reported a position.
     #[error("{0} does not answer: `motorctl status` shows its motor")]
     Silent(String),
-    /// The joint cannot be moved so, or not any more.
+    /// The joint cannot be moved as asked, or its motion ended.
     #[error("{joint} is not identified: {reason}")]
     Plan {
         /// The joint.
