@@ -118,6 +118,11 @@ pub struct ImuSimulation {
     pub seed: u64,
 }
 
+impl ImuSimulation {
+    /// A sensor without errors.
+    pub const PERFECT: Self = Self { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
+}
+
 /// The reaction to the loss of an IMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WhenLost {

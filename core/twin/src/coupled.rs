@@ -2,7 +2,6 @@
 
 use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
-use motord_bus::Duration;
 use motord_configuration::ConfigError;
 use motord_core::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
 use motord_core::settings::{BusKind, Settings};
@@ -52,9 +51,7 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
             ImuSource::Simulated(errors) | ImuSource::Can(ImuCan { simulation: errors, .. }) => {
                 errors.clone()
             }
-            ImuSource::Serial(_) | ImuSource::External => {
-                ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 }
-            }
+            ImuSource::Serial(_) | ImuSource::External => ImuSimulation::PERFECT,
         };
         (imu.source, imu.mount) = (ImuSource::Simulated(errors), Mount::ALIGNED);
     }
@@ -69,8 +66,13 @@ pub fn coupled(
     mechanics: Box<dyn Mechanics>,
 ) -> (Vec<SharedBus>, Vec<PlantBus>) {
     let plant = JointPlant::new(mechanics, settings);
-    let bus = |index: usize| SharedBus::new(simulate(settings, index, seed(index)));
-    let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
+    let buses = alone(settings, seed);
     let coupled = couple(&buses, plant);
     (buses, coupled)
+}
+
+/// Builds the simulated buses of `settings`, whose motors turn by themselves, with the seed of each.
+pub(crate) fn alone(settings: &Settings, seed: impl Fn(usize) -> u64) -> Vec<SharedBus> {
+    let bus = |index: usize| SharedBus::new(simulate(settings, index, seed(index)));
+    (0..settings.buses.len()).map(bus).collect()
 }

@@ -26,8 +26,10 @@ pub(crate) struct Sensor {
 
 impl Sensor {
     pub(crate) fn new(settings: &ImuSettings, seed: u64, start: Instant) -> Self {
-        let perfect = ImuSimulation { noise: 0.0, bias: 0.0, delay: Duration::ZERO, seed: 0 };
-        let errors = if let ImuSource::Simulated(errors) = &settings.source { errors } else { &perfect };
+        let errors = match &settings.source {
+            ImuSource::Simulated(errors) => errors,
+            _ => &ImuSimulation::PERFECT,
+        };
         Self {
             name: settings.name.clone(),
             device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed ^ seed),

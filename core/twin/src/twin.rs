@@ -1,9 +1,8 @@
 //! One robot on virtual time, with its owner and its operator.
 
-use crate::coupled::{TwinError, coupled, simulate_all};
+use crate::coupled::{TwinError, alone, coupled, simulate_all};
 use crate::imus::{Body, Sensor};
 use crate::joints::Mechanics;
-use crate::physics::simulate;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
 use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble};
 use motord_core::settings::Settings;
@@ -84,8 +83,7 @@ impl Twin {
                 (buses, boxed(coupled), plant)
             }
             None => {
-                let bus = |index: usize| SharedBus::new(simulate(&settings, index, seed(index)));
-                let buses: Vec<_> = (0..settings.buses.len()).map(bus).collect();
+                let buses = alone(&settings, seed);
                 (buses.clone(), boxed(buses), None)
             }
         };
