@@ -4,6 +4,7 @@ use crate::physics::physics;
 use motord_core::joint::Transmission;
 use motord_core::settings::{MotorSettings, Settings};
 use motord_simulator::{Plant, Shaft};
+use serde::Serialize;
 
 /// The mechanics of a robot: a physics engine. Values are those of the joints, in the order of the configuration.
 pub trait Mechanics: Send {
@@ -20,7 +21,7 @@ pub trait Mechanics: Send {
 }
 
 /// The part of a motor in the mechanics of its joint.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JointPhysics {
     /// The joint.
     pub name: String,

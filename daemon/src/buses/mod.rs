@@ -36,7 +36,7 @@ pub struct Buses {
 /// Why the buses could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantedError {
-    /// The configuration has a bus that is not simulated.
+    /// The robot has a serial line.
     #[error("{0}")]
     Twin(#[from] TwinError),
     /// There is no plant.

@@ -95,16 +95,7 @@ struct Greeting<'a> {
     motord_plant: u32,
     seconds: f64,
     description: &'a RobotDescription,
-    physics: Vec<Physics>,
-}
-
-#[derive(Serialize)]
-struct Physics {
-    name: String,
-    armature: f64,
-    damping: f64,
-    friction: f64,
-    begin: f64,
+    physics: Vec<JointPhysics>,
 }
 
 #[derive(Deserialize)]
@@ -256,21 +247,11 @@ fn incomplete(error: PlantError, count: usize, expected: usize) -> PlantError {
 }
 
 fn greet(stream: &mut UnixStream, settings: &Settings) -> Result<Answer, PlantError> {
-    let physics = JointPhysics::of(settings).into_iter().map(
-        |JointPhysics { name, armature, damping, friction, begin }| Physics {
-            name,
-            armature,
-            damping,
-            friction,
-            begin,
-        },
-    );
-    let description = &describe(settings, 0);
     let greeting = Greeting {
         motord_plant: VERSION,
         seconds: STEP.as_secs_f64(),
-        description,
-        physics: physics.collect(),
+        description: &describe(settings, 0),
+        physics: JointPhysics::of(settings),
     };
     let failed = |error| PlantError::of(error, GREETING);
     let mut text = serde_json::to_vec(&greeting).map_err(|error| PlantError::Answer(error.to_string()))?;
