@@ -137,10 +137,11 @@ impl<N: Number> Setpoints<'_, N> {
     ///
     /// Those of [`Claim::send`].
     pub fn send(&self, claim: &mut Claim, count: usize) -> Result<(), Error> {
-        let all: [Setpoint; JOINTS_MAX] = core::array::from_fn(|place| self.at(place));
+        let mut all = [Setpoint::torque(0.0); JOINTS_MAX];
         let sent = all
-            .get(..count)
+            .get_mut(..count)
             .ok_or(Error::SetpointCount { expected: claim.joints().len(), received: count })?;
+        sent.iter_mut().enumerate().for_each(|(place, setpoint)| *setpoint = self.at(place));
         claim.send(sent)
     }
 }
