@@ -191,7 +191,8 @@ impl Running {
         !joints.is_empty() && joints.iter().all(|joint| joint.mode != MotorMode::Offline.code())
     }
 
-    fn enable(&mut self) {
+    /// Returns whether every group is active.
+    fn enable(&mut self) -> bool {
         for _ in 0..5000 {
             if self.all_answer() {
                 break;
@@ -211,7 +212,7 @@ impl Running {
             self.send();
             self.turn(false);
         });
-        assert_eq!([LEGS, HAND].map(|group| self.phase(group)), [Phase::Active.code(); 2]);
+        [LEGS, HAND].into_iter().all(|group| self.phase(group) == Phase::Active.code())
     }
 
     fn phase(&mut self, group: usize) -> u32 {
@@ -257,8 +258,10 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         let (settings, stop) = (&settings, &stop);
         threads.spawn(move || reconnector.run(settings, &hears_broken, || stop.load(Ordering::Relaxed)));
         prepare_thread(50);
-        robot.enable();
+        let is_enabled = robot.enable();
+        // The other robot waits for this one even if it fails.
         together.wait();
+        assert!(is_enabled, "a group is not active: {:?}", robot.client.state().groups());
         // Healthy and faulty periods alternate. The last healthy one is twice as long, so that a
         // port is opened again.
         let part = time / (2 * MISFORTUNES.len() as u32 + 2);
