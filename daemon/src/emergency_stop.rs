@@ -38,8 +38,10 @@ const CALLERS_MAX: usize = 64;
 const CALLERS_PER_TURN: usize = 16;
 /// Least time from one turn to the next: a flood of callers must not take the processor from other threads.
 const TURN: Duration = Duration::from_millis(1);
-/// Period in which an idle thread checks whether the daemon ends.
-const IDLE: Duration = Duration::from_millis(50);
+/// Period in which an idle thread checks whether the daemon ends. Each wake-up delays the threads below it.
+const IDLE: Duration = Duration::from_secs(1);
+/// Between two of the first tries to get the socket's name.
+const NAME_TURN: Duration = Duration::from_millis(50);
 /// Longest time for a cycle to execute a stop.
 const CYCLE_PATIENCE: Duration = Duration::from_millis(500);
 /// Period of the checks whether the cycle has executed it.
@@ -88,7 +90,7 @@ fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<Own
             }
         }
         tries = tries.saturating_add(1);
-        std::thread::sleep(if tries > 20 { SECOND } else { IDLE });
+        std::thread::sleep(if tries > 20 { SECOND } else { NAME_TURN });
     }
     None
 }

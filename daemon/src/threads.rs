@@ -61,7 +61,7 @@ use triple_buffer::Input;
 /// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
 const STACK_BYTES: usize = 384 * 1024;
 /// Period in which the thread that waits for the deaths of owners checks whether the daemon ends.
-const OWNERS_TURN: Duration = Duration::from_millis(50);
+const OWNERS_TURN: Duration = Duration::from_secs(1);
 /// Period in which a thread that panicked checks whether the last cycle is over.
 const END_TURN: Duration = Duration::from_millis(50);
 

@@ -10,7 +10,7 @@ mod schedule;
 
 use crate::imus::ExternalImus;
 use crate::telemetry::Questions;
-use motord_bus::clock;
+use motord_bus::{Instant, clock};
 use motord_core::cycle::{Counters, Ends, History, REQUESTS_MAX, Supply};
 use motord_core::settings::IpcMode;
 use motord_ports::{DaemonPorts, ImuReceiver, Request};
@@ -178,7 +178,7 @@ impl IpcThread {
     }
 
     fn fetch_setpoints(&mut self) {
-        let Self { ports, cycle, leases, records, .. } = self;
+        let Self { ports, cycle, leases, records, schedule, .. } = self;
         let taken = ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
@@ -187,6 +187,7 @@ impl IpcThread {
                 buffer.input_buffer_mut().copy_from(message);
                 buffer.publish();
                 records.note(message);
+                schedule.arrived(Instant::from_nanos(message.time_ns));
             } else {
                 cycle.counters.wrong_lease[lease.group()].fetch_add(1, Ordering::Relaxed);
             }

@@ -3,6 +3,11 @@
 use motord_bus::{Backoff, Duration, Instant, Lateness, ReplyTime};
 use motord_shared::{GroupState, Phase, StateMessage};
 
+/// From the time that a setpoint bears to its arrival.
+const SENDING: Duration = Duration::from_micros(10);
+/// An earlier fetch must be at least this long before the last one: longer than most wake-ups are late.
+const EARLIER_MIN: Duration = Duration::from_micros(60);
+
 /// The times of a cycle that this thread wakes for, and all that it learned of them. Nothing here allocates or blocks.
 pub struct Schedule {
     period: Duration,
@@ -15,6 +20,8 @@ pub struct Schedule {
     lateness: Lateness,
     /// From the tick of a cycle to the publication of its states.
     publication: ReplyTime,
+    /// From the tick of a cycle to the setpoints that answer its states.
+    arrival: ReplyTime,
     /// Of the polling for states.
     backoff: Backoff,
 }
@@ -44,6 +51,7 @@ impl Schedule {
             is_calm: true,
             lateness: Lateness::default(),
             publication: ReplyTime::new(period),
+            arrival: ReplyTime::new(period),
             backoff: Backoff::default(),
         }
     }
@@ -54,6 +62,11 @@ impl Schedule {
         self.publication.observe(Instant::from_nanos(state.publish_ns).since(self.tick));
         let is_calm = |group: &GroupState| group.lease == 0 && group.phase == Phase::Disarmed.code();
         self.is_calm = state.groups().iter().all(is_calm);
+    }
+
+    /// A setpoint arrived that was sent at `sent`, a time which its sender states.
+    pub fn arrived(&mut self, sent: Instant) {
+        self.arrival.observe(sent.since(self.tick).min(self.period));
     }
 
     /// The next fetch, or before it the publication of the next states where that is polled for. A publication ends the waiting
@@ -83,11 +96,15 @@ impl Schedule {
         }
     }
 
-    /// Returns the next fetch: `lead` before a cycle, which uses a setpoint that was sent by then. While no client may send
-    /// setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
+    /// Returns the next fetch. The last one of a cycle is `lead` before the next, which uses a setpoint that was sent by then. An
+    /// earlier one is where the setpoints usually arrive: they are in time even if the thread wakes late for the last. While no
+    /// client may send setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
     fn fetch_after(&self, now: Instant) -> Instant {
-        let fetch = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
+        let last = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
+        let earlier = self.tick + self.arrival.latest() + SENDING;
+        let is_worthwhile = !self.is_calm && earlier + EARLIER_MIN <= last;
         // While the cycle stalls, this thread runs once per period.
-        [fetch, fetch + self.period].into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
+        let fetches = [if is_worthwhile { earlier } else { last }, last, last + self.period];
+        fetches.into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
     }
 }

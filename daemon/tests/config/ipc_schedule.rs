@@ -51,6 +51,23 @@ fn late_wakeup_is_requested_sooner_fetch_not() {
 }
 
 #[test]
+fn setpoints_are_fetched_when_they_usually_arrive() {
+    let mut schedule = schedule(0, Phase::Active, Lease::new(1, 1, 0));
+    (0..640).for_each(|_| schedule.arrived(micros(5800)));
+    let earlier = schedule.next(micros(5700)).at;
+    assert!((micros(5810)..micros(5820)).contains(&earlier), "{earlier:?}");
+    assert_eq!(schedule.next(earlier).at, micros(5950), "the last fetch remains");
+    for sent in [5930, 4000, 9000, u64::MAX / 1000] {
+        schedule.arrived(micros(sent));
+        (0..2).for_each(|_| {
+            assert!(schedule.next(micros(5700)).at <= micros(5950), "whatever a sender states")
+        });
+    }
+    schedule.arrived(micros(5930));
+    assert_eq!(schedule.next(micros(5700)).at, micros(5950), "one that is almost the last is none");
+}
+
+#[test]
 fn states_are_polled_when_they_usually_arrive() {
     let mut schedule = schedule(30, Phase::Active, Lease::new(1, 1, 0));
     assert_eq!(schedule.next(micros(5700)).at, micros(5950), "first the fetch");
