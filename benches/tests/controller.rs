@@ -88,7 +88,7 @@ impl Process {
 
 /// Runs a daemon that reads faults from standard input; an empty line ends it like SIGTERM.
 #[test]
-#[ignore = "the process that the other test disturbs"]
+#[ignore = "the process that the other tests disturb"]
 fn daemon_process() {
     let Some(runtime) = std::env::var_os(RUNTIME_DIR_VARIABLE) else { return };
     let settings =
@@ -184,77 +184,102 @@ fn await_any_stop(client: &Client) {
     await_stop(client, Some(cause));
 }
 
-/// Tests an emergency stop, and an operator who disables or releases the group.
-fn stops_by_people(client: &Client) {
-    client.emergency_stop().unwrap();
-    await_stop(client, Some(Cause::EmergencyStop));
-    start_again(client);
-
-    client.disable(GROUP).unwrap();
-    await_stop(client, Some(Cause::Disabled));
-    start_again(client);
-
-    client.force_release(GROUP).unwrap();
-    await_stop(client, Some(Cause::OwnerLost));
-    start_again(client);
+/// A controller that moves a robot.
+struct Scene {
+    runtime: TempDir,
+    controller: Process,
+    daemon: Process,
+    client: Client,
 }
 
-fn stops_by_motors(client: &Client, daemon: &mut Process) {
-    daemon.say("hip fault 0x02");
-    await_stop(client, Some(Cause::MotorFault));
-    daemon.say("hip ok");
-    until("the end of the fault", || client.clear_fault("hip").ok());
-    start_again(client);
+impl Scene {
+    fn new() -> Self {
+        let runtime = TempDir::new().unwrap();
+        let controller = controller(&runtime);
+        let daemon = daemon(&runtime);
+        let client = connect(&runtime);
+        await_motion(&client);
+        Self { runtime, controller, daemon, client }
+    }
 
-    daemon.say("knee off");
-    await_stop(client, Some(Cause::MotorLost));
-    daemon.say("knee ok");
-    start_again(client);
-}
+    /// Starts the next daemon. No cause is latched, and no joint moves.
+    fn start_next_daemon(&mut self) {
+        self.daemon = daemon(&self.runtime);
+        let is_restarted = || matches!(self.client.wait(Duration::from_secs(1)), Err(Error::Restarted));
+        until("the restart", || is_restarted().then_some(()));
+        await_stop(&self.client, None);
+        start_again(&self.client);
+    }
 
-fn daemon_stands_still(client: &Client, daemon: &Process) {
-    daemon.signal(Signal::SIGSTOP);
-    std::thread::sleep(Duration::from_secs(2));
-    daemon.signal(Signal::SIGCONT);
-    await_any_stop(client);
-    start_again(client);
-}
-
-/// Starts the next daemon. No cause is latched, and no joint moves.
-fn successor(runtime: &TempDir, client: &Client) -> Process {
-    let successor = daemon(runtime);
-    let is_restarted = || matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted));
-    until("the restart", || is_restarted().then_some(()));
-    await_stop(client, None);
-    start_again(client);
-    successor
+    /// The same controller has survived, and stops the motors when a signal ends it.
+    fn end(mut self) {
+        self.controller.must_run();
+        self.controller.signal(Signal::SIGTERM);
+        assert!(self.controller.0.wait().unwrap().success(), "a signal ends it");
+        let end = state(&self.client).group(0).unwrap();
+        let stopped = (Some(Phase::Disarmed), None);
+        assert_eq!((end.phase, end.cause), stopped, "it has stopped the motors, and nothing is wrong");
+    }
 }
 
 #[test]
-fn template_controller_survives_every_event_and_starts_nothing() {
-    let runtime = TempDir::new().unwrap();
-    let mut controller = controller(&runtime);
-    let mut first = daemon(&runtime);
-    let client = connect(&runtime);
-    await_motion(&client);
-    stops_by_people(&client);
-    stops_by_motors(&client, &mut first);
-    daemon_stands_still(&client, &first);
-    controller.must_run();
+fn template_controller_survives_stops_by_people() {
+    let scene = Scene::new();
+    let client = &scene.client;
+    client.emergency_stop().unwrap();
+    await_stop(client, Some(Cause::EmergencyStop));
+    start_again(client);
+    client.disable(GROUP).unwrap();
+    await_stop(client, Some(Cause::Disabled));
+    start_again(client);
+    client.force_release(GROUP).unwrap();
+    await_stop(client, Some(Cause::OwnerLost));
+    start_again(client);
+    scene.end();
+}
 
-    first.say("");
-    assert!(first.0.wait().unwrap().success(), "the daemon ends by itself");
-    let mut second = successor(&runtime, &client);
-    second.0.kill().unwrap();
-    second.0.wait().unwrap();
-    let _third = successor(&runtime, &client);
+#[test]
+fn template_controller_survives_stops_by_motors() {
+    let mut scene = Scene::new();
+    scene.daemon.say("hip fault 0x02");
+    await_stop(&scene.client, Some(Cause::MotorFault));
+    scene.daemon.say("hip ok");
+    until("the end of the fault", || scene.client.clear_fault("hip").ok());
+    start_again(&scene.client);
+    scene.daemon.say("knee off");
+    await_stop(&scene.client, Some(Cause::MotorLost));
+    scene.daemon.say("knee ok");
+    start_again(&scene.client);
+    scene.end();
+}
 
-    controller.must_run();
-    controller.signal(Signal::SIGTERM);
-    assert!(controller.0.wait().unwrap().success(), "a signal ends it");
-    let end = state(&client).group(0).unwrap();
-    let stopped = (Some(Phase::Disarmed), None);
-    assert_eq!((end.phase, end.cause), stopped, "it has stopped the motors, and nothing is wrong");
+#[test]
+fn template_controller_survives_daemon_that_stands_still() {
+    let scene = Scene::new();
+    scene.daemon.signal(Signal::SIGSTOP);
+    std::thread::sleep(Duration::from_secs(2));
+    scene.daemon.signal(Signal::SIGCONT);
+    await_any_stop(&scene.client);
+    start_again(&scene.client);
+    scene.end();
+}
+
+#[test]
+fn template_controller_survives_daemon_that_ends() {
+    let mut scene = Scene::new();
+    scene.daemon.say("");
+    assert!(scene.daemon.0.wait().unwrap().success(), "the daemon ends by itself");
+    scene.start_next_daemon();
+    scene.end();
+}
+
+#[test]
+fn template_controller_survives_killed_daemon() {
+    let mut scene = Scene::new();
+    scene.daemon.0.kill().unwrap();
+    scene.daemon.0.wait().unwrap();
+    scene.start_next_daemon();
+    scene.end();
 }
 
 #[test]
