@@ -158,9 +158,10 @@ impl Place {
         let imu = is_imu.then(|| Line::imu(ImuVendor::Xsens));
         let wire = imu.or_else(|| needs_bus(example).then(Line::knee));
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
-        let line = runnable(example, &device);
+        let config = format!("line-{}.toml", device.replace('/', "-"));
+        let line = runnable(example, &device).replace("line.toml", &config);
         self.write(
-            "line.toml",
+            &config,
             &format!(
                 "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '{device}'\nevery = 5\n[[motor]]\nname = 'fl-knee'\n\
                  bus = 'line'\nid = 3\nhost-id = 0x43\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n"
@@ -214,6 +215,8 @@ fn runnable(example: &str, device: &str) -> String {
         // This option changes the test machine.
         .replace(" --tune", "")
         .replace("--seconds 600", "--seconds 1")
+        .replace("imu level base --seconds 10", "imu level base --seconds 1")
+        .replace("--seconds 5", "--seconds 1")
         .replace("motorctl demo", "motorctl demo --seconds 2")
         .replace("--seconds 2 --seconds 60", "--seconds 2")
         .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
@@ -315,31 +318,75 @@ fn every_bus_example_of_motorctl_works() {
     let mut examples = examples("motorctl", &[]);
     examples.retain(|example| needs_bus(example));
     assert!(examples.len() >= 10, "{examples:?}");
-    examples.iter().for_each(|example| place.example(example));
+    in_shares(&examples, |share| share.iter().for_each(|example| place.example(example)));
 }
 
 #[test]
 fn every_other_example_of_motorctl_works() {
-    let Some(place) = Place::new() else { return };
     let mut examples = examples("motorctl", &[]);
-    examples.retain(|example| !needs_bus(example));
+    examples.retain(|example| !needs_bus(example) && !CONTROLLERS.contains(&command_of(example)));
     assert!(examples.len() >= 20, "{examples:?}");
-    // `release` ends the controller's claim; `hold` and `identify` are controllers.
-    let controls =
-        |example: &String| [" hold ", " identify "].iter().any(|command| example.contains(command));
-    examples.sort_by_key(|example| (controls(example), example.contains(" release ")));
-    let end = AtomicBool::new(false);
-    let runtime = place.path().join("run");
+    // It ends the controller's claim.
+    examples.sort_by_key(|example| example.contains(" release "));
+    in_shares(&examples, |share| {
+        let Some(place) = Place::new() else { return };
+        let end = AtomicBool::new(false);
+        let runtime = place.path().join("run");
+        std::thread::scope(|scope| {
+            let _holder = scope.spawn(|| hold(&runtime, &end));
+            let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                for example in share {
+                    place.stop_robot(example.contains("status"));
+                    place.example(example);
+                    place.heal(example);
+                }
+            }));
+            end.store(true, Ordering::Relaxed);
+            all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        });
+    });
+}
+
+#[test]
+fn every_example_of_a_controller_works() {
+    let mut examples = examples("motorctl", &[]);
+    examples.retain(|example| CONTROLLERS.contains(&command_of(example)));
+    assert!(examples.len() >= 4, "{examples:?}");
+    in_shares(&examples, |share| {
+        let Some(place) = Place::new() else { return };
+        share.iter().for_each(|example| place.example(example));
+    });
+}
+
+/// Commands that need a group without an owner.
+const CONTROLLERS: [&str; 2] = ["hold", "identify"];
+/// Commands whose examples need the files of others.
+const TOGETHER: [&[&str]; 2] = [&["record", "replay", "plot"], &["dump", "apply"]];
+
+/// Returns the command of an example, or the first of those that it needs.
+fn command_of(example: &str) -> &str {
+    let after = example.split_once("motorctl ").map_or("", |(_, rest)| rest);
+    let mut words = after.split_whitespace();
+    let command = words.find(|word| *word != "--instance" && *word != "arm").unwrap_or_default();
+    TOGETHER.iter().find(|commands| commands.contains(&command)).map_or(command, |commands| commands[0])
+}
+
+/// Divides the examples by commands, in their order, among threads: most of their time is waiting.
+fn in_shares(examples: &[String], run: impl Fn(&[String]) + Sync) {
+    const SHARES: usize = 5;
+    let mut commands: Vec<&str> = Vec::new();
+    let mut shares: [Vec<String>; SHARES] = Default::default();
+    for example in examples {
+        let command = command_of(example);
+        let place = commands.iter().position(|known| *known == command).unwrap_or(commands.len());
+        if place == commands.len() {
+            commands.push(command);
+        }
+        shares[place % SHARES].push(example.clone());
+    }
+    let run = &run;
     std::thread::scope(|scope| {
-        let _holder = scope.spawn(|| hold(&runtime, &end));
-        let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            for example in &examples {
-                place.stop_robot(example.contains("status"));
-                place.example(example);
-                place.heal(example);
-            }
-        }));
-        end.store(true, Ordering::Relaxed);
-        all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        let begun = shares.iter().filter(|share| !share.is_empty());
+        begun.for_each(|share| drop(scope.spawn(move || run(share))));
     });
 }
