@@ -20,10 +20,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// A late state is checked for again after its delay divided by this number, within these bounds.
-const LATE_SHARE: u32 = 4;
-const LATE_SLEEP_MIN: Duration = Duration::from_micros(50);
-const LATE_SLEEP_MAX: Duration = Duration::from_millis(5);
+/// A timer ends this long before a state is due, and at most this share of a cycle: longer than it is late on most machines.
+const EARLY_MAX: Duration = Duration::from_micros(200);
+const EARLY_SHARE: u32 = 4;
 /// Number of checks for a state between two readings of the clock by a spinning thread: some
 /// microseconds.
 const GLANCES: u32 = 32;
@@ -175,20 +174,24 @@ impl Client {
     /// cycle if that one was missed. It serves a controller at an `n`th of the daemon's rate. The
     /// first call returns the next state.
     ///
-    /// The call sleeps on a timer until the state is due: other cycles do not wake it, and the
-    /// daemon needs no wake-up call. A state is about 0.1 ms old when the call returns, against
-    /// 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than `n` cycles.
+    /// The call sleeps on a timer until the state is nearly due, so that other cycles do not wake
+    /// it, and then as [`wait`](Self::wait) does. `timeout` must be longer than `n` cycles.
     ///
     /// # Errors
     /// Those of [`wait`](Self::wait).
     pub fn wait_cycles(&self, n: u32, timeout: Duration) -> Result<State, Error> {
         let (n, period) = (u64::from(n.max(1)), self.description().period());
-        self.next_of(n, timeout, |_, view, _, patience| {
-            let (due_in, late) = view.due_in(n, period).unwrap_or_default();
+        let early = EARLY_MAX.min(period / EARLY_SHARE);
+        self.next_of(n, timeout, |link, view, seen, patience| {
+            let due_in = view.due_in(n, period).unwrap_or_default();
             drop(view);
-            let again = (late / LATE_SHARE).clamp(LATE_SLEEP_MIN, LATE_SLEEP_MAX);
-            std::thread::sleep(if due_in.is_zero() { again } else { due_in }.min(patience));
-            Ok(())
+            match due_in.saturating_sub(early) {
+                Duration::ZERO => link.sleep(seen, patience),
+                until_early => {
+                    std::thread::sleep(until_early.min(patience));
+                    Ok(())
+                }
+            }
         })
     }
 

@@ -32,16 +32,14 @@ impl View {
         Some(state.clone())
     }
 
-    /// Returns the time until the next `n`th cycle should be published, zero when it is late. The
-    /// second value is its delay. `None` before the first state.
-    pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<(Duration, Duration)> {
+    /// Returns the time until the next `n`th cycle should be published, zero when it is late. `None`
+    /// before the first state.
+    pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<Duration> {
         let newest = self.newest.as_ref()?;
         let cycles = u32::try_from(self.due(n).saturating_sub(newest.cycle())).unwrap_or(u32::MAX);
         let tick_ns = newest.tick_ns().saturating_add(nanos(period.saturating_mul(cycles)));
         let due_ns = tick_ns.saturating_add(self.publish_delay_ns);
-        let now_ns = clock::now_ns();
-        let distance = |to: u64, from: u64| Duration::from_nanos(to.saturating_sub(from));
-        Some((distance(due_ns, now_ns), distance(now_ns, due_ns)))
+        Some(Duration::from_nanos(due_ns.saturating_sub(clock::now_ns())))
     }
 
     /// Returns the number of the first multiple of `n` after the last cycle that was taken.
