@@ -39,7 +39,7 @@ const CALLERS_PER_TURN: usize = 16;
 /// Least time from one turn to the next: a flood of callers must not take the processor from other threads.
 const TURN: Duration = Duration::from_millis(1);
 /// Period in which an idle thread checks whether the daemon ends. Each wake-up delays the threads below it.
-const IDLE: Duration = Duration::from_secs(1);
+const IDLE: Duration = Duration::from_millis(250);
 /// Between two of the first tries to get the socket's name.
 const NAME_TURN: Duration = Duration::from_millis(50);
 /// Longest time for a cycle to execute a stop.
