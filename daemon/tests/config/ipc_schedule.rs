@@ -59,9 +59,7 @@ fn setpoints_are_fetched_when_they_usually_arrive() {
     assert_eq!(schedule.next(earlier).at, micros(5950), "the last fetch remains");
     for sent in [5930, 4000, 9000, u64::MAX / 1000] {
         schedule.arrived(micros(sent));
-        (0..2).for_each(|_| {
-            assert!(schedule.next(micros(5700)).at <= micros(5950), "whatever a sender states")
-        });
+        assert!(schedule.next(micros(5700)).at <= micros(5950), "whatever a sender states");
     }
     schedule.arrived(micros(5930));
     assert_eq!(schedule.next(micros(5700)).at, micros(5950), "one that is almost the last is none");
