@@ -169,15 +169,17 @@ fn frames_beside_hidden_holder(frozen: Duration) -> usize {
     let mut frames = safe_frames();
     frames.buses[0].interface = no_can("hide");
     let interface = frames.buses[0].interface.clone();
-    let (_heartbeat, pulse) = beating();
+    let (heartbeat, pulse) = beating();
     let daemon = Channel::connect(&instance, PATIENCE).unwrap();
     daemon.send(&Request::Register(frames), Some(&pulse)).unwrap();
     (0..2).for_each(|_| server.turn(clock::monotonic() + PATIENCE));
     let _successor = BusLock::interface(interface.parse().unwrap()).unwrap();
     hide_holder(&interface);
-    // The queue takes time to fill: the switch must not seem frozen for it.
-    server.turn(clock::monotonic());
-    server.turn(clock::monotonic());
+    // The queue takes time to fill: neither the switch must seem frozen for it, nor the daemon to stand still.
+    for cycle in 2..4 {
+        heartbeat.beat(cycle);
+        server.turn(clock::monotonic());
+    }
     drop(daemon);
     sleep(frozen);
     let _served = server.finish(clock::monotonic() + Duration::from_secs(1));
