@@ -55,13 +55,18 @@ in_two_groups() {
 # build_programs [EXAMPLE...]: builds the programs that the rigs run, and these examples, in the folder $bin. RIG_BIN is a folder that has
 # them. The client's examples and those of the benchmarks are built with the features of the workspace, the daemon without those of tests.
 build_programs() {
-    local target profile=${RIG_PROFILE:-release} options examples=("${@/#/--example=}")
+    local target profile=${RIG_PROFILE:-release} options example examples=("${@/#/--example=}")
     target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")
     # A build for a rig must not be taken for one for a robot.
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     # The folder of cargo's profile dev is called debug.
     bin=${RIG_BIN:-$target/${profile/#dev/debug}}
-    [ -z "${RIG_BIN:-}" ] || return 0
+    if [ -n "${RIG_BIN:-}" ]; then
+        for example in "$@"; do
+            [ -x "$bin/examples/$example" ] || { echo "RIG_BIN has no examples/$example" >&2; exit 1; }
+        done
+        return
+    fi
     options=(--quiet --locked --profile "$profile" --manifest-path "$tree/Cargo.toml" --target-dir "$target")
     # Programs last: a build of examples may replace them.
     [ $# = 0 ] || cargo build "${options[@]}" --workspace "${examples[@]}"
