@@ -11,6 +11,7 @@ use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
 use motord_client::{Cause, Client, Error, Phase, RUNTIME_DIR_VARIABLE, State};
 use motord_configuration::{self as config, Machine};
+use motord_harness::daemon::{PATIENCE, until};
 use motord_ports::instance::Instance;
 use motord_simulator::{FaultVerb, SharedBus};
 use nix::sys::signal::{Signal, kill};
@@ -55,7 +56,6 @@ name = "leg"
 joints = ["hip", "knee"]
 "#;
 const GROUP: &str = "leg";
-const PATIENCE: Duration = Duration::from_secs(30);
 /// Longer than the retry interval of the example, 0.5 s: a start of the robot by the example would
 /// be seen.
 const WATCH: Duration = Duration::from_secs(1);
@@ -116,17 +116,6 @@ fn controller(runtime: &TempDir) -> Process {
     let mut command = Command::new(program);
     command.args(["--instance", "robot", "--group", GROUP]).env(RUNTIME_DIR_VARIABLE, runtime.path());
     Process(command.spawn().unwrap())
-}
-
-fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        if let Some(found) = attempt() {
-            return found;
-        }
-        assert!(Instant::now() < deadline, "{what} did not happen");
-        std::thread::sleep(Duration::from_millis(10));
-    }
 }
 
 fn connect(runtime: &TempDir) -> Client {
@@ -265,17 +254,11 @@ fn template_controller_survives_daemon_that_stands_still() {
 }
 
 #[test]
-fn template_controller_survives_daemon_that_ends() {
+fn template_controller_survives_daemons_that_end_or_die() {
     let mut scene = Scene::new();
     scene.daemon.say("");
     assert!(scene.daemon.0.wait().unwrap().success(), "the daemon ends by itself");
     scene.start_next_daemon();
-    scene.end();
-}
-
-#[test]
-fn template_controller_survives_killed_daemon() {
-    let mut scene = Scene::new();
     scene.daemon.0.kill().unwrap();
     scene.daemon.0.wait().unwrap();
     scene.start_next_daemon();

@@ -9,6 +9,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use crate::player::become_user;
+use motord_harness::daemon::{PATIENCE, until};
 use motord_harness::programs::lacks;
 use motord_ports::ClientPorts;
 use motord_ports::instance::Instance;
@@ -49,8 +50,6 @@ protocol = "mit"
 model = "GIM8108-8"
 "#;
 
-/// Longer than a busy machine stalls.
-const PATIENCE: Duration = Duration::from_secs(30);
 /// Variable for a process that sends requests without pause: its runtime directory.
 const ASK: &str = "MOTORD_TEST_ASK";
 /// Variable for a process in separate namespaces, which may mount.
@@ -183,17 +182,6 @@ fn hold(ports: &ClientPorts, lease: u64, position: f32, over: &AtomicBool) {
         // A fault may damage the connection: then the missing setpoints also stop the robot.
         let _damaged = port.send(&message);
         sleep(Duration::from_millis(5));
-    }
-}
-
-fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
-    let begun = Instant::now();
-    loop {
-        if let Some(found) = found() {
-            return found;
-        }
-        assert!(begun.elapsed() < PATIENCE, "no sign of {what}");
-        sleep(Duration::from_millis(2));
     }
 }
 
