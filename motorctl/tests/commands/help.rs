@@ -326,7 +326,7 @@ fn every_other_example_of_motorctl_works() {
     let mut examples = examples("motorctl", &[]);
     examples.retain(|example| !needs_bus(example) && !CONTROLLERS.contains(&command_of(example)));
     assert!(examples.len() >= 20, "{examples:?}");
-    // It ends the controller's claim.
+    // `release` ends the claim of the controller, so it is the last.
     examples.sort_by_key(|example| example.contains(" release "));
     in_shares(&examples, |share| {
         let Some(place) = Place::new() else { return };
@@ -366,8 +366,7 @@ const TOGETHER: [&[&str]; 2] = [&["record", "replay", "plot"], &["dump", "apply"
 /// Returns the command of an example, or the first of those that it needs.
 fn command_of(example: &str) -> &str {
     let after = example.split_once("motorctl ").map_or("", |(_, rest)| rest);
-    let mut words = after.split_whitespace();
-    let command = words.find(|word| *word != "--instance" && *word != "arm").unwrap_or_default();
+    let command = after.trim_start_matches("--instance arm ").split(' ').next().unwrap_or_default();
     TOGETHER.iter().find(|commands| commands.contains(&command)).map_or(command, |commands| commands[0])
 }
 
@@ -378,15 +377,16 @@ fn in_shares(examples: &[String], run: impl Fn(&[String]) + Sync) {
     let mut shares: [Vec<String>; SHARES] = Default::default();
     for example in examples {
         let command = command_of(example);
-        let place = commands.iter().position(|known| *known == command).unwrap_or(commands.len());
-        if place == commands.len() {
+        if !commands.contains(&command) {
             commands.push(command);
         }
+        let place = commands.iter().position(|known| *known == command).unwrap();
         shares[place % SHARES].push(example.clone());
     }
     let run = &run;
     std::thread::scope(|scope| {
-        let begun = shares.iter().filter(|share| !share.is_empty());
-        begun.for_each(|share| drop(scope.spawn(move || run(share))));
+        for share in shares.iter().filter(|share| !share.is_empty()) {
+            scope.spawn(move || run(share));
+        }
     });
 }
