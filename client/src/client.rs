@@ -20,8 +20,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// A timer ends this long before a state is due, and at most this share of a cycle: longer than it is late on most machines.
+/// The timer of [`Client::wait_cycles`] ends this long before the state is due. Timers are less late on most computers.
 const EARLY_MAX: Duration = Duration::from_micros(200);
+/// With short cycles it ends at most a cycle divided by this number before.
 const EARLY_SHARE: u32 = 4;
 /// Number of checks for a state between two readings of the clock by a spinning thread: some
 /// microseconds.

@@ -81,7 +81,7 @@
 //! | call | for | costs |
 //! |---|---|---|
 //! | [`Client::wait`] | a turn in every cycle | a wake-up: 5 to 60 µs, the more the deeper the processor sleeps |
-//! | [`Client::wait_cycles`] | a turn in every `n`th cycle, without those of other cycles | a timer, and the wake-up of `wait` |
+//! | [`Client::wait_cycles`] | a turn in every `n`th cycle, without wake-ups by other cycles | a timer, and the wake-up of `wait` |
 //! | [`Client::spin`] | a turn in every cycle, with the shortest delay | a dedicated core |
 //!
 //! The newest setpoint holds until the daemon's setpoint timeout

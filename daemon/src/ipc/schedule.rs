@@ -3,9 +3,9 @@
 use motord_bus::{Backoff, Duration, Instant, Lateness, ReplyTime};
 use motord_shared::{GroupState, Phase, StateMessage};
 
-/// From the time that a setpoint bears to its arrival.
+/// From the timestamp of a setpoint to its arrival.
 const SENDING: Duration = Duration::from_micros(10);
-/// An earlier fetch must be at least this long before the last one: longer than most wake-ups are late.
+/// An earlier fetch is at least this long before the last one. Most wake-ups are less late.
 const EARLIER_MIN: Duration = Duration::from_micros(60);
 
 /// The times of a cycle that this thread wakes for, and all that it learned of them. Nothing here allocates or blocks.
@@ -64,7 +64,7 @@ impl Schedule {
         self.is_calm = state.groups().iter().all(is_calm);
     }
 
-    /// A setpoint arrived that was sent at `sent`, a time which its sender states.
+    /// A setpoint with the timestamp `sent` arrived. Any value is harmless.
     pub fn arrived(&mut self, sent: Instant) {
         self.arrival.observe(sent.since(self.tick).min(self.period));
     }
@@ -96,9 +96,9 @@ impl Schedule {
         }
     }
 
-    /// Returns the next fetch. The last one of a cycle is `lead` before the next, which uses a setpoint that was sent by then. An
-    /// earlier one is where the setpoints usually arrive: they are in time even if the thread wakes late for the last. While no
-    /// client may send setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
+    /// Returns the next fetch. The last fetch is `lead` before a cycle, which uses the setpoints that were sent by then. An earlier
+    /// fetch follows the usual arrival of the setpoints, so that they are in time even if the thread wakes late for the last one.
+    /// While no client may send setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
     fn fetch_after(&self, now: Instant) -> Instant {
         let last = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
         let earlier = self.tick + self.arrival.latest() + SENDING;
