@@ -45,28 +45,19 @@ const DUPLICATES_MAX: u32 = 5;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Plausibility {
     steps: u32,
-    stuck: Since,
-    fast: Since,
-    far: Since,
-    hot: Since,
+    /// Since when each of the [`CONDITIONS`] has held; `None` while none of them holds.
+    since: Option<[Option<Instant>; CONDITIONS.len()]>,
     odd_temperatures: u32,
     duplicates: u32,
 }
 
-/// How long a condition has held.
-#[derive(Debug, Clone, Copy, Default)]
-struct Since(Option<Instant>);
-
-impl Since {
-    /// Updates the condition. Returns whether it has held for `time`.
-    fn lasts(&mut self, so: bool, at: Instant, time: Duration) -> bool {
-        if !so {
-            self.0 = None;
-            return false;
-        }
-        at.since(*self.0.get_or_insert(at)) >= time
-    }
-}
+/// The causes that need time, and how long their conditions must hold.
+const CONDITIONS: [(Cause, Duration); 4] = [
+    (Cause::EncoderStuck, STUCK_TIME),
+    (Cause::Overspeed, OVERSPEED_TIME),
+    (Cause::FollowingError, FOLLOWING_TIME),
+    (Cause::OverTemperature, HOT_TIME),
+];
 
 /// The data that a report is judged by.
 #[derive(Debug, Clone, Copy)]
@@ -155,19 +146,25 @@ impl Plausibility {
         let fast = reported.velocity.abs() > overspeed(limits.velocity, settings.capabilities.velocity_end);
         let far = active && is_far(reported, pulled_to, limits);
         let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
-        if self.stuck.lasts(stuck, at, STUCK_TIME) {
-            return Some(Cause::EncoderStuck);
-        }
-        if self.fast.lasts(fast, at, OVERSPEED_TIME) {
-            return Some(Cause::Overspeed);
-        }
-        if self.far.lasts(far, at, FOLLOWING_TIME) {
-            return Some(Cause::FollowingError);
-        }
-        if self.hot.lasts(hot, at, HOT_TIME) {
-            return Some(Cause::OverTemperature);
+        if !(stuck | fast | far | hot) {
+            self.since = None;
+        } else if let Some(cause) = self.lasting([stuck, fast, far, hot], at) {
+            return Some(cause);
         }
         (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
+    }
+
+    /// Returns the first cause whose condition has held long enough. `hold`: which of the [`CONDITIONS`] hold.
+    #[cold]
+    fn lasting(&mut self, hold: [bool; CONDITIONS.len()], at: Instant) -> Option<Cause> {
+        let since = self.since.get_or_insert_default();
+        for (since, holds) in since.iter_mut().zip(hold) {
+            *since = holds.then(|| since.unwrap_or(at));
+        }
+        let mut lasting = CONDITIONS.iter().zip(since);
+        lasting.find_map(|((cause, time), since)| {
+            since.is_some_and(|since| at.since(since) >= *time).then_some(*cause)
+        })
     }
 
     /// Ignores a single step of the temperature; uses it after many in a row. Ignores impossible
