@@ -66,14 +66,14 @@ impl Claims {
     ///
     /// # Errors
     ///
-    /// Why it cannot be opened. What was locked before stays locked.
+    /// Why it cannot be opened. Its name stays locked.
     fn reopen(&mut self, settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusError> {
         let Some(claim) = self.0.get_mut(index).and_then(Option::as_mut) else {
             return open_one(settings, index).map(|opened| opened.bus);
         };
         let bus = &settings.buses[index];
-        // Before it is locked: another bus may hold the lock of an interface that was exchanged.
-        let expected = claim.expected(bus)?;
+        // Before it is locked: what has the name of this bus now may be another bus, whose lock it must not take.
+        let expected = claim.expected(bus).inspect_err(|_| claim.lock.leave())?;
         let refused = |source| BusError::Lock { bus: bus.name.clone(), source };
         claim.lock.follow().map_err(refused)?;
         let opened = open_one(settings, index)?;

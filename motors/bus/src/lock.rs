@@ -8,7 +8,6 @@
 //! The other is for the name, and also holds while the interface or the device does not exist.
 
 use std::os::fd::{AsRawFd, OwnedFd};
-use std::path::Path;
 
 use nix::errno::Errno;
 use nix::sys::socket::{
@@ -120,21 +119,26 @@ impl BusLock {
         Named::Device(device.to_owned()).holder()
     }
 
-    /// Also locks the interface or device that has the name now, if it is not the one that is
-    /// locked. The lock of the previous one is then released. Without an interface or device
-    /// nothing changes. Call it before a bus is opened again: a reconnected adapter has another
-    /// index or device number.
+    /// Locks the interface or device that has the name now, and lets another one go: its index or number may already be that of
+    /// another bus. The name stays locked. Call it before a bus is opened again: a reconnected adapter has another index or number.
     ///
     /// # Errors
     ///
-    /// As [`interface`](Self::interface). The previous lock stays.
+    /// As [`interface`](Self::interface). Then only the name is locked.
     pub fn follow(&mut self) -> Result<(), LockError> {
-        let Some(current) = self.bus.identity() else { return Ok(()) };
-        if self.identity.as_ref().is_none_or(|(held, _)| *held != current) {
-            let socket = self.bus.lock(&self.bus.name_of(current))?;
-            self.identity = Some((current, socket));
+        let current = self.current();
+        if self.held() != current {
+            self.leave();
+        }
+        if let Some(current) = current.filter(|_| self.identity.is_none()) {
+            self.identity = Some((current, self.bus.lock(&self.bus.name_of(current))?));
         }
         Ok(())
+    }
+
+    /// Lets the interface or device go. The name stays locked.
+    pub fn leave(&mut self) {
+        self.identity = None;
     }
 
     /// Returns the interface or device that has the name now; `None` without one.
@@ -220,8 +224,8 @@ impl Named {
 }
 
 fn name_of_device(device: &str) -> Vec<u8> {
-    // A missing device is locked under the path that the caller gave.
-    let path = Path::new(device).canonicalize().unwrap_or_else(|_| device.into());
+    // Links are not resolved: the device that one leads to may be another tomorrow.
+    let path = std::path::absolute(device).unwrap_or_else(|_| device.into());
     let bytes = path.as_os_str().as_encoded_bytes();
     [b"motord/serial/", &bytes[bytes.len().saturating_sub(NAME_BYTES_MAX)..]].concat()
 }
@@ -250,6 +254,7 @@ fn holder(address: &UnixAddr) -> Option<Holder> {
 mod tests {
     use super::*;
     use nix::sys::stat::{Mode, SFlag, makedev, mknod};
+    use std::path::Path;
 
     /// Returns a name that no other test and no interface uses.
     fn interface(place: u32) -> InterfaceName {
@@ -300,14 +305,44 @@ mod tests {
         let mut lock = BusLock::device(adapter.to_str().unwrap()).unwrap();
         std::fs::remove_file(&adapter).unwrap();
         lock.follow().unwrap();
-        assert!(BusLock::holder_of_device(first).is_some(), "an absent device stays locked");
+        assert!(BusLock::holder_of_device(adapter.to_str().unwrap()).is_some(), "its name stays locked");
         symlink(second, &adapter).unwrap();
         let other = BusLock::device(second).unwrap();
         assert!(matches!(lock.follow(), Err(LockError::Held { .. })));
-        assert!(BusLock::holder_of_device(first).is_some(), "a refused change releases nothing");
         drop(other);
         lock.follow().unwrap();
         assert!(matches!(BusLock::device(second), Err(LockError::Held { .. })));
+    }
+
+    /// The kernel gives the number of an adapter that is gone to the next one that is plugged in.
+    #[test]
+    fn absent_adapter_leaves_its_number_to_others() {
+        use std::os::unix::fs::symlink;
+        let directory = tempfile::tempdir().unwrap();
+        let [left, right] = ["left", "right"].map(|name| directory.path().join(name));
+        let lead = |adapter: &Path, device: &str| {
+            let _absent = std::fs::remove_file(adapter);
+            symlink(device, adapter).unwrap();
+        };
+        let lock = |adapter: &Path| BusLock::device(adapter.to_str().unwrap()).unwrap();
+        let (first, second) = ("/dev/random", "/dev/urandom");
+        lead(&left, first);
+        lead(&right, second);
+        let (mut on_left, mut on_right) = (lock(&left), lock(&right));
+
+        // Both were unplugged, and return in the other order.
+        lead(&left, second);
+        lead(&right, first);
+        assert!(matches!(on_left.follow(), Err(LockError::Held { .. })), "until the other has let it go");
+        on_right.follow().unwrap();
+        on_left.follow().unwrap();
+        assert!([first, second].iter().all(|device| BusLock::holder_of_device(device).is_some()));
+
+        // One does not return, and the other gets its number.
+        std::fs::remove_file(&left).unwrap();
+        on_left.follow().unwrap();
+        lead(&right, second);
+        on_right.follow().unwrap();
     }
 
     #[test]
@@ -330,10 +365,9 @@ mod tests {
     #[test]
     fn device_has_one_lock_under_all_names() {
         let directory = tempfile::tempdir().unwrap();
-        let (device, link) = (directory.path().join("device"), directory.path().join("adapter"));
-        std::fs::write(&device, "").unwrap();
-        std::os::unix::fs::symlink(&device, &link).unwrap();
-        let (device, link) = (device.to_str().unwrap(), link.to_str().unwrap());
+        let (device, link) = ("/dev/tty", directory.path().join("adapter"));
+        std::os::unix::fs::symlink(device, &link).unwrap();
+        let link = link.to_str().unwrap();
         let first = BusLock::device(link).unwrap();
         let holder = Holder(Some(std::process::id()));
         assert_eq!(BusLock::device(device).unwrap_err(), LockError::Held { bus: device.into(), holder });
