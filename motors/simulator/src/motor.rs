@@ -415,13 +415,17 @@ impl Motor {
     fn conditions(&self) -> u32 {
         let above = |value: f64, item| value > f64::from(self.configuration.int(item));
         let below = |value: f64, item| value < f64::from(self.configuration.int(item));
-        let holds = [
-            above(self.supply, int::OVER_VOLTAGE),
-            below(self.supply, int::UNDER_VOLTAGE),
-            above(self.body.winding, int::OVER_TEMPERATURE),
-        ];
-        let raised = self.twin.conditions.into_iter().zip(holds).filter(|(_, holds)| *holds);
-        raised.fold(0, |fault, (number, _)| (self.twin.raise)(fault, number))
+        let [over_voltage, under_voltage, over_temperature] = self.twin.conditions;
+        let mut fault = 0;
+        let mut raise = |number, holds: bool| {
+            if holds {
+                fault = (self.twin.raise)(fault, number);
+            }
+        };
+        raise(over_voltage, above(self.supply, int::OVER_VOLTAGE));
+        raise(under_voltage, below(self.supply, int::UNDER_VOLTAGE));
+        raise(over_temperature, above(self.body.winding, int::OVER_TEMPERATURE));
+        fault
     }
 
     fn raise(&mut self, number: u32) {
