@@ -14,10 +14,13 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Between two looks at a robot, each of which is a process.
+const POLL: Duration = Duration::from_millis(20);
 
 /// Returns the examples in the help of a program and of its commands.
 fn examples(program: &str, command: &[String]) -> Vec<String> {
@@ -116,6 +119,7 @@ impl Place {
         let deadline = Instant::now() + PATIENCE;
         while !self.shell(&format!("motorctl --instance {instance} status")).status.success() {
             assert!(Instant::now() < deadline, "{instance} is not ready");
+            sleep(POLL);
         }
     }
 
@@ -139,6 +143,7 @@ impl Place {
         let deadline = Instant::now() + PATIENCE;
         while !is_at_rest(&self.shell("motorctl status --json").stdout) {
             assert!(Instant::now() < deadline, "the robot does not stop");
+            sleep(POLL);
         }
         assert!(latched || self.shell("motorctl reset").status.success());
     }

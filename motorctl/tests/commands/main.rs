@@ -4,8 +4,6 @@
 
 #[path = "../line/mod.rs"]
 mod line;
-#[path = "../programs/mod.rs"]
-mod programs;
 mod schema;
 
 mod command_line;
@@ -21,7 +19,10 @@ mod identify;
 mod imu;
 mod monitor;
 mod operate;
+mod pages;
+mod programs;
 mod protocol_table;
+mod readme;
 mod recording;
 mod robots;
 mod schemas;

@@ -4,12 +4,8 @@
 //! The tests that need shells or viewers are ignored by default: `.ci/full pages` installs their
 //! requirements and runs them.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod programs;
-
+use crate::programs::{PROGRAMS, below, commands, directory, help, options, program};
 use motord_harness::tmux::Tmux;
-use programs::{PROGRAMS, below, commands, directory, help, options, program};
 use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;

@@ -5,8 +5,6 @@
 //! A release build (`cargo test --release`) runs the lines word for word. Other builds run their
 //! own programs instead.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
 use motord_harness::tmux::Tmux;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -81,7 +79,7 @@ fn build(example: &str) {
 }
 
 #[test]
-fn readme_has_first_program_of_client() {
+fn it_has_first_program_of_client() {
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
     let block = readme.split("```rust\n").nth(1).unwrap().split("```").next().unwrap();
     let program = std::fs::read_to_string(root().join("client/examples/start.rs")).unwrap();
@@ -89,7 +87,7 @@ fn readme_has_first_program_of_client() {
 }
 
 #[test]
-fn readme_commands_move_kill_and_damp_robot() {
+fn its_commands_move_kill_and_damp_robot() {
     let blocks = commands("Now you");
     let [run, monitor, controller, reset] = &blocks[..] else { panic!("{blocks:?}") };
     assert!(blocks.iter().all(|block| !block.contains('\n')), "one line each: {blocks:?}");
