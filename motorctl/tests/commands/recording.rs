@@ -55,6 +55,8 @@ fn recording_holds_every_cycle_and_is_drawn() {
     tmux.enter(&format!("motorctl replay {path}"));
     tmux.until("the recording", |screen| screen.contains("RECORDING") && screen.contains("fl-knee"));
     assert!(!tmux.screen().contains("e-stop"), "{}", tmux.screen());
+    // Room for the path of the recording.
+    tmux.resize(160, 40);
     tmux.until("its end", |screen| screen.contains("the end: no key reaches a robot"));
     tmux.press(&["?"]);
     tmux.until("the help", |screen| screen.contains("no key reaches a robot.") && !screen.contains("e-stop"));
