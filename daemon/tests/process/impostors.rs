@@ -175,7 +175,7 @@ fn frames_beside_hidden_holder(frozen: Duration) -> usize {
     (0..2).for_each(|_| server.turn(clock::monotonic() + PATIENCE));
     let _successor = BusLock::interface(interface.parse().unwrap()).unwrap();
     hide_holder(&interface);
-    // Filling the queue took time. The switch must not conclude that it was frozen, or that the daemon stands still.
+    // Filling the queue took time. These turns show the switch that it runs, and that the daemon does.
     for cycle in 2..4 {
         heartbeat.beat(cycle);
         server.turn(clock::monotonic());

@@ -45,7 +45,7 @@ const DUPLICATES_MAX: u32 = 5;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Plausibility {
     steps: u32,
-    /// Since when each of the [`CONDITIONS`] has held; `None` while none of them holds.
+    /// The time at which each of the [`CONDITIONS`] began to hold; `None` while none holds.
     since: Option<[Option<Instant>; CONDITIONS.len()]>,
     odd_temperatures: u32,
     duplicates: u32,
