@@ -20,9 +20,9 @@ use std::time::Duration;
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-simulated.toml");
 const INSTANCE: &str = "demo";
 const GROUP: &str = "legs";
-const CYCLES: u64 = 6_000;
+const CYCLES: u64 = 10_000;
 /// Cycles in which one client watches and none connects.
-const QUIET_CYCLES: u64 = 2_000;
+const QUIET_CYCLES: u64 = 4_000;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Limit on the allocations of the ipc thread in a cycle without requests.
 const IPC_MAX: f64 = 0.05;
