@@ -8,19 +8,15 @@ use crate::line::Line;
 use crate::programs::help;
 use crate::robots::text;
 use motord_client::{Client, Setpoint};
+use motord_harness::daemon::until;
 use motord_harness::programs::{directory, lacks, program};
 use motord_simulator::ImuVendor;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
-
-const PATIENCE: Duration = Duration::from_secs(30);
-/// Between two looks at a robot, each of which is a process.
-const POLL: Duration = Duration::from_millis(20);
 
 /// Returns the examples in the help of a program and of its commands.
 fn examples(program: &str, command: &[String]) -> Vec<String> {
@@ -116,11 +112,8 @@ impl Place {
         command.arg("run").arg("--config").arg(self.path().join(format!("{instance}-daemon.toml")));
         command.env("MOTORD_RUNTIME_DIR", self.path().join("run")).stderr(Stdio::null());
         self.daemons.push(command.spawn().unwrap());
-        let deadline = Instant::now() + PATIENCE;
-        while !self.shell(&format!("motorctl --instance {instance} status")).status.success() {
-            assert!(Instant::now() < deadline, "{instance} is not ready");
-            sleep(POLL);
-        }
+        let line = format!("motorctl --instance {instance} status");
+        until("a ready daemon", || self.shell(&line).status.success().then_some(()));
     }
 
     /// Runs a line in this directory like a person. A pipeline fails when any part of it fails.
@@ -140,11 +133,7 @@ impl Place {
     /// Stops the motors; they may be enabled again unless the stop stays `latched`.
     fn stop_robot(&self, latched: bool) {
         self.shell("motorctl estop");
-        let deadline = Instant::now() + PATIENCE;
-        while !is_at_rest(&self.shell("motorctl status --json").stdout) {
-            assert!(Instant::now() < deadline, "the robot does not stop");
-            sleep(POLL);
-        }
+        until("the stop", || is_at_rest(&self.shell("motorctl status --json").stdout).then_some(()));
         assert!(latched || self.shell("motorctl reset").status.success());
     }
 
