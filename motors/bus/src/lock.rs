@@ -254,6 +254,7 @@ fn holder(address: &UnixAddr) -> Option<Holder> {
 mod tests {
     use super::*;
     use nix::sys::stat::{Mode, SFlag, makedev, mknod};
+    use std::os::unix::fs::symlink;
     use std::path::Path;
 
     /// Returns a name that no other test and no interface uses.
@@ -297,7 +298,6 @@ mod tests {
 
     #[test]
     fn lock_follows_device_to_its_new_number() {
-        use std::os::unix::fs::symlink;
         let directory = tempfile::tempdir().unwrap();
         let adapter = directory.path().join("adapter");
         let (first, second) = ("/dev/zero", "/dev/full");
@@ -317,7 +317,6 @@ mod tests {
     /// The kernel gives the number of an adapter that is gone to the next one that is plugged in.
     #[test]
     fn absent_adapter_leaves_its_number_to_others() {
-        use std::os::unix::fs::symlink;
         let directory = tempfile::tempdir().unwrap();
         let [left, right] = ["left", "right"].map(|name| directory.path().join(name));
         let lead = |adapter: &Path, device: &str| {
@@ -366,7 +365,7 @@ mod tests {
     fn device_has_one_lock_under_all_names() {
         let directory = tempfile::tempdir().unwrap();
         let (device, link) = ("/dev/tty", directory.path().join("adapter"));
-        std::os::unix::fs::symlink(device, &link).unwrap();
+        symlink(device, &link).unwrap();
         let link = link.to_str().unwrap();
         let first = BusLock::device(link).unwrap();
         let holder = Holder(Some(std::process::id()));
