@@ -15,7 +15,8 @@ use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use motord_shared::SetpointMode;
 
-/// While stopped, one of this many cycles asks for the speed, and one commands stop.
+/// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, every
+/// second turn commands it.
 const ROUND: u32 = 10;
 /// A velocity older than this is not combined with a new angle to a state.
 const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
@@ -30,6 +31,8 @@ pub(super) struct Gim {
     /// The last request is for an indicator of telemetry, not for a part of the state.
     asks_indicator: bool,
     turn: u32,
+    /// The motor confirmed a stop, and was commanded nothing else since.
+    is_stopped: bool,
     /// The motor confirmed the start command, and was not commanded to stop since. Otherwise it
     /// refuses control commands.
     started: bool,
@@ -52,6 +55,7 @@ impl Gim {
             asked: gim::Command::StopMotor,
             asks_indicator: false,
             turn: 0,
+            is_stopped: false,
             started: false,
             state,
             velocity_at: Instant::FAR_FUTURE,
@@ -63,6 +67,7 @@ impl Gim {
     pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
         if !matches!(command, Command::Stop | Command::Nothing | Command::Wait | Command::GetIndicator(_)) {
             self.turn = 0;
+            self.is_stopped &= *command == Command::GetFault;
         }
         self.asked = match command {
             Command::Nothing | Command::Wait => return None,
@@ -92,8 +97,16 @@ impl Gim {
         self.turn = (turn + 1) % ROUND;
         match turn {
             0 => gim::Command::StopMotor,
+            turn if !self.is_stopped && turn.is_multiple_of(2) => gim::Command::StopMotor,
             2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
             _ => self.state_question(),
+        }
+    }
+
+    /// The request was not sent. A stop is the next request instead.
+    pub(super) const fn withdraw(&mut self) {
+        if matches!(self.asked, gim::Command::StopMotor) {
+            self.turn = 0;
         }
     }
 
@@ -171,6 +184,7 @@ impl Gim {
                 gim::Command::StopMotor => {
                     // No later answer of a stopped motor contains its torque.
                     self.state.torque = 0.0;
+                    self.is_stopped = true;
                     Reported::Stopped
                 }
                 _ => {

@@ -133,6 +133,9 @@ impl Drive {
     /// Withdraws the open request, whose frame was not sent.
     pub const fn withdraw(&mut self) {
         self.correlator = self.correlator.withdraw();
+        if let Dialect::Gim(gim) = &mut self.dialect {
+            gim.withdraw();
+        }
     }
 
     /// Closes the open request, which the motor could not read. Constant time.
@@ -140,7 +143,7 @@ impl Drive {
         if !self.is_open() {
             return Received::Malformed;
         }
-        self.withdraw();
+        self.correlator = self.correlator.withdraw();
         Received::Reply(Reported::Refused)
     }
 

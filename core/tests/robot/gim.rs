@@ -9,6 +9,9 @@ use motord_protocol::gim::INDICATORS;
 use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, Refusal, SetpointMode};
 use motord_simulator::DurationEnd;
 
+/// The code of Stop Motor, CID 0x92.
+const STOP: u8 = 0x92;
+
 fn arm() -> Robot {
     let mut text =
         String::from("[safety]\nsetpoint-timeout-ms = 20\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
@@ -80,6 +83,40 @@ fn gim_motors_are_damped_when_their_owner_dies() {
     assert_eq!(robot.phase(), Phase::Disarmed);
     robot.steps(3);
     assert_eq!(robot.cycle.unstopped().count(), 0, "they answered their stops");
+}
+
+/// Otherwise the motor keeps its last torque for the nine turns that ask for its state.
+#[test]
+fn stop_is_repeated_until_native_motor_confirms() {
+    let robot = arm();
+    let mut drive = Drive::new(&robot.settings.motors[0], Duration::ZERO, false);
+    let at = |turn: u64| Instant::ZERO + Duration::from_millis(10 * turn);
+    let first = |drive: &mut Drive, turn| drive.request(&Command::Stop, at(turn)).unwrap().payload()[0];
+    drive.request(&Command::Start, Instant::ZERO);
+    assert_eq!(first(&mut drive, 1), STOP);
+    drive.withdraw();
+    assert_eq!(first(&mut drive, 2), STOP, "the one before was not sent");
+    let lost: Vec<_> = (3..9).map(|turn| first(&mut drive, turn) == STOP).collect();
+    assert_eq!(lost, [false, true, false, true, false, true]);
+    let confirmed = drive.receive(&[STOP, 0, 0, 0, 0, 0, 0, 0], at(8) + Duration::from_millis(1));
+    assert_eq!(confirmed, Received::Reply(Reported::Stopped));
+    let confirmed = (9..29).filter(|turn| first(&mut drive, *turn) == STOP).count();
+    assert_eq!(confirmed, 2, "a stop in every tenth turn");
+}
+
+/// It hears, but its answers are lost: only repeated stops end its torque.
+#[test]
+fn lost_native_motor_gets_five_stops_a_second() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 0.5);
+    activate(&mut robot, &joints);
+    robot.disturb("shoulder off");
+    robot.steps(100);
+    assert_eq!(robot.mode(0), MotorMode::Offline);
+    robot.take_sent();
+    robot.steps(1000);
+    let stops = robot.take_sent_to(1).iter().filter(|sent| sent.bytes[0] == STOP).count();
+    assert!(stops >= 4, "{stops}");
 }
 
 #[test]
