@@ -42,7 +42,7 @@ fn read(clock: ClockId) -> u64 {
 ///
 /// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so
 /// their difference is constant until a process sets the time. It is measured once a second, and
-/// immediately when a stamp is impossible. Between two measurements no clock is read.
+/// immediately when a reading or a stamp is impossible.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RealtimeOffset {
     /// Realtime minus monotonic, in ns.
@@ -86,11 +86,13 @@ impl RealtimeOffset {
         self.apply(stamp).max(earliest).min(now)
     }
 
-    /// Measures again when the last measurement is a second old at `now`. Neither allocates nor
-    /// blocks; reads the clocks.
+    /// Measures again when the last measurement is a second old at `now`, which has passed, or the time was set back. A
+    /// stamp would otherwise be earlier than its frame, by less than makes it impossible. Neither allocates nor blocks;
+    /// reads the clock once, and the clocks when it measures.
     #[inline]
     pub(crate) fn refresh(&mut self, now: Instant) {
-        if now >= self.measured + Self::REMEASURE {
+        let is_set_back = self.apply(RealtimeStamp(read(ClockId::Realtime))) < now;
+        if is_set_back || now >= self.measured + Self::REMEASURE {
             self.measure_again(now);
         }
     }
@@ -131,6 +133,20 @@ mod tests {
     }
 
     #[test]
+    fn small_step_back_of_the_clock_moves_no_stamp() {
+        let mut offset = RealtimeOffset::measure();
+        let earliest = monotonic() - Duration::from_secs(1);
+        let (before, stamp) = (monotonic(), stamp_now());
+        let now = monotonic();
+        // As if the clock had been set back by half the time since the last frame.
+        offset.offset += 500_000_000;
+        offset.measured = now;
+        offset.refresh(now);
+        let at = offset.monotonic(stamp, earliest, now);
+        assert!(at >= before - Duration::from_millis(20), "{before:?} {at:?}");
+    }
+
+    #[test]
     fn setting_the_time_of_day_moves_no_stamp() {
         for step in [-(HOUR as i64), HOUR as i64] {
             let mut offset = RealtimeOffset::measure();
@@ -148,9 +164,10 @@ mod tests {
         let mut offset = RealtimeOffset::measure();
         let right = offset.offset;
         let measured = offset.measured;
-        offset.offset = right.saturating_add(HOUR as i64);
+        // A clock that was set forward: a reading that was set back is noticed earlier.
+        offset.offset = right.saturating_sub(HOUR as i64);
         offset.refresh(measured + RealtimeOffset::REMEASURE - Duration::from_nanos(1));
-        assert_eq!(offset.offset, right.saturating_add(HOUR as i64));
+        assert_eq!(offset.offset, right.saturating_sub(HOUR as i64));
         offset.refresh(measured + RealtimeOffset::REMEASURE);
         assert!(offset.offset.abs_diff(right) < 20_000_000, "{} and {right}", offset.offset);
     }

@@ -277,7 +277,9 @@ impl Bus for SocketCanBus {
         }
         let Self { socket, incoming, realtime, latest, dropped, .. } = self;
         let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
-        realtime.refresh(now);
+        if count > 0 {
+            realtime.refresh(now);
+        }
         for message in incoming.messages(count) {
             let ancillary = wire::ancillary(message.control());
             *latest = match ancillary.stamp {
