@@ -9,14 +9,14 @@ use super::{InterfaceName, OpenError, bind, failed, limit_queue, raw_socket, sen
 use crate::frame::{Frame, Inbox};
 use crate::kernel::{Batch, CLASSIC_BYTES};
 use crate::time::Instant;
-use crate::{Bus, Readiness, Sent};
+use crate::{Bus, Readiness, Refusal, Sent};
 
 /// Sends on the interface with a given name. When the interface is missing, or was unplugged and
-/// plugged in again, sending is refused with [`Refusal::Gone`](crate::Refusal::Gone) until the
+/// plugged in again, sending is refused with [`Refusal::Gone`] until the
 /// interface is [found](Self::find).
 ///
 /// The sender changes no settings of the interface. While the interface is down, sending is refused
-/// with [`Refusal::Down`](crate::Refusal::Down).
+/// with [`Refusal::Down`].
 pub struct Sender {
     interface: InterfaceName,
     socket: CanSocket,
@@ -56,9 +56,14 @@ impl Sender {
 }
 
 impl Bus for Sender {
-    /// One `sendmmsg`.
+    /// One `sendmmsg`. A second one after the interface was down: the kernel reports that once, even if it has been up
+    /// again for hours.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
-        send(&mut self.outgoing, self.socket.as_fd(), frames)
+        let sent = send(&mut self.outgoing, self.socket.as_fd(), frames);
+        match sent.refusal {
+            Some(Refusal::Down) if sent.accepted == 0 => send(&mut self.outgoing, self.socket.as_fd(), frames),
+            _ => sent,
+        }
     }
 
     /// Nothing ever arrives.

@@ -229,6 +229,8 @@ fn sender_finds_the_current_interface_of_name() {
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Down), "round {round}");
         assert!(vcan.set(Condition::Up));
         assert_eq!(send(&mut sender), Sent::all(2), "round {round}: up again");
+        assert!(vcan.set(Condition::Down) && vcan.set(Condition::Up));
+        assert_eq!(send(&mut sender), Sent::all(2), "round {round}: it was down between two frames");
         assert!(vcan.set(Condition::Gone));
         let before = allocations();
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}");
