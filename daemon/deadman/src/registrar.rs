@@ -47,8 +47,9 @@ pub struct Registrar {
     instance: Instance,
     frames: SafeFrames,
     pulse: Pulse,
-    /// Closed when this value is dropped, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its
-    /// motors, and the switch must not act.
+    /// The connection from before the request on. The switch may read the request late, and treats a registered connection that
+    /// is closed as a dead daemon: so this one stays open until the switch answers or closes it. It is closed when this
+    /// value is dropped, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its motors.
     switch: Option<Channel>,
     /// The reason of the last line of the log about a missing switch; empty while there is one.
     logged: String,
@@ -83,18 +84,22 @@ impl Registrar {
                 std::thread::sleep(TURN);
                 continue;
             }
-            match self.register() {
-                Ok(switch) => {
+            match self.register(&stop) {
+                Ok(()) => {
                     tracing::info!("dead man's switch: yes");
                     self.logged.clear();
                     (self.lost)(false);
-                    let switch = self.switch.insert(switch);
-                    watch(switch, &self.lost, &stop);
+                    if let Some(switch) = &self.switch {
+                        watch(switch, &self.lost, &stop);
+                    }
                     (self.lost)(true);
-                    self.switch = None;
                 }
                 Err(reason) => self.log(reason.to_string()),
             }
+            if stop() {
+                return;
+            }
+            self.switch = None;
             let end = clock::monotonic() + RETRY;
             while !stop() && clock::monotonic() < end {
                 std::thread::sleep(TURN);
@@ -113,15 +118,28 @@ impl Registrar {
         }
     }
 
-    fn register(&self) -> Result<Channel, RegistrarError> {
+    /// Sends the request, and waits until the switch answers or disconnects, or `stop` returns true.
+    fn register(&mut self, stop: &impl Fn() -> bool) -> Result<(), RegistrarError> {
         let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::of_connection)?;
-        switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
-        match switch.receive()?.0 {
-            Answer::Registered => Ok(switch),
-            Answer::Refused(refusal) => Err(RegistrarError::Refused(refusal)),
-            Answer::Acting(_) => Err(RegistrarError::Answer),
+        self.switch.insert(switch).send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
+        loop {
+            match self.switch.as_ref().map(Channel::receive) {
+                Some(Ok((Answer::Registered, _))) => return Ok(()),
+                Some(Ok((Answer::Refused(refusal), _))) => return Err(RegistrarError::Refused(refusal)),
+                Some(Ok((Answer::Acting(_), _))) => return Err(RegistrarError::Answer),
+                Some(Err(error)) if is_late(&error) && !stop() => {
+                    self.log(RegistrarError::Unanswered(error).to_string());
+                }
+                Some(Err(error)) => return Err(error.into()),
+                None => return Err(RegistrarError::Answer),
+            }
         }
     }
+}
+
+/// Returns `true` for a switch that has not answered yet, also where this process was stopped and continued meanwhile.
+fn is_late(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
 
 /// Returns when the switch disconnected, or `stop` returns true. Logs when the switch hangs and when it answers again,

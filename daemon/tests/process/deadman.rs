@@ -479,6 +479,42 @@ fn daemon_finds_a_switch_that_starts_later() {
     registrar.join().unwrap();
 }
 
+/// A switch may be stopped, or opens an interface while another process configures one. A daemon that gives up
+/// meanwhile would look dead to it, and it would stop the motors of a robot that walks.
+#[test]
+fn late_switch_leaves_living_daemon_alone() {
+    let (_directory, instance) = runtime();
+    let (heartbeat, pulse) = beating();
+    let ends = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&ends);
+    let beats = spawn(move || {
+        for beat in 2_u64.. {
+            if ended.load(Ordering::Relaxed) {
+                return heartbeat.rest();
+            }
+            heartbeat.beat(beat);
+            sleep(Duration::from_millis(1));
+        }
+    });
+    let (sent, sends) = channel();
+    let open = move |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sent))) };
+    let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
+    let ended = Arc::clone(&ends);
+    let mut registrar = Registrar::new(instance, safe_frames(), pulse);
+    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    sleep(SWITCH_PATIENCE + Duration::from_millis(500));
+    let due = clock::monotonic() + Duration::from_secs(1);
+    while clock::monotonic() < due {
+        server.turn(due);
+        assert!(!server.is_acting(), "the daemon lives");
+    }
+    ends.store(true, Ordering::Relaxed);
+    beats.join().unwrap();
+    registrar.join().unwrap();
+    drop(server);
+    assert_eq!(sends.iter().count(), 0);
+}
+
 #[test]
 fn registrar_without_heartbeat_exits_on_request() {
     let (_directory, instance) = runtime();
