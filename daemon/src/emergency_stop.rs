@@ -32,7 +32,7 @@ use std::array::from_fn;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::Arc;
 
-/// Most callers without a request. A further one replaces the oldest, whose connection is closed.
+/// Limit on connections that have not sent a request. One more closes the oldest.
 const CALLERS_MAX: usize = 64;
 /// Most callers accepted in a turn.
 const CALLERS_PER_TURN: usize = 16;
@@ -69,25 +69,18 @@ pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers
     }
 }
 
-/// Returns the listening socket as soon as its name is free. An exiting predecessor may hold the name, or any other process.
+/// Returns the listening socket as soon as the system grants it. An exiting predecessor may hold the name, or any other process.
 fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<OwnedFd> {
     let mut tries = 0_u32;
     while !ended() {
         match listen_for(instance) {
             Ok(listener) => return Some(listener),
-            Err(errno @ (Errno::EADDRINUSE | Errno::EMFILE | Errno::ENFILE)) => {
-                if tries == 20 {
-                    tracing::error!(
-                        see = "stop-socket",
-                        "no socket for emergency stops: {}. Keeps trying.",
-                        errno.desc()
-                    );
-                }
-            }
-            Err(errno) => {
-                tracing::error!(see = "stop-socket", "no socket for emergency stops: {}", errno.desc());
-                return None;
-            }
+            Err(errno) if tries == 20 => tracing::error!(
+                see = "stop-socket",
+                "no socket for emergency stops: {}. Keeps trying.",
+                errno.desc()
+            ),
+            Err(_) => {}
         }
         tries = tries.saturating_add(1);
         std::thread::sleep(if tries > 20 { SECOND } else { NAME_TURN });
@@ -113,7 +106,7 @@ struct Server {
     gate: Gate,
     stops: Arc<EmergencyStops>,
     askers: Askers,
-    /// When the log told of a stop, and how many it has not told since.
+    /// Time of the last log line about a stop. `unlogged` counts the stops since then without a line.
     logged: Option<Instant>,
     unlogged: u32,
 }
@@ -217,7 +210,7 @@ fn answer(caller: &OwnedFd, reply: &[u8]) {
 /// Decides who may stop the robot.
 struct Gate {
     directory: std::ffi::CString,
-    /// As it was when it was seen last.
+    /// Metadata of the runtime directory from the last successful `stat`.
     seen: Option<FileStat>,
     /// Room for the groups of a caller.
     groups: Vec<u32>,
@@ -264,6 +257,19 @@ fn may_enter(directory: &FileStat, uid: u32, gid: u32, groups: &[u32]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn socket_is_bound_when_runtime_directory_returns() {
+        let place = tempfile::tempdir().unwrap();
+        let directory = place.path().join("run");
+        std::fs::create_dir(&directory).unwrap();
+        let instance = MotordInstance::below(&directory, "robot").unwrap();
+        std::fs::remove_dir_all(&directory).unwrap();
+        let waits = std::thread::spawn(move || await_name(&instance, || false).is_some());
+        std::thread::sleep(4 * NAME_TURN);
+        std::fs::create_dir(&directory).unwrap();
+        assert!(waits.join().unwrap());
+    }
 
     #[test]
     fn members_of_runtime_directory_alone_may_stop() {
