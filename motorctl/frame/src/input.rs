@@ -104,9 +104,10 @@ impl Decoder<'_> {
     fn entry(&mut self, entry: &Entry<'_>) -> Result<Object, (Place, Rejected)> {
         let &Entry { at, source, content } = entry;
         let name = match (source, self.interface, &self.frames) {
-            (Source::Interface(name), ..) | (Source::Channel(_), Some(name), _) => Some(name),
+            (Source::Interface(name), ..) | (_, Some(name), _) => Some(name),
             (Source::Channel(channel), None, Frames::OfRobot(robot)) => robot.interface(channel),
-            (Source::Channel(_), None, Frames::Alike(_)) => None,
+            (Source::Any, None, Frames::OfRobot(robot)) => robot.only_interface(),
+            (_, None, Frames::Alike(_)) => None,
         };
         let name = name.map(str::to_owned);
         // A double holds microseconds since 1970 exactly, nanoseconds not.
@@ -116,6 +117,7 @@ impl Decoder<'_> {
             (Frames::Alike(codec), ..) => codec.decode(frame.payload()),
             (Frames::OfRobot(robot), Some(interface), _) => robot.decode(interface, &frame),
             (Frames::OfRobot(_), None, Source::Channel(channel)) => Err(Rejected::Channel { channel }),
+            (Frames::OfRobot(_), None, Source::Any) => Err(Rejected::AnyInterface),
             (Frames::OfRobot(_), None, Source::Interface(_)) => Err(Rejected::Unsupported),
         });
         match decoded {

@@ -65,6 +65,10 @@ pub(super) enum Rejected {
     ErrorFrame { class: u32, names: String },
     #[error("channel {channel} has no interface in the configuration: use --interface NAME")]
     Channel { channel: u32 },
+    #[error(
+        "the capture of all interfaces does not state that of the frame: use --interface NAME, or capture one interface"
+    )]
+    AnyInterface,
     #[error("imu {imu}: {error}")]
     Imu { imu: String, error: SampleError },
     #[error("unexpected id {id}: no motor on {interface} receives or sends it")]

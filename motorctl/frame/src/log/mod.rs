@@ -68,6 +68,7 @@ mod tests {
             let source = match entry.source {
                 Source::Interface(name) => name.into(),
                 Source::Channel(number) => number.to_string(),
+                Source::Any => "any".into(),
             };
             (entry.at.map_or(0, |at| at.as_micros()), source, entry.content)
         };

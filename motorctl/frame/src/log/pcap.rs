@@ -1,6 +1,7 @@
 //! Captures of tcpdump and Wireshark: pcap and pcapng, of link type SocketCAN, or Linux cooked (`-i any`).
 //!
-//! Source: tcpdump.org, `LINKTYPE_CAN_SOCKETCAN`, `LINKTYPE_LINUX_SLL` and `LINKTYPE_LINUX_SLL2`.
+//! Source: tcpdump.org, `LINKTYPE_CAN_SOCKETCAN`, whose ids are in network order, and `LINKTYPE_LINUX_SLL` and
+//! `LINKTYPE_LINUX_SLL2`, whose ids are in the byte order of the machine that captured (libpcap, `swap_socketcan_header`).
 
 use super::entry::{Entry, Source};
 use motord_bus::{Content, Duration, ErrorFrame, Format, Frame, FrameId, Unsupported};
@@ -99,9 +100,24 @@ pub(crate) fn read(
 #[derive(Debug, Default)]
 struct Capture {
     interfaces: Vec<Interface>,
+    /// Byte order of the machine that captured.
+    order: ByteOrder,
     /// Nanoseconds of a unit of the fraction of a pcap.
     fraction: u32,
     packets: u64,
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum ByteOrder {
+    #[default]
+    Little,
+    Big,
+}
+
+impl ByteOrder {
+    const fn of(is_big: bool) -> Self {
+        if is_big { Self::Big } else { Self::Little }
+    }
 }
 
 #[derive(Debug)]
@@ -120,6 +136,7 @@ impl Capture {
         match block {
             PcapBlockOwned::LegacyHeader(header) => {
                 self.fraction = if header.is_nanosecond_precision() { 1 } else { 1000 };
+                self.order = ByteOrder::of(header.is_bigendian());
                 let link = header.network;
                 self.interfaces = vec![Interface { link, name: None, resolution: 1, offset: 0 }];
                 None
@@ -129,7 +146,8 @@ impl Capture {
                 let at = Duration::from_secs(packet.ts_sec.into()) + Duration::from_nanos(nanos);
                 self.packet(0, |_| Some(at), packet.data)
             }
-            PcapBlockOwned::NG(Block::SectionHeader(_)) => {
+            PcapBlockOwned::NG(Block::SectionHeader(section)) => {
+                self.order = ByteOrder::of(section.big_endian());
                 self.interfaces.clear();
                 None
             }
@@ -167,8 +185,9 @@ impl Capture {
         let Some(interface) = self.interfaces.get(index as usize) else {
             return Some(Err(InvalidCapture::Packet));
         };
-        let content = interface.content(data)?;
+        let content = interface.content(data, self.order)?;
         let source = match &interface.name {
+            _ if interface.is_cooked() => Source::Any,
             Some(name) => Source::Interface(name),
             None => Source::Channel(index.saturating_add(1)),
         };
@@ -184,11 +203,16 @@ impl Interface {
         Some(Duration::new(whole.checked_add_signed(self.offset)?, u32::try_from(nanos).ok()?))
     }
 
+    /// Returns `true` where packets of all interfaces have one description.
+    fn is_cooked(&self) -> bool {
+        matches!(self.link, Linktype::LINUX_SLL | Linktype::LINUX_SLL2)
+    }
+
     /// The frame in a packet. `None` for another protocol.
-    fn content(&self, data: &[u8]) -> Option<Result<Content, InvalidCapture>> {
+    fn content(&self, data: &[u8], order: ByteOrder) -> Option<Result<Content, InvalidCapture>> {
         // Where the protocol is in the header of a cooked packet, and where that header ends.
         let (protocol, end) = match self.link {
-            CAN_SOCKETCAN => return Some(socketcan(data, false)),
+            CAN_SOCKETCAN => return Some(socketcan(data, ByteOrder::Big, false)),
             Linktype::LINUX_SLL => (14, 16),
             Linktype::LINUX_SLL2 => (0, 20),
             Linktype(other) => return Some(Err(InvalidCapture::LinkType(other))),
@@ -197,16 +221,23 @@ impl Interface {
             return Some(Err(InvalidCapture::Packet));
         };
         let protocol = header.get(protocol..protocol + 2)?;
-        PROTOCOLS.iter().any(|known| known == protocol).then(|| socketcan(frame, protocol == PROTOCOLS[1]))
+        PROTOCOLS
+            .iter()
+            .any(|known| known == protocol)
+            .then(|| socketcan(frame, order, protocol == PROTOCOLS[1]))
     }
 }
 
-/// Reads a frame as SocketCAN has it, with its id in network order.
-fn socketcan(data: &[u8], is_fd: bool) -> Result<Content, InvalidCapture> {
+/// Reads a frame as SocketCAN has it, with its id in this byte order.
+fn socketcan(data: &[u8], order: ByteOrder, is_fd: bool) -> Result<Content, InvalidCapture> {
     let &[id0, id1, id2, id3, length, flags, _, _, ref rest @ ..] = data else {
         return Err(InvalidCapture::Packet);
     };
-    let word = u32::from_be_bytes([id0, id1, id2, id3]);
+    let id = [id0, id1, id2, id3];
+    let word = match order {
+        ByteOrder::Little => u32::from_le_bytes(id),
+        ByteOrder::Big => u32::from_be_bytes(id),
+    };
     let payload = rest.get(..usize::from(length)).ok_or(InvalidCapture::Packet)?;
     if word & ERROR != 0 {
         let data = payload.first_chunk().copied().unwrap_or_default();
@@ -291,12 +322,32 @@ mod tests {
         assert_eq!(entries(&pcap(227, &[&PACKET])), [(1, Ok(of_channel(content())))]);
         let of_name = (at, "Interface(\"can1\")".into(), content());
         assert_eq!(entries(&pcapng()), [(1, Ok(of_name))]);
-        let cooked = [&[0, 1, 1, 0x18, 0, 0][..], &[0; 8], &[0, 0x0C], &PACKET].concat();
-        let other = [&[0; 14][..], &[8, 0], &[0x45; 20]].concat();
-        assert_eq!(entries(&pcap(113, &[&other, &cooked])), [(2, Ok(of_channel(content())))]);
-        let cooked = [&[0, 0x0C][..], &[0; 18], &PACKET].concat();
-        assert_eq!(entries(&pcap(276, &[&cooked])), [(1, Ok(of_channel(content())))]);
         assert!(is_capture(&pcap(227, &[])) && is_capture(&pcapng()) && !is_capture(b"(1.0"));
+    }
+
+    /// Packets of `tcpdump -i any` (4.99, on x86_64) for `cansend vcan0 044#2A36`, of either link type.
+    const COOKED: [u8; 32] = [
+        0, 0, 0, 1, 1, 0x18, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0C, 0x44, 0, 0, 0, 2, 0, 0, 0, 0x2A, 0x36, 0, 0, 0,
+        0, 0, 0,
+    ];
+    const COOKED_2: [u8; 36] = [
+        0, 0x0C, 0, 0, 0, 0, 0, 4, 1, 0x18, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x44, 0, 0, 0, 2, 0, 0, 0, 0x2A,
+        0x36, 0, 0, 0, 0, 0, 0,
+    ];
+
+    #[test]
+    fn cooked_captures_have_ids_of_their_machine() {
+        let of = |link, packets: &[&[u8]]| entries(&pcap(link, packets));
+        let read = |number| {
+            let at = Some(Duration::from_millis(1_700_000_000_250));
+            [(number, Ok((at, "Any".into(), content())))]
+        };
+        let other = [&[0; 14][..], &[8, 0], &[0x45; 20]].concat();
+        assert_eq!(of(113, &[&other, &COOKED]), read(2));
+        assert_eq!(of(276, &[&COOKED_2]), read(1));
+        let of_big_endian = [&COOKED[..16], &PACKET].concat();
+        let interface = Interface { link: Linktype::LINUX_SLL, name: None, resolution: 1, offset: 0 };
+        assert_eq!(interface.content(&of_big_endian, ByteOrder::Big), Some(Ok(content())));
     }
 
     #[test]
