@@ -1,16 +1,19 @@
 //! Goal: no value from a controller causes a forbidden frame, and the status shows every rejection.
 //!
-//! Method: the whole daemon in this process, on a bus that records the frames on its wire. The real
-//! client sends every absurd value in every field of every joint. The frames are checked by their
-//! bytes.
+//! Method: the whole daemon in this process, on a bus that records the frames on its wire. A
+//! controller without the checks of the client library sends every absurd value in every field of
+//! every joint. The frames are checked by their bytes.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use motord::buses::{self, Buses};
 use motord::threads::Daemon;
-use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
+use motord_client::{Client, Group, Operation, Rejection, Setpoint, State};
 use motord_configuration::{self as config, Machine};
 use motord_ports::instance::Instance;
+use motord_ports::{ClientPorts, SetpointPort, clock};
+use motord_shared::SetpointMessage;
+use motord_shared::message::AdminRequest;
 use motord_simulator::{BusSettings, Direction, SharedBus, SimulatedBus};
 use std::path::Path;
 use std::process::Command;
@@ -86,14 +89,57 @@ fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
     setpoint
 }
 
-/// Sends, and waits until the daemon has accepted or rejected the setpoint.
-fn send(client: &Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
-    let before = client.wait(PATIENCE).unwrap();
-    let counted = |state: &State| group(state).accepted.wrapping_add(rejections(state));
-    claim.send(setpoints).unwrap();
-    until("a verdict", || {
-        Some(client.wait(PATIENCE).unwrap()).filter(|state| counted(state) > counted(&before))
-    })
+/// The owner of the group, without the checks of the client library.
+struct Owner {
+    client: Client,
+    ports: ClientPorts,
+    port: SetpointPort,
+    message: SetpointMessage,
+}
+
+impl Owner {
+    fn new(directory: &Path) -> Self {
+        let client = Client::connect_in(directory, "sweep").unwrap();
+        // The test must not fail when the machine stalls for 50 ms.
+        client.set_silence(PATIENCE);
+        let attachment = Instance::below(directory, "sweep").unwrap().attach().unwrap();
+        let ports = ClientPorts::open(attachment.unwrap()).unwrap();
+        let port = ports.setpoint_port().unwrap();
+        Self { client, ports, port, message: SetpointMessage::default() }
+    }
+
+    /// Asks until the daemon agrees, and repeats the setpoints meanwhile. Returns the lease.
+    fn ask(&mut self, operation: Operation, setpoints: &[Setpoint]) -> u64 {
+        let (lease, pid) = (self.message.lease, std::process::id());
+        let request = AdminRequest { lease, operation: operation.code(), pid, ..Default::default() };
+        until("an answer", || {
+            self.transmit(setpoints);
+            self.state();
+            let question = self.ports.ask(request).unwrap();
+            let reply = until("a reply", || question.answer().unwrap()).0;
+            (reply.refusal == 0).then_some(reply.lease)
+        })
+    }
+
+    fn state(&self) -> State {
+        self.client.wait(PATIENCE).unwrap()
+    }
+
+    fn transmit(&mut self, setpoints: &[Setpoint]) {
+        self.message.sequence += 1;
+        self.message.time_ns = clock::now_ns();
+        self.message.joint_count = u32::try_from(setpoints.len()).unwrap();
+        self.message.joints.iter_mut().zip(setpoints).for_each(|(sent, setpoint)| *sent = (*setpoint).into());
+        self.port.send(&self.message).unwrap();
+    }
+
+    /// Sends, and waits until the daemon has accepted or rejected the setpoint.
+    fn send(&mut self, setpoints: &[Setpoint]) -> State {
+        let counted = |state: &State| group(state).accepted.wrapping_add(rejections(state));
+        let before = counted(&self.state());
+        self.transmit(setpoints);
+        until("a verdict", || Some(self.state()).filter(|state| counted(state) > before))
+    }
 }
 
 #[test]
@@ -127,23 +173,20 @@ fn absurd_value_is_rejected_or_limited() {
 
 /// Claims the robot, sends every absurd value, and returns how many messages had a value that is not finite.
 fn send_absurd_values(directory: &Path) -> u32 {
-    let client = Client::connect_in(directory, "sweep").unwrap();
-    // The test must not fail when the machine stalls for 50 ms.
-    client.set_silence(PATIENCE);
+    let mut owner = Owner::new(directory);
     let standing = until("a standing robot", || {
-        Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
+        Some(owner.state()).filter(|state| state.joints().all(|joint| joint.fresh))
     });
     let hold: Vec<_> = standing
         .joints()
         .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 20.0, 0.5, 0.0))
         .collect();
-    let mut claim = client.claim("all").unwrap();
-    claim.send(&hold).unwrap();
-    claim.enable().unwrap();
+    owner.message.lease = owner.ask(Operation::Claim, &hold);
+    owner.ask(Operation::Enable, &hold);
     // Enabling repeats the setpoint. These cycles check the last repetition, so that each result
     // below belongs to its own message.
     for _ in 0..25 {
-        let _state = client.wait(PATIENCE).unwrap();
+        let _state = owner.state();
     }
     let (mut not_finite, mut negative, mut limited) = (0, 0, 0);
     let joints_and_fields = (0..hold.len()).flat_map(|joint| (0..5).map(move |field| (joint, field)));
@@ -152,14 +195,14 @@ fn send_absurd_values(directory: &Path) -> u32 {
             let mut setpoints = hold.clone();
             setpoints[joint] = spoiled(setpoints[joint], field, value);
             let gain = field == 2 || field == 3;
-            let state = send(&client, &mut claim, &setpoints);
+            let state = owner.send(&setpoints);
             not_finite += u32::from(!value.is_finite());
             negative += u32::from(gain && value.is_finite() && value < 0.0);
             limited += u32::from(value.is_finite() && !(gain && value < 0.0));
             let counted =
                 [Rejection::NotFinite, Rejection::Negative].map(|reason| group(&state).rejected(reason));
             assert_eq!(counted, [not_finite, negative], "{value} in field {field}");
-            send(&client, &mut claim, &hold);
+            owner.send(&hold);
         }
     }
     assert!(limited > 0 && not_finite == 3 * 5 * 3, "the sweep covered every field");

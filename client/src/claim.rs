@@ -155,11 +155,11 @@ impl Claim {
     }
 
     /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly
-    /// from the present command to the setpoint within this time after it was sent, inside all limits. Zero, as at first:
-    /// at once. The setpoint timeout begins at the end of the horizon.
+    /// from the present command to the setpoint within this time after it was sent, inside all limits. Zero, the initial
+    /// value, applies setpoints immediately. The setpoint timeout begins at the end of the horizon.
     ///
-    /// For a controller slower than the cycle, such as a policy at 50 Hz: a horizon of its period and what its setpoints
-    /// may be late gives even motion. Setpoints sent while the group is not active have none.
+    /// For a controller slower than the cycle, such as a policy at 50 Hz: for even motion, set the horizon to its
+    /// period plus the largest lateness of its setpoints. Setpoints sent while the group is not active have none.
     ///
     /// # Errors
     /// [`Error::HorizonTooLong`]; the horizon stays as it was.
@@ -193,13 +193,17 @@ impl Claim {
     /// accepted it.
     ///
     /// # Errors
-    /// [`Error::SetpointCount`]; [`Error::Restarted`] with each call after a restart;
-    /// [`Error::NotRunning`] or [`Error::Silent`] when no states arrive. The setpoints may have
-    /// been sent nevertheless; another daemon does not use them.
+    /// [`Error::SetpointCount`]; [`Error::BadSetpoint`] naming a joint with a value that is not finite
+    /// or a negative gain: then nothing is stored or sent. [`Error::Restarted`] with each call after a
+    /// restart; [`Error::NotRunning`] or [`Error::Silent`] when no states arrive. The setpoints may
+    /// have been sent nevertheless; another daemon does not use them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
+        }
+        for (place, setpoint) in setpoints.iter().enumerate() {
+            self.members.checked(place, *setpoint)?;
         }
         setpoints.iter().enumerate().for_each(|(place, setpoint)| self.put(place, *setpoint));
         self.commit()

@@ -59,7 +59,7 @@ fn setpoints_by_name_and_slot_reach_their_joints() {
 #[test]
 fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
     let place = place();
-    let _daemon = Running::start(place.path(), 1);
+    let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
     let mut claim = client.claim("leg").unwrap();
     claim.set("knee", Setpoint::torque(1.0)).unwrap();
@@ -68,12 +68,15 @@ fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
         (Setpoint::hold(f32::INFINITY, 1.0, 1.0), Rejection::NotFinite),
         (Setpoint::damping(-1.0), Rejection::Negative),
     ] {
-        assert_eq!(claim.set("knee", bad), Err(Error::BadSetpoint { joint: "knee".into(), rejection }));
+        let refused = Err(Error::BadSetpoint { joint: "knee".into(), rejection });
+        assert_eq!(claim.set("knee", bad), refused);
+        assert_eq!(claim.send(&[Setpoint::torque(2.0), bad]), refused);
     }
     let state = client.wait(PATIENCE).unwrap();
     assert!(matches!(claim.hold(&state, f32::NAN, 0.5), Err(Error::BadSetpoint { .. })));
     assert!(matches!(claim.hold(&state, 5.0, -0.5), Err(Error::BadSetpoint { .. })));
     assert_eq!(claim.setpoint("knee"), Ok(Setpoint::torque(1.0)));
+    assert_eq!(daemon.setpoints(), []);
 }
 
 /// A joint without a setpoint would be limp.
