@@ -66,9 +66,10 @@ class ClaimLost : public Error {
 namespace detail {
 
 inline void check(motord_status status) {
+    if (status == MOTORD_STATUS_OK)
+        return;
     const char *message = motord_error_message();
     switch (status) {
-    case MOTORD_STATUS_OK: return;
     case MOTORD_STATUS_STOPPED: throw Stopped(status, message);
     case MOTORD_STATUS_REFUSED: throw Refused(status, message);
     case MOTORD_STATUS_RESTARTED: throw Restarted(status, message);

@@ -2,7 +2,7 @@
 
 use motord_client::{Error, Obstacle, StopError};
 use std::cell::RefCell;
-use std::ffi::CString;
+use std::ffi::{CStr, CString};
 
 /// The result of a function. `motord_error_message` explains a failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,11 +117,13 @@ pub fn fail(failure: Failure) -> Status {
     let Failure { status, message } = failure;
     // Names come from other processes: a null byte would end the message.
     let message = CString::new(message.replace('\0', "?")).unwrap_or_default();
-    MESSAGE.with_borrow_mut(|kept| *kept = message);
+    // The status alone, once the thread ends: exit handlers and destructors of static objects may still call.
+    let _stored = MESSAGE.try_with(|kept| *kept.borrow_mut() = message);
     status
 }
 
-/// Passes the message of the last failure of this thread; empty before the first. It is valid until the next failure.
-pub fn message<T>(read: impl FnOnce(&CString) -> T) -> T {
-    MESSAGE.with_borrow(read)
+/// Passes the message of the last failure of this thread. It is empty before the first failure, and while the thread ends. It is valid
+/// until the next failure.
+pub fn message<T>(read: impl Fn(&CStr) -> T) -> T {
+    MESSAGE.try_with(|kept| read(&kept.borrow())).unwrap_or_else(|_| read(c""))
 }
