@@ -47,9 +47,10 @@ private:
         // Another controller may have left a moment ago.
         claim_.wait_for(MOTORD_PHASE_DISARMED);
         client_.wait(state_);
+        claim_.hold(state_, kp_.front(), kd_.front());
+        claim_.commit();
         state_.read(claim_, MOTORD_QUANTITY_POSITION, start_);
         position_ = start_;
-        claim_.send({position_.data(), nullptr, kp_.data(), kd_.data(), nullptr}, position_.size());
         claim_.enable();
         claim_.wait_for(MOTORD_PHASE_ACTIVE);
         client_.wait(state_);

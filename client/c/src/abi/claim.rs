@@ -33,14 +33,14 @@ pub unsafe extern "C" fn motord_claim_group(
 /// Frees a claim, and releases its group: an active group is stopped. Null is no error.
 ///
 /// # Safety
-/// `claim` is null, or a claim that nobody uses any more.
+/// `claim` is null, or a claim that is no longer in use.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn motord_claim_free(claim: *mut ClaimHandle) {
     // SAFETY: by the contract of this function.
     unsafe { crate::handle::free(claim) }
 }
 
-/// Releases the group of a claim, and says whether the daemon did it. The claim must be freed all the same.
+/// Releases the group of a claim, and reports whether the daemon did it. The claim must still be freed.
 ///
 /// # Safety
 /// `claim` is a claim.
@@ -104,8 +104,8 @@ pub unsafe extern "C" fn motord_hold(
 }
 
 /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly from the
-/// present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, as at first: at once. The setpoint
-/// timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
+/// present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, the initial value, applies setpoints
+/// immediately. The setpoint timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
 /// than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
 ///
 /// # Safety
@@ -132,7 +132,8 @@ pub unsafe extern "C" fn motord_commit(claim: *mut ClaimHandle) -> Status {
 
 /// Stores and sends a setpoint for each joint of the group, in the order of the claim: position, rad; velocity, rad/s; stiffness,
 /// N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
-/// `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint.
+/// `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint. `MOTORD_STATUS_BAD_SETPOINT`: a value is not
+/// finite, or a gain is negative; then nothing is stored or sent.
 ///
 /// # Safety
 /// `claim` is a claim; each array is null or leads to `count` numbers.

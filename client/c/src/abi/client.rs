@@ -93,7 +93,7 @@ fn connected(client: Client) -> Result<ClientHandle, Failure> {
 /// Frees a client. Its claims and publishers stay valid. Null is no error.
 ///
 /// # Safety
-/// `client` is null, or one of `motord_connect` that nobody uses any more.
+/// `client` is null, or one of `motord_connect` that is no longer in use.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn motord_client_free(client: *mut ClientHandle) {
     // SAFETY: by the contract of this function.

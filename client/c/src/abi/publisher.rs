@@ -59,7 +59,7 @@ pub unsafe extern "C" fn motord_imu_publisher_new(
 /// Frees a publisher. Null is no error.
 ///
 /// # Safety
-/// `publisher` is null, or a publisher that nobody uses any more.
+/// `publisher` is null, or a publisher that is no longer in use.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn motord_imu_publisher_free(publisher: *mut PublisherHandle) {
     // SAFETY: by the contract of this function.

@@ -46,7 +46,7 @@ pub extern "C" fn motord_state_new() -> *mut StateHandle {
 /// Frees a state. Null is no error.
 ///
 /// # Safety
-/// `state` is null, or a state that nobody uses any more.
+/// `state` is null, or a state that is no longer in use.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn motord_state_free(state: *mut StateHandle) {
     // SAFETY: by the contract of this function.
