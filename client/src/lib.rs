@@ -144,6 +144,7 @@ mod records;
 mod setpoint;
 mod state;
 mod stop;
+mod telemetry;
 mod view;
 
 pub use claim::Claim;
@@ -172,3 +173,4 @@ pub use records::Records;
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};
 pub use stop::{emergency_stop, emergency_stop_in};
+pub use telemetry::named_telemetry;

@@ -5,7 +5,9 @@ use crate::claim::Claim;
 use crate::errors::raised;
 use crate::interpreter::{probe, without_lock};
 use crate::state::{Order, State};
-use motord_client::{Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop, emergency_stop_in};
+use motord_client::{
+    Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop, emergency_stop_in, named_telemetry,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::os::fd::AsRawFd;
@@ -154,7 +156,8 @@ impl Robot {
 
     /// Counters and latencies, as `motorctl latency --json`.
     fn telemetry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        parsed(py, &self.call(py, Client::telemetry)?)
+        let telemetry = self.call(py, Client::telemetry)?;
+        parsed(py, &named_telemetry(&self.client.description(), &telemetry))
     }
 
     fn publish_imu(&self, py: Python<'_>, name: &str) -> PyResult<ImuPublisher> {

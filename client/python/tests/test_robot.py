@@ -1,10 +1,13 @@
 """The package against a running daemon with twelve simulated motors."""
 
 import asyncio
+import json
 import select
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,8 +172,47 @@ def test_state_has_ages_faults_and_telemetry(robot: motord.Robot) -> None:
     assert state.joint_age.shape == (12,) and (state.joint_age < 1.0).all() and state.age < 1.0
     assert state.faults == [[]] * 12 and list(state.imu) == ["base"] and len(state.imu) == 1
     assert (state.sequence, state.control_cycles, state.phase) == (0, None, None)
-    assert robot.telemetry()["cycles"] > 0 and robot.setpoint_timeout == 1.0
+    assert robot.setpoint_timeout == 1.0
     assert robot.description["joints"][0]["position"] == pytest.approx([-0.9, 0.9])
+
+
+def shape(value: Any) -> Any:
+    """The names and types in a JSON value; of a list, those of its first element."""
+    if isinstance(value, dict):
+        return {name: shape(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [shape(part) for part in value[:1]]
+    return "number" if isinstance(value, (int, float)) else type(value).__name__
+
+
+def test_telemetry_is_that_of_motorctl_latency(robot: motord.Robot, daemon: Daemon) -> None:
+    printed = json.loads(daemon.motorctl("latency", "--json"))
+    telemetry = robot.telemetry()
+    assert shape(telemetry) == shape(printed)
+    assert [joint["name"] for joint in telemetry["joints"]] == robot.joints
+    assert telemetry["cycles"] > 0
+
+
+def test_claim_in_use_by_another_thread_raises(robot: motord.Robot) -> None:
+    """A mistake, which must end in an exception, and must not keep the block from stopping the group."""
+    end = threading.Event()
+
+    def wait() -> None:
+        while not end.is_set():
+            with suppress(motord.Error, ValueError):
+                legs.wait(0.2)
+
+    other = threading.Thread(target=wait)
+    with pytest.raises(motord.Error, match="another thread uses the claim of legs"), robot.claim("legs") as legs:
+        legs.enable()
+        other.start()
+        for state in legs.cycles():
+            legs.send(q=state.q, kp=20.0, kd=0.5)
+    end.set()
+    other.join()
+    state = robot.claim("legs")
+    assert (state.wait().phase, state.wait().stop) == ("disarmed", None)
+    state.release()
 
 
 def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:

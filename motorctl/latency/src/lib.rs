@@ -17,7 +17,7 @@ pub use failure::LatencyFailure;
 pub use table::percentiles as percentile_table;
 
 use hlog::Hlog;
-use motord_client::Client;
+use motord_client::{Client, named_telemetry};
 use motord_terminal::{Absence, Interrupt, Palette, json, within};
 use run::Run;
 use snapshot::{Interval, Snapshot};
@@ -104,7 +104,7 @@ pub fn run(instance: &str, arguments: &Arguments) -> Result<(), LatencyFailure> 
     let (robot, telemetry) = (client.description(), client.telemetry()?);
     let out = &mut io::stdout().lock();
     match arguments.json {
-        true => json::write_line(out, &table::object(&robot, &telemetry))?,
+        true => json::write_line(out, &named_telemetry(&robot, &telemetry))?,
         false => table::write(out, &robot, &telemetry)?,
     }
     Ok(())
@@ -188,7 +188,7 @@ fn print_interval(client: &Client, interval: &Interval, as_json: bool) -> Result
     let telemetry = interval.telemetry(&robot);
     let out = &mut io::stdout().lock();
     if as_json {
-        json::write_line(out, &table::object(&robot, &telemetry))?;
+        json::write_line(out, &named_telemetry(&robot, &telemetry))?;
     } else {
         table::write(out, &robot, &telemetry)?;
         writeln!(out)?;

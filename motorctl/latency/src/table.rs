@@ -3,7 +3,6 @@
 use crate::hgrm::Point;
 use motord_client::{ControlLatency, Percentiles, RobotDescription, Telemetry};
 use motord_terminal::{Cell, Palette, Table};
-use serde_json::{Value, json};
 use std::io::{self, Write};
 
 /// Returns a table of named latencies, µs.
@@ -69,25 +68,6 @@ fn control_table(robot: &RobotDescription, telemetry: &Telemetry) -> Table {
         table.row(cells);
     }
     table
-}
-
-/// Returns the object of `--json`.
-pub(crate) fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
-    let joints: Vec<Value> = named(robot, telemetry)
-        .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
-        .collect();
-    let mut object = json!(telemetry);
-    // `status` shows owners and stops.
-    object.as_object_mut().and_then(|object| object.remove("groups"));
-    object["instance"] = json!(robot.instance);
-    object["joints"] = json!(joints);
-    let imus = imus(robot, telemetry).map(|(name, age)| json!({ "name": name, "age_us": age }));
-    object["imus"] = imus.collect();
-    let controlled = controlled(robot, telemetry).map(|(name, latency)| {
-        json!({ "name": name, "control_latency_us": latency.control_latency_us, "cycles": latency.cycles })
-    });
-    object["control"] = controlled.collect();
-    object
 }
 
 /// Writes all tables.
