@@ -6,13 +6,13 @@ use crate::state::{Order, State};
 use motord_client::{Error as ClientError, Operation, State as ClientState};
 use motord_shared::JointSetpoint;
 use motord_shared::description::RobotDescription;
-use motord_twin::{Body, FaultVerb, ImuValues, JointPhysics, Mechanics, Options, Twin};
+use motord_twin::{Body, FaultVerb, ImuValues, JointPhysics, Mechanics, Options, Twin, TwinClock};
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 /// The first exception of a callable, which the next step raises.
 type Raised = Arc<Mutex<Option<PyErr>>>;
@@ -110,13 +110,21 @@ pub(crate) fn describe(py: Python<'_>, config: PathBuf) -> PyResult<(String, Vec
 #[pyclass(frozen, module = "motord._motord")]
 pub(crate) struct Engine {
     twin: Mutex<Twin>,
+    clock: TwinClock,
     raised: Raised,
     description: RobotDescription,
 }
 
 impl Engine {
-    fn twin(&self) -> MutexGuard<'_, Twin> {
-        self.twin.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Never waits: the thread that steps calls the plant, and needs the interpreter's lock for it.
+    fn twin(&self) -> PyResult<MutexGuard<'_, Twin>> {
+        match self.twin.try_lock() {
+            Ok(twin) => Ok(twin),
+            Err(TryLockError::Poisoned(twin)) => Ok(twin.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "the twin is in a call: its plant, and other threads, can read its time only",
+            )),
+        }
     }
 
     /// Raises the exception of a callable.
@@ -153,18 +161,18 @@ impl Engine {
             measure.map(|measure| Box::new(PyBody { measure, raised: Arc::clone(&raised) }) as Box<dyn Body>);
         let options = Options { seed, compute: duration("compute", compute)? };
         let twin = Twin::new(settings, options, mechanics, body).map_err(refuse)?;
-        Ok(Self { twin: Mutex::new(twin), raised, description })
+        Ok(Self { clock: twin.clock(), twin: Mutex::new(twin), raised, description })
     }
 
-    /// Virtual time since the first tick, s.
+    /// Virtual time since the first tick, s. The plant and other threads may read it.
     #[getter]
     fn time(&self) -> f64 {
-        self.twin().time().as_secs_f64()
+        self.clock.time().as_secs_f64()
     }
 
     /// Runs cycles.
     fn step(&self, cycles: u32) -> PyResult<()> {
-        let mut twin = self.twin();
+        let mut twin = self.twin()?;
         for _ in 0..cycles {
             twin.step();
             self.checked(())?;
@@ -173,11 +181,10 @@ impl Engine {
     }
 
     /// The state of the last cycle, of the joints with these indices.
-    fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> State {
+    fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> PyResult<State> {
         let imus = self.description.imus.iter().map(|imu| imu.name.clone()).collect();
-        let mut twin = self.twin();
-        let state = ClientState::from(twin.state());
-        State { state, order: Arc::new(Order { joints, names, imus, group }) }
+        let state = ClientState::from(self.twin()?.state());
+        Ok(State { state, order: Arc::new(Order { joints, names, imus, group }) })
     }
 
     /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values.
@@ -212,14 +219,14 @@ impl Engine {
         if horizon > most {
             return Err(raised(&ClientError::HorizonTooLong { horizon, most }));
         }
-        self.twin().send(group, &joints[..count], horizon).map_err(refused)
+        self.twin()?.send(group, &joints[..count], horizon).map_err(refused)
     }
 
     /// Sends a request, and runs cycles until it is answered.
     fn ask(&self, operation: &str, group: usize) -> PyResult<()> {
         let operation = Operation::ALL.iter().find(|known| known.name() == operation);
         let operation = *operation.ok_or_else(|| PyValueError::new_err("no such operation"))?;
-        let outcome = self.twin().ask(operation, group);
+        let outcome = self.twin()?.ask(operation, group);
         self.checked(())?;
         outcome.map(|_| ()).map_err(refused)
     }
@@ -230,6 +237,6 @@ impl Engine {
         let parsed: FaultVerb =
             verb.parse().map_err(|error: motord_twin::VerbError| bad(error.to_string()))?;
         let at = duration("at", at)?;
-        self.twin().inject_at(at, parsed).map_err(|error| bad(error.to_string()))
+        self.twin()?.inject_at(at, parsed).map_err(|error| bad(error.to_string()))
     }
 }

@@ -3,6 +3,7 @@
 import hashlib
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -39,6 +40,49 @@ class Alone:
 
     def imu(self) -> None:
         return None
+
+
+class Clocked(Alone):
+    """A plant that asks its twin for the time, and once for more than it may."""
+
+    twin: Twin
+    times: list[float] = []
+    greedy = False
+
+    def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        super().step(torques, seconds, q, dq)
+        self.times.append(self.twin.time)
+        if self.greedy:
+            self.twin.at(1.0, "fl-hip", "off")
+
+
+def test_plant_reads_time_of_its_twin() -> None:
+    plant = Clocked()
+    plant.twin = Twin(CONFIG, plant)
+    for _ in range(10):
+        plant.twin.wait()
+    assert plant.times == sorted(plant.times) and plant.times[-1] > 5e-3
+    plant.greedy = True
+    with pytest.raises(RuntimeError, match="can read its time only"):
+        plant.twin.wait()
+
+
+def test_other_thread_reads_time_of_a_twin() -> None:
+    twin = Twin(CONFIG, Alone())
+    seen = [0.0]
+    end = threading.Event()
+
+    def watch() -> None:
+        while not end.is_set():
+            seen.append(twin.time)
+
+    other = threading.Thread(target=watch)
+    other.start()
+    for _ in range(100):
+        twin.wait()
+    end.set()
+    other.join()
+    assert seen == sorted(seen) and seen[-1] > 0.0
 
 
 def mjcf(edit: Callable[[str], str] = str) -> str:

@@ -15,6 +15,6 @@ pub use coupled::{TwinError, coupled, simulate_all};
 pub use imus::{Body, sample};
 pub use joints::{JointPhysics, Mechanics};
 pub use physics::{armature, physics, simulate};
-pub use twin::{Options, Twin};
+pub use twin::{Options, Twin, TwinClock};
 
 pub use motord_simulator::{FaultVerb, ImuValues, InjectError, VerbError};

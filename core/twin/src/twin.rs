@@ -27,6 +27,18 @@ pub struct Options {
 /// A setpoint message, and when the controller sends it.
 type Outgoing = (Instant, usize, SetpointMessage);
 
+/// Reads the time of a [`Twin`], also while it steps.
+#[derive(Debug, Clone)]
+pub struct TwinClock(VirtualClock);
+
+impl TwinClock {
+    /// As [`Twin::time`].
+    #[must_use]
+    pub fn time(&self) -> Duration {
+        self.0.now().since(START)
+    }
+}
+
 /// The cycle of a configuration on virtual time, with simulated motors and IMUs. Time passes only in [`step`](Self::step) and
 /// [`ask`](Self::ask).
 pub struct Twin {
@@ -114,10 +126,17 @@ impl Twin {
     /// Virtual time since the first tick.
     #[must_use]
     pub fn time(&self) -> Duration {
-        self.clock.now().since(START)
+        self.clock().time()
     }
 
-    /// Runs one cycle: what was sent in time is used, what is due happens, and the states are those of its end.
+    /// Returns a clock that shows the time of this twin.
+    #[must_use]
+    pub fn clock(&self) -> TwinClock {
+        TwinClock(self.clock.clone())
+    }
+
+    /// Runs one cycle. Applies the faults and samples that are due, and uses setpoints sent at least `lead-us` before the tick.
+    /// [`state`](Self::state) then returns the states at its end.
     pub fn step(&mut self) {
         let at = self.tick.at;
         self.disturb(at);

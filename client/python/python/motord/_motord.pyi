@@ -335,7 +335,7 @@ class Engine:
     ) -> Engine: ...
     @property
     def time(self) -> float:
-        """Virtual time since the first tick, s."""
+        """Virtual time since the first tick, s. The plant and other threads may read it."""
     def step(self, cycles: int) -> None:
         """Runs cycles."""
     def state(self, names: list[str], joints: list[int], group: int | None) -> State:

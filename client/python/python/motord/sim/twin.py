@@ -56,7 +56,7 @@ class Twin:
 
     @property
     def time(self) -> float:
-        """Virtual time since the first cycle, s."""
+        """Virtual time since the first cycle, s. The plant and other threads may read it."""
         time: float = self.engine.time
         return time
 
