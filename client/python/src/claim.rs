@@ -1,14 +1,14 @@
 //! The ownership of a group, and its loop.
 
 use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
-use crate::errors::raised;
+use crate::errors::{self, raised};
 use crate::interpreter::without_lock;
 use crate::motion::Begun;
 use crate::state::{Order, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 /// Longer than a shared machine stalls.
@@ -17,15 +17,20 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const CHANGE: Duration = Duration::from_secs(60);
 
 /// The ownership of a group. Its end releases the group, and the daemon damps an active one.
-#[pyclass(module = "motord")]
+#[pyclass(frozen, module = "motord")]
 pub(crate) struct Claim {
     client: Arc<Client>,
-    /// `None` once it is released.
-    claim: Option<ClientClaim>,
+    owned: Mutex<Owned>,
     order: Arc<Order>,
     /// The place in the claim of each entry of `order`.
     places: Vec<usize>,
     group: String,
+}
+
+/// The part of a claim that one thread uses at a time.
+struct Owned {
+    /// `None` once it is released.
+    claim: Option<ClientClaim>,
     /// Stiffness and damping of the last `enable`.
     hold: (f64, f64),
 }
@@ -65,7 +70,28 @@ impl Claim {
             group: Some(claim.index()),
         };
         let group = claim.group().to_owned();
-        Ok(Self { client, claim: Some(claim), order: Arc::new(order), places, group, hold: HOLD })
+        let owned = Mutex::new(Owned { claim: Some(claim), hold: HOLD });
+        Ok(Self { client, owned, order: Arc::new(order), places, group })
+    }
+
+    /// Never waits: the other thread may need the interpreter's lock to continue.
+    fn owned(&self) -> PyResult<MutexGuard<'_, Owned>> {
+        match self.owned.try_lock() {
+            Ok(owned) => Ok(owned),
+            Err(TryLockError::Poisoned(owned)) => Ok(owned.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyErr::new::<errors::Error, _>(format!(
+                "another thread uses the claim of {}: one thread controls a group",
+                self.group
+            ))),
+        }
+    }
+
+    /// Calls with the claim.
+    fn with<T>(&self, call: impl FnOnce(&mut ClientClaim) -> PyResult<T>) -> PyResult<T> {
+        match &mut self.owned()?.claim {
+            Some(claim) => call(claim),
+            None => Err(PyValueError::new_err(format!("the claim of {} was released", self.group))),
+        }
     }
 
     /// Reads stiffness and damping; those of the last `enable` where none is given.
@@ -78,21 +104,18 @@ impl Claim {
             Some(given) => values(name, Some(given), self.order.joints.len()),
             None => Ok([default as f32; JOINTS_MAX]),
         };
-        Ok((or("kp", kp, self.hold.0)?, or("kd", kd, self.hold.1)?))
+        let hold = self.owned()?.hold;
+        Ok((or("kp", kp, hold.0)?, or("kd", kd, hold.1)?))
     }
 
     /// Calls the daemon without the interpreter's lock.
     pub(crate) fn call<T: Send>(
-        &mut self,
+        &self,
         py: Python<'_>,
         call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
     ) -> PyResult<T> {
-        let group = &self.group;
-        let claim = self.claim.as_mut();
-        let claim =
-            claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
         let client = &self.client;
-        without_lock(py, || call(client, claim))?.map_err(|error| raised(&error))
+        self.with(|claim| without_lock(py, || call(client, claim))?.map_err(|error| raised(&error)))
     }
 }
 
@@ -114,8 +137,8 @@ impl Claim {
 
     /// Starts the motors where they are, with the stiffness and damping of `hold`, and waits until they follow.
     #[pyo3(signature = (hold = HOLD))]
-    fn enable(&mut self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
-        self.hold = hold;
+    fn enable(&self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
+        self.owned()?.hold = hold;
         let (kp, kd) = (hold.0 as f32, hold.1 as f32);
         self.call(py, |client, claim| {
             claim.wait_for(Phase::Disarmed, CHANGE)?;
@@ -127,18 +150,18 @@ impl Claim {
     }
 
     /// Damps and stops the motors.
-    fn disable(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn disable(&self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |_, claim| claim.disable())
     }
 
     /// Clears the latched cause of a stop.
-    fn reset(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |_, claim| claim.reset())
     }
 
     /// Releases the group.
-    fn release(&mut self, py: Python<'_>) -> PyResult<()> {
-        let Some(claim) = self.claim.take() else { return Ok(()) };
+    fn release(&self, py: Python<'_>) -> PyResult<()> {
+        let Some(claim) = self.owned()?.claim.take() else { return Ok(()) };
         py.detach(|| claim.release()).map_err(|error| raised(&error))
     }
 
@@ -147,7 +170,7 @@ impl Claim {
     #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None, horizon = 0.0))]
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
-        &mut self,
+        &self,
         q: Option<&Bound<'_, PyAny>>,
         dq: Option<&Bound<'_, PyAny>>,
         kp: Option<&Bound<'_, PyAny>>,
@@ -162,20 +185,16 @@ impl Claim {
         for (at, place) in self.places.iter().enumerate() {
             setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
         }
-        let group = &self.group;
-        let claim = self.claim.as_mut();
-        let claim =
-            claim.ok_or_else(|| PyValueError::new_err(format!("the claim of {group} was released")))?;
-        claim
-            .set_horizon(horizon)
-            .and_then(|()| claim.send(&setpoints[..count]))
-            .map_err(|error| raised(&error))
+        self.with(|claim| {
+            let sent = claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count]));
+            sent.map_err(|error| raised(&error))
+        })
     }
 
     /// Moves the joints to a pose, smoothly, within their limits of position and velocity. Returns when the pose is sent.
     #[pyo3(signature = (pose, seconds, *, kp = None, kd = None))]
     fn move_to(
-        &mut self,
+        &self,
         py: Python<'_>,
         pose: &Bound<'_, PyAny>,
         seconds: f64,
@@ -204,7 +223,7 @@ impl Claim {
     /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Raises `Stopped` when the group is stopped.
     #[pyo3(signature = (hz = None, *, timeout = 1.0))]
     fn cycles(slf: Bound<'_, Self>, hz: Option<f64>, timeout: f64) -> PyResult<Cycles> {
-        let rate_hz = slf.borrow().client.description().rate_hz;
+        let rate_hz = slf.get().client.description().rate_hz;
         let every = match hz {
             None => 1,
             Some(hz) => every(rate_hz, hz)?,
@@ -214,7 +233,7 @@ impl Claim {
 
     /// Waits for the next state, in the order of the claim.
     #[pyo3(signature = (timeout = 1.0))]
-    fn wait(&mut self, py: Python<'_>, timeout: f64) -> PyResult<State> {
+    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
         let state = self.call(py, |client, _| client.wait(timeout))?;
         Ok(State { state, order: Arc::clone(&self.order) })
@@ -224,16 +243,17 @@ impl Claim {
         slf
     }
 
-    /// Damps and stops the motors, and releases the group, whether an exception came or not.
+    /// Damps and stops the motors, and releases the group, whether an exception came or not. Waits for another thread's call.
     fn __exit__(
-        &mut self,
+        &self,
         py: Python<'_>,
         _kind: &Bound<'_, PyAny>,
         _value: &Bound<'_, PyAny>,
         _trace: &Bound<'_, PyAny>,
     ) -> bool {
-        let Some(mut claim) = self.claim.take() else { return false };
         py.detach(|| {
+            let taken = self.owned.lock().unwrap_or_else(PoisonError::into_inner).claim.take();
+            let Some(mut claim) = taken else { return };
             // A group that cannot be disabled is stopped by its release, or by the daemon after its last setpoint.
             let _stopped = claim.disable().and_then(|()| claim.wait_for(Phase::Disarmed, CHANGE));
             let _released = claim.release();
@@ -276,7 +296,7 @@ impl Cycles {
 
     fn __next__(&self, py: Python<'_>) -> PyResult<State> {
         let (every, timeout) = (self.every, self.timeout);
-        let mut claim = self.claim.borrow_mut(py);
+        let claim = self.claim.get();
         let state = claim.call(py, |client, claim| {
             let state = client.wait_cycles(every, timeout)?;
             state.of(claim)?.must_be_active()?;
