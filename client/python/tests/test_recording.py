@@ -63,6 +63,17 @@ def test_recording_gives_arrays_by_joint(run: Path) -> None:
         recording.q[0, 0] = 1.0
 
 
+def test_stop_before_the_recording_is_none_of_it(daemon: Daemon, tmp_path: Path) -> None:
+    robot = daemon.connect()
+    robot.estop()
+    path = tmp_path / "latched.mcap"
+    with daemon.recorder(path, 1.0) as recorder:
+        assert recorder.wait() == 0
+    recording = motord.Recording(path)
+    assert recording.stops == [] and len(recording.time) > 100
+    reset(robot)
+
+
 def test_recording_has_stops_imus_and_events(run: Path) -> None:
     recording = motord.Recording(run)
     stop = recording.stops[0]

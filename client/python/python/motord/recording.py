@@ -289,7 +289,8 @@ class _Rows:
         self.fresh.append(joint.fresh)
 
     def _note_stop(self, group: str, time: int, message: Any) -> None:
-        if message.cause and self._causes.get(group, "") != message.cause:
+        # A cause that was latched before the first message is no stop of this recording.
+        if message.cause and self._causes.get(group, message.cause) != message.cause:
             self.stops.append((time, group, message.cause, message.cause_joint or None))
         self._causes[group] = message.cause
 
