@@ -314,7 +314,7 @@ impl Client {
     }
 
     /// Returns the joints of `group`, or of all groups, whose motors do not answer after this call, within `timeout`. After a stop
-    /// they are those that perhaps did not hear it: cut their power. Excluded joints are not among them. Returns as soon as all
+    /// these motors may not have received it: cut their power. Excluded joints are not among them. Returns as soon as all
     /// have answered.
     ///
     /// # Errors

@@ -51,16 +51,16 @@ pub enum RunError {
     #[error("the system refused a thread or a signal: {0}")]
     System(#[from] io::Error),
     /// A thread ended that should not.
-    #[error("the {0} thread ended unexpectedly: this is a bug, the motors were told to stop")]
+    #[error("the {0} thread ended unexpectedly: this is a bug, the motors were commanded to stop")]
     Thread(&'static str),
     /// Another process removed a file by which clients find the daemon.
     #[error(
-        "{} was removed or replaced, and no new client could reach this daemon: the motors were told to stop",
+        "{} was removed or replaced, and no new client could reach this daemon: the motors were commanded to stop",
         .0.display()
     )]
     DirectoryLost(PathBuf),
     /// These motors did not answer their stops, and may hold their last command.
-    #[error("told to stop, but not heard since: {}; cut their power before anybody comes near", .0.join(", "))]
+    #[error("these motors did not answer the stop command: {}; cut their power before a person approaches", .0.join(", "))]
     Unstopped(Vec<String>),
 }
 

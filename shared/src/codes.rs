@@ -66,7 +66,7 @@ codes! {
     MotorMode {
         Offline = 0 "offline" "The motor has not answered, or stopped answering.",
         Idle = 1 "idle" "The motor answers and is stopped.",
-        Starting = 2 "starting" "The motor hears neutral commands and is being started.",
+        Starting = 2 "starting" "The motor receives neutral commands and is being started.",
         Active = 3 "active" "The motor follows setpoints.",
         Damping = 4 "damping" "The motor is being damped; it will be stopped.",
         Fault = 5 "fault" "The motor reported a fault; it is stopped until the fault is cleared.",

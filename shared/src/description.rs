@@ -41,7 +41,7 @@ pub struct RobotDescription {
 }
 
 impl RobotDescription {
-    /// Returns the next step for an owner whose setpoints come every `period` and have this `horizon`; see
+    /// Returns the next step for an owner that sends setpoints every `period` with this `horizon`; see
     /// [`slow_owner`].
     #[must_use]
     pub fn slow_owner(&self, period: Duration, horizon: Duration) -> Option<String> {

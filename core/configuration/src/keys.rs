@@ -292,7 +292,7 @@ sections! {
         "lost-after-ms" lost_after_ms: Option<f64>, "ms" = follows("3 samples, at least 5").within(1.0, 10_000.0),
             "Without a sample for this long it is lost. A device that is unplugged is lost at once.";
         "when-lost" when_lost: WhenLost, "" = is(WhenLost::Report),
-            "`report`: state, log and metrics tell it. `stop`: every group is stopped (`imu-lost`), and none can be enabled.";
+            "`report`: the state, the log and the metrics report it. `stop`: every group is stopped (`imu-lost`), and none can be enabled.";
     }
 
     /// `[imu.simulation]`, also of the devices in place of those on CAN.

@@ -126,7 +126,7 @@ impl ImuSimulation {
 /// The reaction to the loss of an IMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WhenLost {
-    /// The state and the log tell it. The default.
+    /// The state and the log report it. The default.
     Report,
     /// Every group is stopped, and none can be enabled.
     Stop,

@@ -178,7 +178,7 @@ pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, Inte
     if let Err(error) = found {
         tracing::warn!(
             see = "interface-missing",
-            "{error}. It is looked for again when its motors are to be damped."
+            "{error}. The switch searches for it again when it must damp its motors."
         );
     }
     Ok(Box::new(CanInterface(sender)))

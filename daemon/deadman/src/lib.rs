@@ -124,7 +124,11 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     systemd::stopping(settings.safety.damp);
     let owed = server.finish(clock::monotonic() + settings.safety.damp + PATIENCE);
     if !owed.is_empty() {
-        tracing::error!(see = "stops-owed", "ends before these took their stops: {}", owed.join(", "));
+        tracing::error!(
+            see = "stops-owed",
+            "exits before these interfaces accepted their stop frames: {}",
+            owed.join(", ")
+        );
     }
     Ok(())
 }

@@ -128,7 +128,7 @@ impl Line {
             Err(error) if !self.logged => {
                 tracing::warn!(
                     see = "interface-missing",
-                    "{error}. It is looked for again, also when its motors are to be stopped."
+                    "{error}. The switch keeps trying to open it, also while it stops the motors."
                 );
                 self.logged = true;
             }

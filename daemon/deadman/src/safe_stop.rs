@@ -131,7 +131,7 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
         _ if !left_out.is_empty() || !silent.is_empty() => {}
         [] => tracing::info!("every motor was commanded to damp and stop, and answered"),
         motors => tracing::warn!(
-            "every motor was commanded to damp and stop; whether these answer is not known, so look at them, or cut the power: {}",
+            "every motor was commanded to damp and stop. The answers of these motors could not be read: check them, or cut the power: {}",
             motors.join(", ")
         ),
     }

@@ -38,8 +38,8 @@ struct Arguments {
     /// The configuration. Its buses of type socketcan and serial and its IMUs on serial lines are served.
     #[arg(long, value_name = "FILE", required = true)]
     config: Option<PathBuf>,
-    /// Bit rate of the simulated wire, instead of the configuration's. The kernel takes its own time on top: on a slow
-    /// machine or a real wire, a high rate brings the answers when they would come without it.
+    /// Bit rate of the simulated wire, instead of the configuration's. The kernel adds its own transfer time:
+    /// on a slow machine or a real wire, give a higher rate to compensate.
     #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(1..))]
     wire_bitrate: Option<u32>,
     /// Makes a symbolic link to each pseudo terminal in this directory, named as the configured device: `ttyUSB0` of

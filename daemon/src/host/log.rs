@@ -176,7 +176,8 @@ fn write(mut out: impl Write, messages: &Receiver<Message>, dropped: &AtomicU64)
         }
         let lines = dropped.swap(0, Ordering::Relaxed);
         if lines > 0 {
-            let _lost = writeln!(out, "{lines} lines of this log were dropped: nobody read them");
+            let _lost =
+                writeln!(out, "{lines} log lines were dropped: standard error was not read fast enough");
         }
     }
 }

@@ -27,7 +27,7 @@ impl DeadClients {
     pub fn open(lock: &InstanceLock) -> Self {
         let housekeeper = Housekeeper::open(lock);
         if let Err(error) = &housekeeper {
-            tracing::warn!(see = "dead-clients", "dead clients will keep their places: {error}");
+            tracing::warn!(see = "dead-clients", "the slots of dead clients cannot be freed: {error}");
         }
         let housekeeper = housekeeper.ok();
         Self { housekeeper, changed: None, checked: Instant::ZERO, cleaned: Instant::ZERO }

@@ -3,7 +3,7 @@
 use motord_bus::{Duration, Instant};
 use motord_protocol::imu::{DeviceTime, Sample};
 
-/// A longer gap than fits into the time between two samples, and this, is a restart of the device's counter or clock.
+/// Slack of the gap check. A gap of more samples than fit into the elapsed time and this is a restart of the device's counter or clock.
 const SLACK: Duration = Duration::from_secs(1);
 
 /// Counts the samples between two received ones.
@@ -22,7 +22,7 @@ struct Mark {
 }
 
 impl Gaps {
-    /// `rate_hz` is the rate of a device without a counter: its clock does not tell two samples from one that is missing.
+    /// Counts samples of `rate_hz`. The rate converts the clock of a device without a counter into a number of samples, and bounds a gap.
     pub(super) const fn new(rate_hz: f64) -> Self {
         Self { rate_hz, last: None }
     }

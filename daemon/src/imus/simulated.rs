@@ -11,7 +11,7 @@ use triple_buffer::Output;
 /// Longest sleep, so that the thread sees that the daemon ends.
 const TURN: Duration = Duration::from_millis(50);
 
-/// A simulated IMU and its next sample. That of a plant measures the body when it is due, and the sample arrives by its delay later.
+/// A simulated IMU and its next sample. With a plant, the IMU measures the body at the due time; the sample arrives a delay later.
 pub(super) struct Source {
     name: String,
     device: Imu,

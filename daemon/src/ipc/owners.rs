@@ -1,4 +1,4 @@
-//! The processes of the owners. The kernel tells at once when one has ended, long before its setpoints grow old.
+//! Watches the processes of group owners. The kernel reports an exit immediately, long before the setpoint timeout.
 //!
 //! An owner in another process namespace, such as a container's, is not watched: its process id means another process here. Only
 //! its silence shows that it has ended. The process that claims is the one that is watched: a child that uses the lease of its

@@ -22,15 +22,15 @@ pub struct Schedule {
     publication: ReplyTime,
     /// From the tick of a cycle to the setpoints that answer its states.
     arrival: ReplyTime,
-    /// Of the polling for states.
+    /// Skips polls for states after repeated failures.
     backoff: Backoff,
 }
 
 /// The next time for which this thread wakes by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// The end of the sleep. It is earlier than the expected fetch or states by the time that wake-ups are usually late; the rest is
-    /// waited for awake. So no setpoint misses its cycle because a wake-up was less late than usual.
+    /// The end of the sleep: the expected fetch or publication, minus the usual lateness of wake-ups. The thread polls for the
+    /// remaining time, so an early wake-up does not fetch too early.
     pub sleeps_until: Instant,
     /// The end of the waiting.
     pub at: Instant,

@@ -297,7 +297,7 @@ impl Log {
         }
     }
 
-    /// A stop for the end of the daemon is none that anybody must look at, and a disable is no error.
+    /// Logs a stop: at the end of the daemon for debugging, after a disable as a warning, otherwise as an error.
     fn log_stop(
         &mut self,
         cycle: u64,
@@ -369,7 +369,7 @@ impl Log {
         }
     }
 
-    /// An answered request, if the cycle does not tell of it by an event.
+    /// Logs an answered request that no event of the cycle reports.
     pub(super) fn log_request(&mut self, asked: &Asked, askers: &Askers) {
         let Ok(operation) = asked.request.operation() else { return };
         match Refusal::try_from(asked.reply.refusal) {
@@ -465,7 +465,7 @@ impl Log {
     }
 }
 
-/// The words for a request that was granted; `None` where an event of the cycle tells the same, or nothing was changed.
+/// The words for a request that was granted; `None` if an event of the cycle reports it, or if the request changed nothing.
 const fn done(operation: Operation) -> Option<&'static str> {
     match operation {
         Operation::Enable => Some("enabled"),

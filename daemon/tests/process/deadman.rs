@@ -497,7 +497,8 @@ fn late_switch_leaves_living_daemon_alone() {
         }
     });
     let (sent, sends) = channel();
-    let open = move |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sent))) };
+    let open =
+        move |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sent))) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let ended = Arc::clone(&ends);
     let mut registrar = Registrar::new(instance, safe_frames(), pulse);

@@ -82,7 +82,7 @@ pub enum DirectFailure {
     #[error(transparent)]
     Motor(#[from] Error),
     /// A configuration was written partly.
-    #[error("{reason}; {} tells what was done", .journal.display())]
+    #[error("{reason}; the journal {} records each write", .journal.display())]
     Apply {
         /// Why.
         reason: String,

@@ -41,8 +41,8 @@ pub(crate) fn stiction(
     Value::within((low[0] + high[0]) / 2.0, lower, upper)
 }
 
-/// Bounds of the friction when a motion began: the joint surely rested so long before it had moved by some codes that friction
-/// without a step at the begin, under the torque that rose meanwhile, would have let it move as far.
+/// Bounds of the friction at the start of a motion. Upper: at the first sample that shows motion. Lower: at the last sample at which
+/// the joint was at rest: the torque rise since then would produce the whole displacement without a step in friction.
 fn bracket(
     samples: &[Sample],
     begin: Begin,

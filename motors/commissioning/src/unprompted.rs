@@ -94,7 +94,7 @@ mod tests {
         Unprompted::of(&Frame::classic(FrameId::new(id).unwrap(), payload))
     }
 
-    /// Goal: a motor with its active report on is named, not a second program that does not exist.
+    /// Goal: the error names the motor whose active report is on, not another program.
     #[test]
     fn replies_without_commands_are_reports() {
         let frame = |id, payload| Frame::classic(FrameId::new(id).unwrap(), payload);

@@ -502,8 +502,8 @@ impl Motor {
         }
     }
 
-    /// Returns the scale of torque. A SteadyWin frame carries q current, so the scale is the
-    /// motor's real one, whatever the configuration.
+    /// Returns the scale of torque. A SteadyWin frame carries q current, so the scale follows
+    /// the motor's real constants, even if the configuration differs.
     fn torque_scale(&self) -> Scale {
         Scale::torque(self.settings.torque_constant, self.settings.gear_ratio)
     }

@@ -35,8 +35,8 @@ pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Opt
     items.iter().map(|bus| self::bus(&bus.keys, findings)).collect()
 }
 
-/// Reports an interface or a device that an earlier bus has under another name. What does not exist
-/// on this machine now has no other names.
+/// Reports an interface or a device that an earlier bus has under another name. An interface or device
+/// that does not exist on this machine is not compared.
 fn refuse_other_names(items: &[Item<Bus>], findings: &mut Findings<'_>) {
     let mut seen: Vec<(Identity, &str)> = Vec::new();
     for Item { keys, .. } in items {

@@ -199,8 +199,8 @@ impl Group {
         self.setpoints.age(now)
     }
 
-    /// Returns the mean time between two messages of the owner; after `setpoint-timeout`, of the one
-    /// that was stopped.
+    /// Returns the mean interval between the messages of the owner. After a `setpoint-timeout`, returns
+    /// that of the stopped owner.
     fn setpoint_period(&self) -> Option<Duration> {
         match self.cause() {
             Some(Cause::SetpointTimeout) => self.setpoints.at_stop.map(|(period, _)| period),

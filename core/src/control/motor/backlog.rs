@@ -1,9 +1,9 @@
 //! Finds a motor whose answers are constantly late.
 //!
 //! A reply does not name its request. A motor that answers each request seven turns late looks like
-//! one that lost seven replies and answers in time since. An omitted command tells them apart: a
-//! reply that arrives nevertheless answers an earlier command, and the reply that the omitted
-//! command would have had is missing exactly as many turns later as all answers are late.
+//! one that lost seven replies and answers in time since. motord omits one command to distinguish
+//! them: a reply that still arrives answers an earlier command. If all answers are N turns late, the
+//! turn without a reply follows N turns after the omission.
 //!
 //! ```text
 //!            missed reply            PAUSE later             no late reply

@@ -52,8 +52,8 @@ impl Motor {
         if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
 
-    /// Returns where its way to `target` begins, if its setpoint was `wanted`: at the command of the last cycle, but with the
-    /// torque of `wanted`, since the limits may have scaled that of the command for the moment.
+    /// Returns the start of the interpolation to `target`: the command of the last cycle, with the torque of the previous setpoint
+    /// `wanted`. The limits may have reduced the torque of the command temporarily.
     pub(in crate::control) fn departure(&self, wanted: Option<Setpoint>, target: Setpoint) -> Setpoint {
         let applied = self.applied.setpoint;
         let (Some(wanted), Some(measured)) = (wanted, self.measured()) else { return target };

@@ -49,8 +49,8 @@ impl Motor {
         (at - late, latency + late)
     }
 
-    /// Corrects the age of the last state after the lateness has grown from `before` turns. When it has shrunk, the next states
-    /// come in time; the last one stays as old as it was published.
+    /// Increases the age of the last state by the growth of the lateness since `before`, in turns. After a decrease, the last state
+    /// keeps its published age.
     fn shift(&mut self, before: u32, cx: &mut Context) {
         let turns = self.backlog.turns();
         if turns == before {

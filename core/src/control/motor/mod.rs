@@ -166,8 +166,8 @@ impl Motor {
         matches!(self.mode, Mode::Excluded(_))
     }
 
-    /// Excludes it: of its replies only the confirmation of a stop is used. Or includes it: it is
-    /// probed again. Only while its group is disarmed.
+    /// Excludes or includes the joint. The replies of an excluded motor are used only to confirm a
+    /// stop; an included motor is probed again. Requires a disarmed group.
     pub(super) fn exclude(&mut self, excluded: bool, cx: &mut Context) {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };

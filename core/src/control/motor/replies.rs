@@ -26,7 +26,7 @@ pub(super) struct Replies {
     pub(super) silent: u32,
     /// Consecutive turns whose command had no answer. A late state ends a silence, but not this.
     pub(super) unanswered: u32,
-    /// Turns since its last state was current; 0 when that came in the last one, and in time.
+    /// Turns since the last state was current; 0 if it arrived in time in the last turn.
     pub(super) age_cycles: u32,
     /// Turns without a reply since the start, modulo 2³².
     pub(super) missed: u32,

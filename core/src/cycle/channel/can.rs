@@ -12,11 +12,11 @@ pub(crate) struct CanChannel {
     takes_all: bool,
     /// Requests of the last batch that are not answered.
     awaited: usize,
-    /// A late reply may arrive before the reply to a request that is sent until then.
+    /// Until this time, a late reply may arrive ahead of the reply to a request.
     unsettled_until: Instant,
-    /// The last read took as many arrivals as replies were awaited, but not every one was a reply: the others may be unread.
+    /// The last read was full and replies are missing: they may be unread.
     is_cut_short: bool,
-    /// A motor that has no frame in this batch may not have answered an earlier one.
+    /// A motor without a frame in this batch may owe the reply to an earlier one.
     owes: bool,
     sent_at: Instant,
     batch: Batch,

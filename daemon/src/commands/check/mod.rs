@@ -48,7 +48,7 @@ pub struct Wanted {
 ///
 /// # Errors
 ///
-/// Those of `out`. That its reader has gone is none: the verdict stands.
+/// Those of `out`, except a closed pipe: the exit status is still the verdict.
 pub fn check(path: &Path, wanted: Wanted, out: &mut impl Write) -> io::Result<u8> {
     let judged = config::load(path);
     match print(path, &judged, wanted, out) {
@@ -261,7 +261,9 @@ fn can_verdict(bus: &BusReport<'_>) -> &'static str {
         bus if bus.motors > 0 && bus.worst_case_utilisation > WORST_CASE_SOUND => {
             "tight: lower the rate or move a motor"
         }
-        bus if bus.fault_poll_utilisation > 1.0 => "fits; fault polls only where there happens to be room",
+        bus if bus.fault_poll_utilisation > 1.0 => {
+            "fits; some fault polls wait for a cycle with free bus time"
+        }
         _ => "fits",
     }
 }

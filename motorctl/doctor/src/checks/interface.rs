@@ -78,7 +78,7 @@ pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
     let changes = vec![Change::run(&format!("ip link set {name} txqueuelen {}", queue_length(interface)))];
     let least = cycle_frames(interface);
     let finding = if length > QUEUE_MAX {
-        let why = "a bus that stalled sends so many old torques when it moves again";
+        let why = "after a stall the bus sends all queued frames, with outdated torques";
         Finding::warn(CHECK, measured, why).tuned_by(changes)
     } else if length < least as i64 {
         let why = format!(
@@ -125,10 +125,10 @@ pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) ->
     let pairs = [(rx_usecs, rx_frames), (rx_usecs_irq, rx_frames_irq)];
     let pairs = pairs.map(|(usecs, frames)| (usecs.unwrap_or(0), frames.unwrap_or(0)));
     let finding = if pairs.iter().any(|&(usecs, frames)| usecs == 0 && frames > 1) {
-        let why = "the adapter delivers nothing before so many frames arrived";
+        let why = "without a time limit the adapter delivers nothing until rx-frames frames have arrived";
         Finding::bad(CHECK, measured, why).tuned_by(changes)
     } else if pairs.iter().any(|&(usecs, frames)| usecs > 0 && frames != 1) {
-        let why = "the adapter keeps each reply back for so many µs";
+        let why = "the adapter delays replies by up to rx-usecs µs";
         Finding::warn(CHECK, measured, why).tuned_by(changes)
     } else {
         Finding::good(CHECK, measured)

@@ -83,7 +83,7 @@ fn latency_timer(tree: &Tree, device: &str, resolved: &str) -> Finding {
         None => Finding::good(CHECK, "none"),
         Some(millis) if millis <= 1 => Finding::good(CHECK, format!("{millis} ms")),
         Some(millis) => {
-            let why = "the adapter keeps a reply back for so long; counts until it is unplugged";
+            let why = "the adapter delays replies by up to this time; a change lasts until it is unplugged";
             Finding::warn(CHECK, format!("{millis} ms"), why).tuned_by(vec![Change::write(path, "1")])
         }
     };
@@ -102,7 +102,7 @@ fn owner(tree: &Tree, device: &str, resolved: &str) -> Finding {
     let users: Vec<_> =
         tree.numbers("proc").into_iter().filter(has_it).map(|pid| User::of(tree, pid)).collect();
     if users.is_empty() {
-        return Finding::good(CHECK, "nobody that this user may see").of(device);
+        return Finding::good(CHECK, "no process that this user can see").of(device);
     }
     let names: Vec<_> = users.iter().map(|user| format!("{}, process {}", user.program, user.pid)).collect();
     let measured = names.join("; ");

@@ -61,7 +61,9 @@ impl Bus for Sender {
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         let sent = send(&mut self.outgoing, self.socket.as_fd(), frames);
         match sent.refusal {
-            Some(Refusal::Down) if sent.accepted == 0 => send(&mut self.outgoing, self.socket.as_fd(), frames),
+            Some(Refusal::Down) if sent.accepted == 0 => {
+                send(&mut self.outgoing, self.socket.as_fd(), frames)
+            }
             _ => sent,
         }
     }
