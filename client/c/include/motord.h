@@ -383,12 +383,12 @@ enum motord_status motord_claim_group(struct motord_client *client,
  * Frees a claim, and releases its group: an active group is stopped. Null is no error.
  *
  * # Safety
- * `claim` is null, or a claim that nobody uses any more.
+ * `claim` is null, or a claim that is no longer in use.
  */
 void motord_claim_free(struct motord_claim *claim);
 
 /**
- * Releases the group of a claim, and says whether the daemon did it. The claim must be freed all the same.
+ * Releases the group of a claim, and reports whether the daemon did it. The claim must still be freed.
  *
  * # Safety
  * `claim` is a claim.
@@ -425,8 +425,8 @@ enum motord_status motord_hold(struct motord_claim *claim,
 
 /**
  * Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly from the
- * present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, as at first: at once. The setpoint
- * timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
+ * present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, the initial value, applies setpoints
+ * immediately. The setpoint timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
  * than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
  *
  * # Safety
@@ -446,7 +446,8 @@ enum motord_status motord_commit(struct motord_claim *claim);
 /**
  * Stores and sends a setpoint for each joint of the group, in the order of the claim: position, rad; velocity, rad/s; stiffness,
  * N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
- * `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint.
+ * `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint. `MOTORD_STATUS_BAD_SETPOINT`: a value is not
+ * finite, or a gain is negative; then nothing is stored or sent.
  *
  * # Safety
  * `claim` is a claim; each array is null or leads to `count` numbers.
@@ -543,7 +544,7 @@ enum motord_status motord_connect_in(const char *runtime,
  * Frees a client. Its claims and publishers stay valid. Null is no error.
  *
  * # Safety
- * `client` is null, or one of `motord_connect` that nobody uses any more.
+ * `client` is null, or one of `motord_connect` that is no longer in use.
  */
 void motord_client_free(struct motord_client *client);
 
@@ -655,7 +656,7 @@ enum motord_status motord_imu_publisher_new(struct motord_client *client,
  * Frees a publisher. Null is no error.
  *
  * # Safety
- * `publisher` is null, or a publisher that nobody uses any more.
+ * `publisher` is null, or a publisher that is no longer in use.
  */
 void motord_imu_publisher_free(struct motord_imu_publisher *publisher);
 
@@ -687,7 +688,7 @@ struct motord_state *motord_state_new(void);
  * Frees a state. Null is no error.
  *
  * # Safety
- * `state` is null, or a state that nobody uses any more.
+ * `state` is null, or a state that is no longer in use.
  */
 void motord_state_free(struct motord_state *state);
 
