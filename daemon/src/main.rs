@@ -56,8 +56,8 @@ enum Command {
     /// Damp and stop every motor on a CAN interface or serial port once, when no daemon runs. Waits for a dead man's switch that is
     /// at it.
     ///
-    /// Motors on a CAN interface must answer: if some do not, the command names them, and the exit status is 80. Cut the power then.
-    /// Answers on a serial line, and those to the dead man's switch, are not read.
+    /// Every motor must answer, also on a serial line: if some do not, the command names them, and the exit status is 80. Cut the
+    /// power then. Answers to the dead man's switch are not read.
     SafeStop {
         #[command(flatten)]
         config: ConfigFile,
