@@ -4,7 +4,7 @@ use crate::arrays::numbered;
 use crate::handle::{ClientHandle, borrow, found, guarded, put, put_new, text};
 use crate::status::{Failure, Status, message};
 use motord_client::{Client, emergency_stop};
-use std::ffi::{CString, c_char, c_int};
+use std::ffi::{CStr, CString, c_char, c_int};
 use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::ptr;
@@ -30,8 +30,8 @@ pub struct JointLimits {
 /// Returns the version of this library, such as `0.1.0`. Never null.
 #[unsafe(no_mangle)]
 pub extern "C" fn motord_version() -> *const c_char {
-    const VERSION: &core::ffi::CStr =
-        match core::ffi::CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
+    const VERSION: &CStr =
+        match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
             Ok(version) => version,
             Err(_) => c"",
         };
@@ -42,7 +42,7 @@ pub extern "C" fn motord_version() -> *const c_char {
 /// never null. Valid until the next failure of this thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn motord_error_message() -> *const c_char {
-    message(|message| message.as_ptr())
+    message(CStr::as_ptr)
 }
 
 /// Connects to the daemon of `instance`. Takes milliseconds. Free the client with `motord_client_free`.
