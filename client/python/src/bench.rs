@@ -23,7 +23,7 @@ struct Measured {
 #[expect(clippy::type_complexity, reason = "the values of a tuple")]
 pub(crate) fn measure<'py>(
     py: Python<'py>,
-    claim: &mut Claim,
+    claim: &Claim,
     every: u32,
     seconds: f64,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, u64, u64)> {

@@ -8,7 +8,6 @@ use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, candump, clock}
 use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
-use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use motord_deadman::server::Server;
 use motord_harness::daemon::until;
@@ -163,7 +162,7 @@ impl Drop for Switch {
     }
 }
 
-fn runtime() -> (TempDir, Instance) {
+pub(crate) fn runtime() -> (TempDir, Instance) {
     let directory = TempDir::new().unwrap();
     let instance = Instance::below(directory.path(), "test").unwrap();
     (directory, instance)
@@ -462,112 +461,6 @@ fn answer_of_other_version_is_reported() {
     send(other.as_fd().as_raw_fd(), b"\"Registered\"", MsgFlags::empty()).unwrap();
     let error = daemon.receive::<Answer>().unwrap_err();
     assert!(error.to_string().contains("different versions"), "{error}");
-}
-
-#[test]
-fn daemon_finds_a_switch_that_starts_later() {
-    let (_directory, instance) = runtime();
-    let (heartbeat, pulse) = beating();
-    let end = Arc::new(AtomicBool::new(false));
-    let ended = Arc::clone(&end);
-    let mut registrar = Registrar::new(instance.clone(), safe_frames(), pulse);
-    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
-    let switch = Switch::start(&instance);
-    assert!(switch.sent.recv_timeout(Duration::from_secs(10)).is_ok(), "this heartbeat stands still");
-    heartbeat.rest();
-    end.store(true, Ordering::Relaxed);
-    registrar.join().unwrap();
-}
-
-/// A switch may be stopped, or opens an interface while another process configures one. A daemon that gives up
-/// meanwhile would look dead to it, and it would stop the motors of a robot that walks.
-#[test]
-fn late_switch_leaves_living_daemon_alone() {
-    let (_directory, instance) = runtime();
-    let (heartbeat, pulse) = beating();
-    let ends = Arc::new(AtomicBool::new(false));
-    let ended = Arc::clone(&ends);
-    let beats = spawn(move || {
-        for beat in 2_u64.. {
-            if ended.load(Ordering::Relaxed) {
-                return heartbeat.rest();
-            }
-            heartbeat.beat(beat);
-            sleep(Duration::from_millis(1));
-        }
-    });
-    let (sent, sends) = channel();
-    let open =
-        move |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sent))) };
-    let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
-    let ended = Arc::clone(&ends);
-    let mut registrar = Registrar::new(instance, safe_frames(), pulse);
-    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
-    sleep(SWITCH_PATIENCE + Duration::from_millis(500));
-    let due = clock::monotonic() + Duration::from_secs(1);
-    while clock::monotonic() < due {
-        server.turn(due);
-        assert!(!server.is_acting(), "the daemon lives");
-    }
-    ends.store(true, Ordering::Relaxed);
-    beats.join().unwrap();
-    registrar.join().unwrap();
-    drop(server);
-    assert_eq!(sends.iter().count(), 0);
-}
-
-#[test]
-fn registrar_without_heartbeat_exits_on_request() {
-    let (_directory, instance) = runtime();
-    let (_heartbeat, pulse) = Heartbeat::create().unwrap();
-    let end = Arc::new(AtomicBool::new(false));
-    let ended = Arc::clone(&end);
-    let mut registrar = Registrar::new(instance, safe_frames(), pulse);
-    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
-    sleep(Duration::from_millis(100));
-    end.store(true, Ordering::Relaxed);
-    let due = clock::monotonic() + Duration::from_secs(10);
-    while !registrar.is_finished() {
-        assert!(clock::monotonic() < due, "it waits for the heartbeat");
-        sleep(Duration::from_millis(1));
-    }
-}
-
-/// Goal: a robot that requires its switch logs when it is missing, hangs and reconnects.
-/// Method: the switch is this thread, which answers the registration, and sends signs of life as
-/// the test requires.
-#[test]
-fn registrar_distinguishes_absent_and_hanging_switch() {
-    let (_directory, instance) = runtime();
-    let (_heartbeat, pulse) = beating();
-    let end = Arc::new(AtomicBool::new(false));
-    let ended = Arc::clone(&end);
-    let (tells, hears) = channel();
-    let mut registrar =
-        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| tells.send(lost).unwrap());
-    let switch = Listener::bind(&instance).unwrap();
-    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
-    let next = || hears.recv_timeout(Duration::from_secs(20)).unwrap();
-    assert!(next(), "away");
-    let daemon = loop {
-        match switch.accept() {
-            Ok(daemon) => break daemon,
-            Err(_) => sleep(Duration::from_millis(1)),
-        }
-    };
-    while daemon.receive::<Request>().is_err() {
-        sleep(Duration::from_millis(1));
-    }
-    daemon.send(&Answer::Registered, None).unwrap();
-    assert!(!next(), "registered");
-    assert!(next(), "it gives no sign of life");
-    daemon.beat();
-    assert!(!next(), "it goes on");
-    assert!(next(), "and hangs again");
-    drop((daemon, switch));
-    assert!(next(), "and ends");
-    end.store(true, Ordering::Relaxed);
-    registrar.join().unwrap();
 }
 
 #[test]

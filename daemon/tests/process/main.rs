@@ -12,6 +12,7 @@ mod owners;
 mod plant;
 mod player;
 mod port;
+mod registrar;
 mod safe_stop;
 mod serial;
 mod serial_imu;

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn small_step_back_of_the_clock_moves_no_stamp() {
+    fn clock_set_back_slightly_moves_no_stamp() {
         let mut offset = RealtimeOffset::measure();
         let earliest = monotonic() - Duration::from_secs(1);
         let (before, stamp) = (monotonic(), stamp_now());
