@@ -10,6 +10,11 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::str::FromStr;
 
+/// Readings of the list of locks before a lock counts as free.
+const READS: u32 = 5;
+/// More than the kernel passes at a time.
+const PIECE_BYTES: usize = 64 * 1024;
+
 /// Locks the file `name` in `runtime`, and writes the id of this process into it.
 pub(crate) fn hold(
     runtime: &Directory,
@@ -43,12 +48,16 @@ pub(crate) enum Locks {
 }
 
 /// Returns who holds an exclusive lock of `path` (`flock`), without opening the file: its mode may
-/// forbid that. Reads the list of all locks of the computer. A lock of another file with the same
-/// number counts too.
+/// forbid that. Reads the list of all locks of the computer, several times before it reports none. A
+/// lock of another file with the same number counts too.
 pub(crate) fn exclusive(path: &Path) -> Locks {
-    let (Ok(found), Ok(table)) = (stat(path), std::fs::read_to_string("/proc/locks")) else {
-        return Locks::Unknown;
-    };
+    (0..READS).map(|_| listed(path)).find(|locks| *locks != Locks::Free).unwrap_or(Locks::Free)
+}
+
+/// Returns who holds an exclusive lock of `path` in one reading of the list. The kernel passes it in pieces, and a piece lacks a
+/// lock when locks before it ended meanwhile.
+fn listed(path: &Path) -> Locks {
+    let (Ok(found), Ok(table)) = (stat(path), locks()) else { return Locks::Unknown };
     let of_line = |line: &str| match line.split_whitespace().collect::<Vec<_>>()[..] {
         [_, "FLOCK", _, "WRITE", pid, file, ..] => {
             let number: u64 = file.rsplit(':').next()?.parse().ok()?;
@@ -57,6 +66,13 @@ pub(crate) fn exclusive(path: &Path) -> Locks {
         _ => None,
     };
     table.lines().find_map(of_line).map_or(Locks::Free, |pid| Locks::Held { pid })
+}
+
+/// Reads the list in the largest pieces that the kernel passes.
+fn locks() -> io::Result<String> {
+    let mut table = String::with_capacity(PIECE_BYTES);
+    File::open("/proc/locks")?.read_to_string(&mut table)?;
+    Ok(table)
 }
 
 /// Returns the process that died with the lock of `path`: its id is still in the file, and neither lock nor process exist.
@@ -78,4 +94,34 @@ fn write_pid(file: &mut File) -> io::Result<()> {
     io::Seek::rewind(file)?;
     file.set_len(0)?;
     writeln!(file, "{}", std::process::id())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    /// A client would take a living daemon for dead.
+    #[test]
+    fn held_lock_is_seen_while_others_end() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("held");
+        let _held = Flock::lock(File::create(&path).unwrap(), FlockArg::LockExclusiveNonblock).unwrap();
+        let end = AtomicBool::new(false);
+        let churn = |thread: usize| {
+            let names: Vec<_> = (0..200).map(|name| place.path().join(format!("{thread}-{name}"))).collect();
+            while !end.load(Ordering::Relaxed) {
+                let files = names.iter().map(|name| File::create(name).unwrap());
+                let locks = files.map(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).unwrap());
+                locks.collect::<Vec<_>>().into_iter().for_each(drop);
+            }
+        };
+        std::thread::scope(|scope| {
+            (0..2).for_each(|thread| drop(scope.spawn(move || churn(thread))));
+            let seen = (0..300).filter(|_| exclusive(&path) == Locks::Held { pid: std::process::id() });
+            let seen = seen.count();
+            end.store(true, Ordering::Relaxed);
+            assert_eq!(seen, 300);
+        });
+    }
 }
