@@ -176,7 +176,7 @@ fn names(tree: &str) -> Vec<String> {
 #[test]
 fn core_has_only_the_listed_dependencies() {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "-p", "motord-core", "-e", "normal,no-proc-macro"])
+        .args(["tree", "--locked", "-p", "motord-core", "-e", "normal,no-proc-macro"])
         .args(["--prefix", "none", "--format", "{p}"])
         .current_dir(sources::root())
         .output()
