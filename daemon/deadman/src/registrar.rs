@@ -94,7 +94,7 @@ impl Registrar {
                     }
                     (self.lost)(true);
                 }
-                Err(reason) => self.log(reason.to_string()),
+                Err(reason) => log(&mut self.logged, &reason),
             }
             if stop() {
                 return;
@@ -107,33 +107,33 @@ impl Registrar {
         }
     }
 
-    /// One line for each reason, not for each attempt.
-    fn log(&mut self, reason: String) {
-        if self.logged != reason {
-            tracing::warn!(
-                see = "no-switch",
-                "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
-            );
-            self.logged = reason;
-        }
-    }
-
     /// Sends the request, and waits until the switch answers or disconnects, or `stop` returns true.
     fn register(&mut self, stop: &impl Fn() -> bool) -> Result<(), RegistrarError> {
-        let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::of_connection)?;
-        self.switch.insert(switch).send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
+        let Self { instance, frames, pulse, switch, logged, .. } = self;
+        let connected = Channel::connect(instance, PATIENCE).map_err(RegistrarError::of_connection)?;
+        let switch = switch.insert(connected);
+        switch.send(&Request::Register(frames.clone()), Some(pulse))?;
         loop {
-            match self.switch.as_ref().map(Channel::receive) {
-                Some(Ok((Answer::Registered, _))) => return Ok(()),
-                Some(Ok((Answer::Refused(refusal), _))) => return Err(RegistrarError::Refused(refusal)),
-                Some(Ok((Answer::Acting(_), _))) => return Err(RegistrarError::Answer),
-                Some(Err(error)) if is_late(&error) && !stop() => {
-                    self.log(RegistrarError::Unanswered(error).to_string());
-                }
-                Some(Err(error)) => return Err(error.into()),
-                None => return Err(RegistrarError::Answer),
+            match switch.receive() {
+                Ok((Answer::Registered, _)) => return Ok(()),
+                Ok((Answer::Refused(refusal), _)) => return Err(RegistrarError::Refused(refusal)),
+                Ok((Answer::Acting(_), _)) => return Err(RegistrarError::Answer),
+                Err(error) if is_late(&error) && !stop() => log(logged, &error.into()),
+                Err(error) => return Err(error.into()),
             }
         }
+    }
+}
+
+/// Logs a reason once, not for each attempt. `logged` is that of the last line.
+fn log(logged: &mut String, reason: &RegistrarError) {
+    let reason = reason.to_string();
+    if *logged != reason {
+        tracing::warn!(
+            see = "no-switch",
+            "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
+        );
+        *logged = reason;
     }
 }
 
