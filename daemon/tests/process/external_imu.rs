@@ -130,8 +130,9 @@ fn external_imu_follows_its_publishers() {
     });
     drop(second);
 
-    let third = publisher(daemon.directory.path());
+    // A publisher that waits already takes over in the cycle of the loss.
     until("the loss", || base(&client).filter(|imu| imu.lost));
+    let third = publisher(daemon.directory.path());
     until("the third publisher", || base(&client).filter(|imu| imu.fresh));
     daemon.kill();
     daemon.restart();
