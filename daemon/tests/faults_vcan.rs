@@ -171,7 +171,7 @@ impl Robot {
                 return;
             }
         }
-        panic!("not within 1000 cycles: {:?}", self.bus());
+        panic!("not within 1000 cycles: {:?}, {:?}, {:?}", self.bus(), self.group(), self.state().joints());
     }
 
     fn follow(&mut self, joints: &[JointSetpoint]) {
