@@ -210,9 +210,9 @@ def test_claim_in_use_by_another_thread_raises(robot: motord.Robot) -> None:
             legs.send(q=state.q, kp=20.0, kd=0.5)
     end.set()
     other.join()
-    state = robot.claim("legs")
-    assert (state.wait().phase, state.wait().stop) == ("disarmed", None)
-    state.release()
+    again = robot.claim("legs")
+    assert (again.wait().phase, again.wait().stop) == ("disarmed", None)
+    again.release()
 
 
 def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:
