@@ -42,7 +42,8 @@ fn read(clock: ClockId) -> u64 {
 ///
 /// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so
 /// their difference is constant until a process sets the time. It is measured once a second, and
-/// immediately when a reading or a stamp is impossible.
+/// immediately when a stamp is impossible. Between two measurements the clock is read only for a
+/// stamp from before the last request.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RealtimeOffset {
     /// Realtime minus monotonic, in ns.
@@ -71,14 +72,21 @@ impl RealtimeOffset {
         Self { offset, measured: Instant::from_nanos(measured) }
     }
 
-    /// Returns the instant of a stamp that was taken between `earliest` and `now`. The result
-    /// always lies between them. Neither allocates nor blocks; reads the clocks at most once per
-    /// value of `now`.
+    /// Returns the instant of a stamp that was taken between `earliest` and `now`, which has passed. The
+    /// result always lies between them. A stamp from before `sent_at`, the last request, is late, or the
+    /// time was set back by less than makes a stamp impossible. Neither allocates nor blocks; measures
+    /// at most once per value of `now`.
     #[inline]
-    pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
+    pub(crate) fn monotonic(
+        &mut self,
+        stamp: RealtimeStamp,
+        earliest: Instant,
+        sent_at: Instant,
+        now: Instant,
+    ) -> Instant {
         // A stamp below the offset wraps around to an instant far beyond `now`.
         let at = Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()));
-        if at >= earliest && at <= now {
+        if at >= earliest && at <= now && (at >= sent_at || !self.is_set_back(now)) {
             return at;
         }
         if self.measured < now {
@@ -87,15 +95,19 @@ impl RealtimeOffset {
         self.apply(stamp).max(earliest).min(now)
     }
 
-    /// Measures again when the last measurement is a second old at `now`, which has passed, or the time was set back. A
-    /// stamp would otherwise be earlier than its frame, by less than makes it impossible. Neither allocates nor blocks;
-    /// reads the clock once, and the clocks when it measures.
+    /// Measures again when the last measurement is a second old at `now`. Neither allocates nor
+    /// blocks; reads the clocks.
     #[inline]
     pub(crate) fn refresh(&mut self, now: Instant) {
-        let is_set_back = self.apply(RealtimeStamp(read(ClockId::Realtime))) < now;
-        if is_set_back || now >= self.measured + Self::REMEASURE {
+        if now >= self.measured + Self::REMEASURE {
             self.measure_again(now);
         }
+    }
+
+    /// Returns `true` when a reading after `now` is earlier than it.
+    #[cold]
+    fn is_set_back(&self, now: Instant) -> bool {
+        self.apply(RealtimeStamp(read(ClockId::Realtime))) < now
     }
 
     #[cold]
@@ -130,7 +142,7 @@ mod tests {
             let before = monotonic();
             let stamp = stamp_now();
             let after = monotonic();
-            let at = offset.monotonic(stamp, Instant::ZERO, after + Duration::from_millis(1));
+            let at = offset.monotonic(stamp, Instant::ZERO, Instant::ZERO, after + Duration::from_millis(1));
             let tolerance = Duration::from_millis(20);
             assert!(at >= before && at <= after + tolerance, "{before:?} {at:?} {after:?}");
         }
@@ -144,9 +156,7 @@ mod tests {
         let now = monotonic();
         // As if the clock had been set back by half the time since the last frame.
         offset.offset += 500_000_000;
-        offset.measured = now;
-        offset.refresh(now);
-        let at = offset.monotonic(stamp, earliest, now);
+        let at = offset.monotonic(stamp, earliest, before, now);
         assert!(at >= before - Duration::from_millis(20), "{before:?} {at:?}");
     }
 
@@ -158,7 +168,7 @@ mod tests {
             let earliest = monotonic();
             let stamp = stamp_now();
             let now = monotonic() + Duration::from_millis(1);
-            let at = offset.monotonic(stamp, earliest, now);
+            let at = offset.monotonic(stamp, earliest, earliest, now);
             assert!(at.since(earliest) < Duration::from_millis(20) && at <= now, "{step}: {at:?}");
         }
     }
@@ -168,10 +178,9 @@ mod tests {
         let mut offset = RealtimeOffset::measure();
         let right = offset.offset;
         let measured = offset.measured;
-        // A clock that was set forward: a reading that was set back is noticed earlier.
-        offset.offset = right.saturating_sub(HOUR as i64);
+        offset.offset = right.saturating_add(HOUR as i64);
         offset.refresh(measured + RealtimeOffset::REMEASURE - Duration::from_nanos(1));
-        assert_eq!(offset.offset, right.saturating_sub(HOUR as i64));
+        assert_eq!(offset.offset, right.saturating_add(HOUR as i64));
         offset.refresh(measured + RealtimeOffset::REMEASURE);
         assert!(offset.offset.abs_diff(right) < 20_000_000, "{} and {right}", offset.offset);
     }
@@ -181,7 +190,7 @@ mod tests {
         let mut offset = RealtimeOffset::measure();
         let (earliest, now) = (Instant::from_nanos(9), Instant::from_nanos(5));
         for stamp in [0, 1, u64::MAX] {
-            assert_eq!(offset.monotonic(RealtimeStamp(stamp), earliest, now), now);
+            assert_eq!(offset.monotonic(RealtimeStamp(stamp), earliest, earliest, now), now);
         }
     }
 

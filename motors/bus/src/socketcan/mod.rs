@@ -77,6 +77,8 @@ pub struct SocketCanBus {
     realtime: RealtimeOffset,
     /// Frames that have not been received yet arrived at this instant or later.
     latest: Instant,
+    /// When the last frames were sent.
+    sent_at: Instant,
     /// The last value of `SO_RXQ_OVFL`.
     dropped: u32,
 }
@@ -142,6 +144,7 @@ impl SocketCanBus {
             incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
+            sent_at: Instant::ZERO,
             dropped: 0,
         }
     }
@@ -264,7 +267,8 @@ fn limit_queue(socket: &CanSocket, frames: u32) -> io::Result<()> {
 impl Bus for SocketCanBus {
     /// One `sendmmsg`. When the kernel takes only some frames, it returns no reason. The refusal is
     /// then [`Refusal::Full`], and the next call returns the true reason.
-    fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.sent_at = now;
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 
@@ -275,15 +279,13 @@ impl Bus for SocketCanBus {
         if free == 0 {
             return;
         }
-        let Self { socket, incoming, realtime, latest, dropped, .. } = self;
+        let Self { socket, incoming, realtime, latest, sent_at, dropped, .. } = self;
         let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
-        if count > 0 {
-            realtime.refresh(now);
-        }
+        realtime.refresh(now);
         for message in incoming.messages(count) {
             let ancillary = wire::ancillary(message.control());
             *latest = match ancillary.stamp {
-                Some(stamp) => realtime.monotonic(stamp, *latest, now),
+                Some(stamp) => realtime.monotonic(stamp, *latest, *sent_at, now),
                 None => now,
             };
             if let Some(lost) = ancillary.dropped {
