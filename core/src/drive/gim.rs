@@ -21,6 +21,29 @@ const ROUND: u32 = 10;
 /// A velocity older than this is not combined with a new angle to a state.
 const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
 
+/// The last confirmation of the motor that still holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Confirmed {
+    /// None since the last command of another kind.
+    Nothing,
+    /// It started, and was not commanded to stop since. Otherwise it refuses control commands.
+    Start,
+    /// It stopped, and was commanded nothing but stops and requests since.
+    Stop,
+}
+
+impl Confirmed {
+    /// Returns the confirmation that holds after `command`.
+    const fn after(self, command: &Command) -> Self {
+        match (self, command) {
+            (Self::Start, Command::Stop) => Self::Nothing,
+            (Self::Start, _) | (_, Command::Nothing | Command::Wait) => self,
+            (Self::Stop, Command::Stop | Command::GetFault | Command::GetIndicator(_)) => self,
+            (Self::Stop | Self::Nothing, _) => Self::Nothing,
+        }
+    }
+}
+
 #[derive(Debug)]
 pub(super) struct Gim {
     scales: Scales,
@@ -31,11 +54,7 @@ pub(super) struct Gim {
     /// The last request is for an indicator of telemetry, not for a part of the state.
     asks_indicator: bool,
     turn: u32,
-    /// The motor confirmed a stop, and was commanded nothing else since.
-    is_stopped: bool,
-    /// The motor confirmed the start command, and was not commanded to stop since. Otherwise it
-    /// refuses control commands.
-    started: bool,
+    confirmed: Confirmed,
     /// The last accepted state, motor side.
     state: Measured<MotorSide>,
     /// When it last reported its velocity.
@@ -55,8 +74,7 @@ impl Gim {
             asked: gim::Command::StopMotor,
             asks_indicator: false,
             turn: 0,
-            is_stopped: false,
-            started: false,
+            confirmed: Confirmed::Nothing,
             state,
             velocity_at: Instant::FAR_FUTURE,
             is_velocity_old: false,
@@ -67,14 +85,11 @@ impl Gim {
     pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
         if !matches!(command, Command::Stop | Command::Nothing | Command::Wait | Command::GetIndicator(_)) {
             self.turn = 0;
-            self.is_stopped &= *command == Command::GetFault;
         }
+        self.confirmed = self.confirmed.after(command);
         self.asked = match command {
             Command::Nothing | Command::Wait => return None,
-            Command::Stop => {
-                self.started = false;
-                self.stopped()
-            }
+            Command::Stop => self.stopped(),
             Command::Start => gim::Command::StartMotor,
             Command::GetFault => gim::Command::GetFault,
             Command::GetIndicator(ind_id) => gim::Command::RetrieveIndicator { ind_id: *ind_id },
@@ -82,7 +97,7 @@ impl Gim {
             // The zero of a GIM motor is a configuration item (ConfID 0x14), which the cycle does
             // not write.
             Command::SetZero => gim::Command::StopMotor,
-            Command::Neutral if !self.started => self.state_question(),
+            Command::Neutral if self.confirmed != Confirmed::Start => self.state_question(),
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
@@ -97,7 +112,7 @@ impl Gim {
         self.turn = (turn + 1) % ROUND;
         match turn {
             0 => gim::Command::StopMotor,
-            turn if !self.is_stopped && turn.is_multiple_of(2) => gim::Command::StopMotor,
+            turn if self.confirmed != Confirmed::Stop && turn.is_multiple_of(2) => gim::Command::StopMotor,
             2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
             _ => self.state_question(),
         }
@@ -184,11 +199,13 @@ impl Gim {
                 gim::Command::StopMotor => {
                     // No later answer of a stopped motor contains its torque.
                     self.state.torque = 0.0;
-                    self.is_stopped = true;
+                    self.confirmed = Confirmed::Stop;
                     Reported::Stopped
                 }
                 _ => {
-                    self.started |= self.asked == gim::Command::StartMotor;
+                    if self.asked == gim::Command::StartMotor {
+                        self.confirmed = Confirmed::Start;
+                    }
                     Reported::Alive
                 }
             },
