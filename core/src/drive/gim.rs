@@ -15,8 +15,8 @@ use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use motord_shared::SetpointMode;
 
-/// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, every
-/// second turn commands it.
+/// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, the next
+/// turn and every second one after it command it: the bus may have refused the first.
 const ROUND: u32 = 10;
 /// A velocity older than this is not combined with a new angle to a state.
 const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
@@ -112,16 +112,9 @@ impl Gim {
         self.turn = (turn + 1) % ROUND;
         match turn {
             0 => gim::Command::StopMotor,
-            turn if self.confirmed != Confirmed::Stop && turn.is_multiple_of(2) => gim::Command::StopMotor,
+            turn if self.confirmed != Confirmed::Stop && turn % 2 == 1 => gim::Command::StopMotor,
             2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
             _ => self.state_question(),
-        }
-    }
-
-    /// The request was not sent. A stop is the next request instead.
-    pub(super) const fn withdraw(&mut self) {
-        if matches!(self.asked, gim::Command::StopMotor) {
-            self.turn = 0;
         }
     }
 

@@ -133,9 +133,6 @@ impl Drive {
     /// Withdraws the open request, whose frame was not sent.
     pub const fn withdraw(&mut self) {
         self.correlator = self.correlator.withdraw();
-        if let Dialect::Gim(gim) = &mut self.dialect {
-            gim.withdraw();
-        }
     }
 
     /// Closes the open request, which the motor could not read. Constant time.
@@ -143,7 +140,7 @@ impl Drive {
         if !self.is_open() {
             return Received::Malformed;
         }
-        self.correlator = self.correlator.withdraw();
+        self.withdraw();
         Received::Reply(Reported::Refused)
     }
 
