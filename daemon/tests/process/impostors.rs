@@ -5,11 +5,11 @@
 
 use crate::deadman::{DAMPING, Recorder, Switch, beating, safe_frames};
 use crate::player::{Player, become_user};
+use crate::registrar::Registration;
 use crate::safe_stop::{can, configuration, motord, no_can, text};
 use motord_bus::{BusLock, Holder, candump, clock};
 use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
-use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::InterfaceError;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
@@ -20,10 +20,8 @@ use std::fs::{self, Permissions};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
-use std::thread::{sleep, spawn};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -88,12 +86,8 @@ fn daemon_registers_with_no_switch_of_a_member() {
     let Some((directory, instance)) = shared() else { return };
     let impostor = impostor(directory.path());
     let (heartbeat, pulse) = beating();
-    let end = Arc::new(AtomicBool::new(false));
-    let ended = Arc::clone(&end);
-    let (tells, hears) = channel();
-    let mut registrar =
-        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| tells.send(lost).unwrap());
-    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    let registration = Registration::start(&instance, pulse);
+    let hears = &registration.lost;
     assert!(hears.recv_timeout(PATIENCE).unwrap(), "no switch yet");
     let watched = hears.recv_timeout(Duration::from_secs(3));
     assert!(watched.is_err(), "the daemon believes that process {} watches it", impostor.id());
@@ -102,8 +96,7 @@ fn daemon_registers_with_no_switch_of_a_member() {
     let (_, first) = switch.sent.recv_timeout(PATIENCE).unwrap();
     assert_eq!(candump::frame(DAMPING), Some(first), "this heartbeat stands still");
     heartbeat.rest();
-    end.store(true, Ordering::Relaxed);
-    registrar.join().unwrap();
+    registration.end();
 }
 
 /// Runs in the process of a member that has the name of the socket for emergency stops; not a test of its own.
