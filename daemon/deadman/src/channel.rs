@@ -29,7 +29,7 @@ const MESSAGE_BYTES_MAX: usize = 32 * 1024;
 /// Most files that Linux passes with one message, `SCM_MAX_FD`. With space for fewer, those that fit would stay
 /// open without a known number.
 const FILES_MAX: usize = 253;
-/// Longest time that a daemon waits for the switch, which opens an interface in milliseconds.
+/// Longest time of one wait for the switch, which opens an interface in milliseconds. A daemon that registers waits again.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Prefix of every message. Its number rises with every change of the messages, so that a program of another
 /// version is refused with an error that names the reason.
