@@ -51,17 +51,18 @@ pub(crate) enum Locks {
 /// forbid that. Reads the list of all locks of the computer, several times before it reports none. A
 /// lock of another file with the same number counts too.
 pub(crate) fn exclusive(path: &Path) -> Locks {
-    (0..READS).map(|_| listed(path)).find(|locks| *locks != Locks::Free).unwrap_or(Locks::Free)
+    let Ok(found) = stat(path) else { return Locks::Unknown };
+    (0..READS).map(|_| listed(found.st_ino)).find(|locks| *locks != Locks::Free).unwrap_or(Locks::Free)
 }
 
-/// Returns who holds an exclusive lock of `path` in one reading of the list. The kernel passes it in pieces, and a piece lacks a
-/// lock when locks before it ended meanwhile.
-fn listed(path: &Path) -> Locks {
-    let (Ok(found), Ok(table)) = (stat(path), locks()) else { return Locks::Unknown };
+/// Returns who holds an exclusive lock of the file with this number in one reading of the list. The kernel passes it in pieces, and a
+/// piece lacks a lock when locks before it ended meanwhile.
+fn listed(file_number: u64) -> Locks {
+    let Ok(table) = locks() else { return Locks::Unknown };
     let of_line = |line: &str| match line.split_whitespace().collect::<Vec<_>>()[..] {
         [_, "FLOCK", _, "WRITE", pid, file, ..] => {
             let number: u64 = file.rsplit(':').next()?.parse().ok()?;
-            (number == found.st_ino).then(|| pid.parse().ok())?
+            (number == file_number).then(|| pid.parse().ok())?
         }
         _ => None,
     };
