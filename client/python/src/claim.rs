@@ -2,13 +2,13 @@
 
 use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::{self, raised};
-use crate::interpreter::without_lock;
+use crate::interpreter::{unused, without_lock};
 use crate::motion::Begun;
 use crate::state::{Order, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Longer than a shared machine stalls.
@@ -74,16 +74,12 @@ impl Claim {
         Ok(Self { client, owned, order: Arc::new(order), places, group })
     }
 
-    /// Never waits: the other thread may need the interpreter's lock to continue.
     fn owned(&self) -> PyResult<MutexGuard<'_, Owned>> {
-        match self.owned.try_lock() {
-            Ok(owned) => Ok(owned),
-            Err(TryLockError::Poisoned(owned)) => Ok(owned.into_inner()),
-            Err(TryLockError::WouldBlock) => Err(PyErr::new::<errors::Error, _>(format!(
-                "another thread uses the claim of {}: one thread controls a group",
-                self.group
-            ))),
-        }
+        unused(&self.owned).ok_or_else(|| {
+            let group = &self.group;
+            let text = format!("another thread uses the claim of {group}: one thread controls a group");
+            PyErr::new::<errors::Error, _>(text)
+        })
     }
 
     /// Calls with the claim.

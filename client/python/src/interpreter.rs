@@ -4,6 +4,7 @@ use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
 use std::ffi::CString;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 /// A wait for the lock that costs a controller a cycle or two.
@@ -26,6 +27,15 @@ pub(crate) fn without_lock<T: Send>(py: Python<'_>, call: impl Send + FnOnce() -
     let (value, ended) = py.detach(|| (call(), Instant::now()));
     note(py, ended.elapsed())?;
     Ok(value)
+}
+
+/// Returns the content where no other thread uses it. Never waits: the other thread may need the interpreter's lock to continue.
+pub(crate) fn unused<T>(content: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
+    match content.try_lock() {
+        Ok(content) => Some(content),
+        Err(TryLockError::Poisoned(content)) => Some(content.into_inner()),
+        Err(TryLockError::WouldBlock) => None,
+    }
 }
 
 /// Measures the wait for the lock `times` times.

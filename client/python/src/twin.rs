@@ -2,6 +2,7 @@
 
 use crate::arrays::{JOINTS_MAX, duration, setpoints};
 use crate::errors::{raised, refused};
+use crate::interpreter::unused;
 use crate::state::{Order, State};
 use motord_client::{Error as ClientError, Operation, State as ClientState};
 use motord_shared::JointSetpoint;
@@ -12,7 +13,7 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The first exception of a callable, which the next step raises.
 type Raised = Arc<Mutex<Option<PyErr>>>;
@@ -116,15 +117,12 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    /// Never waits: the thread that steps calls the plant, and needs the interpreter's lock for it.
     fn twin(&self) -> PyResult<MutexGuard<'_, Twin>> {
-        match self.twin.try_lock() {
-            Ok(twin) => Ok(twin),
-            Err(TryLockError::Poisoned(twin)) => Ok(twin.into_inner()),
-            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+        unused(&self.twin).ok_or_else(|| {
+            PyRuntimeError::new_err(
                 "the twin is in a call: its plant, and other threads, can read its time only",
-            )),
-        }
+            )
+        })
     }
 
     /// Raises the exception of a callable.
