@@ -105,8 +105,8 @@ pub unsafe extern "C" fn motord_hold(
 
 /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly from the
 /// present command to the setpoint within `horizon_ns` after it was sent, inside all limits. 0, the initial value, applies setpoints
-/// immediately. The setpoint timeout begins at the end of the horizon. For a controller slower than the cycle. `MOTORD_STATUS_BAD_SETPOINT` when it is longer
-/// than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
+/// immediately. The setpoint timeout begins at the end of the horizon. For a controller slower than the cycle.
+/// `MOTORD_STATUS_BAD_SETPOINT` when it is longer than `setpoint-horizon-max-ms` of the configuration. Neither allocates nor waits.
 ///
 /// # Safety
 /// `claim` is a claim.
