@@ -1,7 +1,7 @@
 //! Histograms of all latencies, since the start or the last reset.
 //!
-//! All have the same fixed range, 1 ns to 10 s, and three significant digits, those of the ages of IMU samples two. They are allocated once, and
-//! recording a value takes constant time.
+//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of IMU ages have two. They are
+//! allocated once, and recording a value takes constant time.
 //!
 //! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it (coordinated
 //! omission). So each missed tick adds one sample to each quantity that had a real value at that tick:
