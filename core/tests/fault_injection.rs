@@ -180,8 +180,6 @@ fn no_fault_sends_forbidden_frames_or_prevents_arming() {
 }
 
 /// Goal: a robot with healthy controllers is never stopped without a reason.
-/// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of
-/// healthy hardware.
 /// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
 #[test]
 #[ignore = "an hour of robot time takes a minute: run it with --release and --ignored"]

@@ -2,11 +2,10 @@
 //!
 //! | byte | meaning |
 //! |---|---|
-//!  0 | receiver: the motor's id in a command, the host's in a reply, which therefore does not
-//! identify its sender |
+//! | 0 | receiver: the motor's id in a command, the host's in a reply, which does not name its sender |
 //! | 1 | type: 0 normal, 1 ACK |
 //! | 2 | length of the payload: 8 in a normal frame |
-//!  3 | XOR of the three bytes before |
+//! | 3 | XOR of the three bytes before |
 //!
 //! Source: GIM document Table 3, version 2.2. Interpretation:
 //! - A motor sends an ACK frame only when it could not read a request. The payload is not
