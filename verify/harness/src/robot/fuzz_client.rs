@@ -44,8 +44,8 @@ pub struct FuzzClient {
     silent: usize,
     /// The horizon of the next messages, ns.
     horizon_ns: u32,
-    /// The last message had a velocity from which a way passes [`WRONG_LEASE_VELOCITY`]: the next has no horizon.
-    passes: bool,
+    /// The last message had a velocity above [`SLOW`].
+    was_fast: bool,
     /// The setpoints of the next message.
     pub setpoints: Vec<JointSetpoint>,
 }
@@ -60,7 +60,7 @@ impl FuzzClient {
             claim: 0,
             silent: 0,
             horizon_ns: 0,
-            passes: false,
+            was_fast: false,
             setpoints: Vec::new(),
         }
     }
@@ -108,10 +108,10 @@ impl FuzzClient {
 
     /// Sends a valid message.
     pub fn follow(&mut self, robot: &mut Robot, checker: &mut Checker) {
-        let message = self.message(robot.now());
+        let message = self.message(robot);
         checker.good_setpoint(self.group, end(&message, robot.now()));
         self.deliver(robot, checker, &message);
-        self.passes = false;
+        self.was_fast = false;
     }
 
     /// Sends a valid message, an invalid one, or nothing.
@@ -145,10 +145,10 @@ impl FuzzClient {
             10 => self.change_modes(random, robot),
             11 => self.horizon_ns = *random.pick(&[0, 0, 1, 1_000_000, 25_000_000, HORIZON_MAX_NS]),
             7..=9 => {
-                let mut message = self.message(robot.now());
+                let mut message = self.message(robot);
                 let is_good = spoil(random, &mut message, robot.now());
                 if message.joints.iter().any(|joint| joint.velocity > SLOW) {
-                    (self.passes, message.horizon_ns) = (true, 0);
+                    (self.was_fast, message.horizon_ns) = (true, 0);
                 }
                 if is_good {
                     checker.good_setpoint(self.group, end(&message, robot.now()));
@@ -169,10 +169,15 @@ impl FuzzClient {
         }
     }
 
-    fn message(&mut self, now: Instant) -> SetpointMessage {
+    /// Returns a valid message. It has no horizon while a motor may have a velocity above [`SLOW`], from which the way
+    /// passes [`WRONG_LEASE_VELOCITY`]. A motor that takes turns keeps its velocity until the next.
+    fn message(&mut self, robot: &mut Robot) -> SetpointMessage {
         self.sequence += 1;
-        let message = message(self.lease, self.sequence, now, &self.setpoints);
-        SetpointMessage { horizon_ns: if self.passes { 0 } else { self.horizon_ns }, ..message }
+        let message = message(self.lease, self.sequence, robot.now(), &self.setpoints);
+        let state = robot.state();
+        let mut motors = robot.settings.groups[self.group].motors.iter();
+        let is_fast = self.was_fast || motors.any(|motor| state.joints[*motor].applied.velocity > SLOW);
+        SetpointMessage { horizon_ns: if is_fast { 0 } else { self.horizon_ns }, ..message }
     }
 
     fn deliver(&self, robot: &mut Robot, checker: &mut Checker, message: &SetpointMessage) {
