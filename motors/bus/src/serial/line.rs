@@ -361,6 +361,9 @@ mod tests {
             assert_eq!(read(&mut line, &reply(HOST)), [from(id)]);
             assert!(!line.is_unanswered());
         }
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &reply(1)), [UNMATCHED], "its host id is another");
+        assert_eq!(read(&mut line, &reply(HOST))[0], from(1));
         ask(&mut line, 9, 0);
         assert_eq!(
             read(&mut line, &reply(0x77)),
