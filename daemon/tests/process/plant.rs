@@ -53,7 +53,7 @@ fn daemon_with_imu(
     rate: Box<dyn FnMut() -> f64 + Send>,
 ) -> Daemon {
     let directory = TempDir::new().unwrap();
-    let socket = directory.path().with_extension("plant");
+    let socket = directory.path().join("plant");
     let listener = UnixListener::bind(&socket).unwrap();
     std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer, rate));
     Daemon::start_in(directory, config, |command| {
@@ -182,7 +182,7 @@ fn answers_of_wrong_length_end_the_daemon() {
         (r#"{"imu": true}"#, "the plant answered a step with 16 bytes, not 96"),
     ] {
         let directory = TempDir::new().unwrap();
-        let socket = directory.path().with_extension("plant");
+        let socket = directory.path().join("plant");
         let listener = UnixListener::bind(&socket).unwrap();
         let imu = greeting.contains("false");
         std::thread::spawn(move || {
