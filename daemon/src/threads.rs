@@ -129,6 +129,7 @@ pub struct Daemon {
     ipc: JoinHandle<()>,
     telemetry: JoinHandle<()>,
     counters: Arc<Counters>,
+    first_state: Receiver<()>,
     realtime: Vec<Step>,
     /// The first file of the runtime directory that was lost.
     lost: Arc<OnceLock<PathBuf>>,
@@ -154,9 +155,6 @@ impl Daemon {
         let boot_id = boot_id();
         let (mut cycle, mut ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
         buses.mismatched.into_iter().for_each(|joint| cycle.mark_mismatch(joint));
-        if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
-            cycle.share_processor();
-        }
         let (unplanted, world) = start_plant(&settings, &orders, buses.plant)?;
         let Sources { simulated, external, .. } =
             start_imus(&settings, &orders, (std::mem::take(&mut ends.imus), world), boot_id)?;
@@ -167,7 +165,8 @@ impl Daemon {
         let (questions, answers) = telemetry::questions();
         let askers = questions.askers.clone();
 
-        let ipc = start_ipc(&settings, lock, &orders, (ipc_end, owners, external), questions, boot_id)?;
+        let ends = (ipc_end, owners, external);
+        let (ipc, first_state) = start_ipc(&settings, lock, &orders, ends, questions, boot_id)?;
         start_owners(&settings, &orders, deaths, Arc::clone(&counters))?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
@@ -191,7 +190,13 @@ impl Daemon {
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors.with_imus(simulated))?;
         }
-        Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost, unplanted })
+        Ok(Self { orders, cycle, ipc, telemetry, counters, first_state, realtime, lost, unplanted })
+    }
+
+    /// Waits at most `timeout` for the first state, and returns true once it is published.
+    #[must_use]
+    pub fn await_first_state(&self, timeout: Duration) -> bool {
+        self.first_state.recv_timeout(timeout).is_ok()
     }
 
     /// The steps by which the cycle thread became real-time, and their outcomes.
@@ -287,6 +292,7 @@ fn start(
     Ok(Builder::new().name(format!("motord-{thread}")).stack_size(STACK_BYTES).spawn(run)?)
 }
 
+/// Returns the thread, and the receiver of one message once the first state is published.
 fn start_ipc(
     settings: &Settings,
     lock: &Arc<InstanceLock>,
@@ -294,8 +300,9 @@ fn start_ipc(
     (end, owners, imus): (ipc::CycleEnd, Owners, Option<ExternalImus>),
     questions: telemetry::Questions,
     boot_id: u64,
-) -> Result<JoinHandle<()>, RunError> {
+) -> Result<(JoinHandle<()>, Receiver<()>), RunError> {
     let (opened, ready) = channel();
+    let (published, first_state) = channel();
     let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     let ipc = settings.ipc.clone();
     let schedule = Schedule::new(settings.cycle.period, ipc.lead, ipc.busy_poll);
@@ -324,7 +331,8 @@ fn start_ipc(
         report(&opened, Ok(()));
         let records = Records::new(joints);
         let cycle = (end, Some(owners));
-        let mut thread = IpcThread::new(ports, cycle, questions, description, ipc.mode, schedule, records);
+        let mut thread = IpcThread::new(ports, cycle, questions, description, ipc.mode, schedule, records)
+            .announcing(published);
         if let Some((receiver, imus)) = imus {
             thread = thread.with_imus(receiver, imus);
         }
@@ -333,7 +341,7 @@ fn start_ipc(
         outlive_the_cycle("ipc", &given, || thread.run(|| given.are(Orders::END)));
     })?;
     await_report(&ready, "ipc")??;
-    Ok(thread)
+    Ok((thread, first_state))
 }
 
 /// Detached: the thread holds nothing, and ends with the process.
@@ -392,6 +400,9 @@ fn start_cycle(
     let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
     let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
+    if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
+        cycle.share_processor();
+    }
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
         let _held = claims;

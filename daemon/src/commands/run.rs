@@ -82,17 +82,28 @@ fn drive(
     if let Some(plant) = &options.plant {
         tracing::info!("every bus is simulated: the plant on {} moves the joints", plant.display());
     }
-    log_start(lock.instance().name(), (path, hash), size, &realtime);
-    systemd::ready();
+    serve(&daemon, &mut signals, damp, || {
+        log_start(lock.instance().name(), (path, hash), size, &realtime);
+        systemd::ready();
+    });
+    daemon.end()
+}
+
+/// Feeds the watchdog and heeds signals until the daemon has ended. Calls `ready` once the first state is published.
+fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration, ready: impl FnOnce()) {
     let mut watchdog = Watchdog::new();
+    let mut starting = Some(ready);
     while !daemon.has_ended() {
         watchdog.feed(daemon.cycle());
         for origin in signals.pending() {
-            heed(&daemon, &origin, damp);
+            heed(daemon, &origin, damp);
         }
-        std::thread::sleep(SIGNAL_TURN);
+        if starting.is_none() {
+            std::thread::sleep(SIGNAL_TURN);
+        } else if daemon.await_first_state(SIGNAL_TURN) {
+            starting.take().into_iter().for_each(|ready| ready());
+        }
     }
-    daemon.end()
 }
 
 /// Opens the buses. For at most `patience`, waits for those that are missing or down, and reports each once.

@@ -24,6 +24,7 @@ use rtrb::{Consumer, Producer};
 pub use schedule::{Schedule, Wake};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::Sender;
 
 /// Requests taken from clients each time the thread wakes.
 const REQUESTS_PER_WAKE: usize = 64;
@@ -83,6 +84,8 @@ pub struct IpcThread {
     owners: Option<Owners>,
     records: Records,
     imus: Option<(ImuReceiver, ExternalImus)>,
+    /// Told of the first state, once.
+    awaits_state: Option<Sender<()>>,
 }
 
 impl IpcThread {
@@ -111,7 +114,14 @@ impl IpcThread {
             owners,
             records,
             imus: None,
+            awaits_state: None,
         }
+    }
+
+    /// Sends one message once the first state is published.
+    #[must_use]
+    pub fn announcing(self, first_state: Sender<()>) -> Self {
+        Self { awaits_state: Some(first_state), ..self }
     }
 
     /// Takes the samples of external IMUs as well.
@@ -219,6 +229,9 @@ impl IpcThread {
             *lease = Lease::from_raw(group.lease);
         }
         self.count(published.is_err());
+        if let Some(waiting) = self.awaits_state.take() {
+            let _gone = waiting.send(());
+        }
         true
     }
 

@@ -1,6 +1,7 @@
 //! The log of one session, in the form of the journal.
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+use motord_client::{Client, Error};
 use motord_ports::injection::inject;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::{ALL_GROUPS, JOINT_VALID};
@@ -9,7 +10,7 @@ use motord_shared::{
 };
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 use std::os::fd::AsFd;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -231,6 +232,34 @@ fn assert_events_are_named(events: &[&String], log: &str) {
             events.iter().any(|line| line.starts_with(level) && words.iter().all(|word| line.contains(word)));
         assert!(found, "{level} {words:?} in\n{log}");
     }
+}
+
+/// At this rate the first cycle would end long after a daemon that did not wait for it is ready.
+#[test]
+fn ready_daemon_has_published_its_first_state() {
+    let place = TempDir::new().unwrap();
+    let config = place.path().join("motord.toml");
+    std::fs::write(&config, CONFIG.replace("rate-hz = 200", "rate-hz = 5")).unwrap();
+    let start = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.arg("run").arg("--config").arg(&config).env("MOTORD_RUNTIME_DIR", place.path());
+        let mut daemon = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
+        assert!(lines.any(|line| line.contains(" ready ")));
+        // The pipe is read on, so that the daemon can write its log.
+        std::thread::spawn(move || lines.for_each(drop));
+        daemon
+    };
+    let mut daemon = start();
+    let client = Client::connect_in(place.path(), "test").unwrap();
+    let before = client.wait(PATIENCE).unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    let mut successor = start();
+    let first = client.newest();
+    successor.kill().unwrap();
+    successor.wait().unwrap();
+    assert_eq!(first.unwrap_err(), Error::Restarted, "after cycle {}", before.cycle());
 }
 
 #[test]
