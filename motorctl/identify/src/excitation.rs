@@ -175,29 +175,37 @@ pub struct Plan {
     centre: f64,
     amplitude: f64,
     shape: Shape,
+    phases: Phases,
     /// Amplitude and phase of each frequency.
-    sines: [(f64, f64); FREQUENCIES.len()],
+    sines: Sines,
 }
 
 impl Plan {
-    /// Plans the excitation of a joint that is at `centre`, rad.
+    /// Plans the excitation of a joint that is at `centre`, rad. Takes milliseconds: it tries sets of phases.
     ///
     /// # Errors
     ///
     /// [`PlanError::Narrow`].
     pub fn new(limits: Limits, centre: f64, shape: Shape) -> Result<Self, PlanError> {
-        let [lower, upper] = limits.position;
-        let most = (centre - lower).min(upper - centre) - 2.0 * limits.margin();
-        let amplitude = shape.amplitude.unwrap_or_else(|| most.min(AMPLITUDE_DEFAULT));
-        if !(amplitude >= AMPLITUDE_MIN && amplitude <= most) {
-            return Err(PlanError::Narrow { position: centre, most, limits: limits.position });
-        }
+        let amplitude = amplitude(&limits, centre, shape)?;
         let stepped = |gain: f64, most: f64, step: f64| ((gain.min(most) / step).floor() * step).max(0.0);
         let kp = stepped(shape.kp + KP_STEP / 2.0, limits.kp, KP_STEP);
         let kd = stepped(shape.kd + KD_STEP / 2.0, limits.kd, KD_STEP);
         let shape = Shape { kp, kd, ..shape };
-        let sines = sines(amplitude, VELOCITY_SHARE * limits.velocity, MULTISINE_SHARE * shape.seconds);
-        Ok(Self { limits, centre, amplitude, shape, sines })
+        let phases = Phases::of_low_crest(MULTISINE_SHARE * shape.seconds);
+        let sines = phases.scaled(amplitude, VELOCITY_SHARE * limits.velocity);
+        Ok(Self { limits, centre, amplitude, shape, phases, sines })
+    }
+
+    /// Plans the same excitation around another position, rad. Takes microseconds: a cycle of the daemon may wait for it.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Narrow`].
+    pub fn around(&self, centre: f64) -> Result<Self, PlanError> {
+        let amplitude = amplitude(&self.limits, centre, self.shape)?;
+        let sines = self.phases.scaled(amplitude, VELOCITY_SHARE * self.limits.velocity);
+        Ok(Self { centre, amplitude, sines, ..self.clone() })
     }
 
     /// Largest distance of the reference from the centre, rad.
@@ -311,6 +319,19 @@ impl Plan {
     }
 }
 
+/// Largest distance from `centre` that is asked for, or that the limits leave, rad.
+fn amplitude(limits: &Limits, centre: f64, shape: Shape) -> Result<f64, PlanError> {
+    let [lower, upper] = limits.position;
+    let most = (centre - lower).min(upper - centre) - 2.0 * limits.margin();
+    let amplitude = shape.amplitude.unwrap_or_else(|| most.min(AMPLITUDE_DEFAULT));
+    let is_possible = amplitude >= AMPLITUDE_MIN && amplitude <= most;
+    is_possible.then_some(amplitude).ok_or(PlanError::Narrow {
+        position: centre,
+        most,
+        limits: limits.position,
+    })
+}
+
 /// A velocity around 0, rad/s, that differs from cycle to cycle: the drive rounds a constant one always to the same side.
 fn dither(time: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
@@ -333,20 +354,40 @@ fn smooth(part: f64) -> [f64; 2] {
     [part * part * (3.0 - 2.0 * part), 6.0 * part * (1.0 - part)]
 }
 
-/// Amplitudes and phases with this peak, rad, that are nowhere faster than `velocity`, rad/s, over `seconds`.
-fn sines(peak: f64, velocity: f64, seconds: f64) -> [(f64, f64); FREQUENCIES.len()] {
-    // Every frequency has the same velocity.
-    let of_set = |set: u32| {
-        let mut random = u64::from(set) + 1;
-        FREQUENCIES.map(|frequency| (1.0 / (TAU * frequency), TAU * next(&mut random)))
-    };
-    let sized = |sines: [(f64, f64); FREQUENCIES.len()]| (peaks(&sines, seconds), sines);
-    let sets = (0..PHASE_SETS).map(of_set).map(sized);
-    let best = sets.min_by(|(a, _), (b, _)| a[0].total_cmp(&b[0])).unwrap_or(([1.0, 1.0], [(0.0, 0.0); 7]));
-    let ([distance, speed], sines) = best;
-    // A fade adds at most 1.5 times the distance in a second.
-    let scale = (peak / distance).min(velocity / (speed + 1.5 * distance / RAMP));
-    sines.map(|(amplitude, phase)| (scale * amplitude, phase))
+/// Amplitude, rad, and phase of each frequency.
+type Sines = [(f64, f64); FREQUENCIES.len()];
+
+/// Sines of the same velocity whose phases keep their sum low.
+#[derive(Debug, Clone, PartialEq)]
+struct Phases {
+    sines: Sines,
+    /// Largest distance and velocity of the sum.
+    peaks: [f64; 2],
+}
+
+impl Phases {
+    /// The set of phases with the lowest sum over `seconds`.
+    fn of_low_crest(seconds: f64) -> Self {
+        let of_set = |set: u32| {
+            let mut random = u64::from(set) + 1;
+            let sines = FREQUENCIES.map(|frequency| (1.0 / (TAU * frequency), TAU * next(&mut random)));
+            Self { sines, peaks: peaks(&sines, seconds) }
+        };
+        let first = of_set(0);
+        let lower = |best: Self, set| {
+            let next = of_set(set);
+            if next.peaks[0] < best.peaks[0] { next } else { best }
+        };
+        (1..PHASE_SETS).fold(first, lower)
+    }
+
+    /// The sines with this peak, rad, or a lower one where they would be faster than `velocity`, rad/s.
+    fn scaled(&self, peak: f64, velocity: f64) -> Sines {
+        let [distance, speed] = self.peaks;
+        // A fade adds at most 1.5 times the distance in a second.
+        let scale = (peak / distance).min(velocity / (speed + 1.5 * distance / RAMP));
+        self.sines.map(|(amplitude, phase)| (scale * amplitude, phase))
+    }
 }
 
 /// A number from 0 to 1 (xorshift).
@@ -378,6 +419,7 @@ fn sum(sines: &[(f64, f64)], time: f64) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Instant;
 
     const LIMITS: Limits = Limits { position: [-1.0, 1.0], velocity: 6.0, torque: 5.0, kp: 50.0, kd: 2.0 };
     const SHAPE: Shape = Shape { amplitude: None, seconds: 40.0, kp: 20.0, kd: 1.0 };
@@ -419,11 +461,23 @@ mod tests {
 
     #[test]
     fn crest_factor_is_low() {
-        let sines = sines(0.3, 100.0, 20.0);
+        let sines = Phases::of_low_crest(20.0).scaled(0.3, 100.0);
         let count = 20_000;
         let square: f64 = (0..count).map(|step| sum(&sines, f64::from(step) * 1e-3)[0].powi(2)).sum();
         let crest = 0.3 / (square / f64::from(count)).sqrt();
         assert!(crest < 2.2, "{crest}");
+    }
+
+    /// No setpoint is sent while the joint that begins to follow is planned for, and the daemon stops a silent group.
+    #[test]
+    fn moved_joint_needs_no_second_search() {
+        let begun = Instant::now();
+        let plan = Plan::new(LIMITS, 0.4, SHAPE).unwrap();
+        let (search, begun) = (begun.elapsed(), Instant::now());
+        let moved: Vec<_> = (0..100).map(|_| plan.around(-0.7).unwrap()).collect();
+        assert!(begun.elapsed() < search, "100 times in {:?}, and {search:?} for the first", begun.elapsed());
+        assert_eq!(moved[0], Plan::new(LIMITS, -0.7, SHAPE).unwrap());
+        assert!(matches!(plan.around(0.95), Err(PlanError::Narrow { .. })));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::hold::{Printer, SILENCE, START, Target, disable, owned, refuse_latched};
 use crate::identify::failure::IdentifyFailure;
 use motord_client::{Claim, Client, Error, Joint, JointDescription, Phase, Setpoint, Slot};
-use motord_identify::{Applied, Limits, Plan, Sample, Shape, Stage};
+use motord_identify::{Applied, Limits, Plan, PlanError, Sample, Shape, Stage};
 use motord_terminal::Interrupt;
 
 /// Time between two lines about the progress, s.
@@ -20,8 +20,11 @@ const FIRST_SHARE: f64 = 0.05;
 ///
 /// Its limits leave too little.
 pub(crate) fn plan(joint: &JointDescription, position: f64, shape: Shape) -> Result<Plan, Failure> {
-    let refused = |reason| IdentifyFailure::Plan { joint: joint.name.clone(), reason };
-    Ok(Plan::new(limits(joint), position, shape).map_err(refused)?)
+    Ok(Plan::new(limits(joint), position, shape).map_err(|reason| refused(joint, reason))?)
+}
+
+fn refused(joint: &JointDescription, reason: PlanError) -> IdentifyFailure {
+    IdentifyFailure::Plan { joint: joint.name.clone(), reason }
 }
 
 /// The bounds of the joint's setpoints.
@@ -43,7 +46,6 @@ pub(crate) struct Session {
     claim: Claim,
     slot: Slot,
     joint: JointDescription,
-    shape: Shape,
     plan: Plan,
     samples: Vec<Sample>,
 }
@@ -68,7 +70,7 @@ impl Session {
         let capacity = ((plan.seconds() + 1.0) * robot.rate_hz) as usize;
         let samples = Vec::with_capacity(capacity);
         let instance = instance.to_owned();
-        let mut session = Self { client, instance, claim, slot, joint, shape, plan, samples };
+        let mut session = Self { client, instance, claim, slot, joint, plan, samples };
         session.rest()?;
         session.hold(position)?;
         Ok(session)
@@ -99,7 +101,7 @@ impl Session {
         self.claim.enable()?;
         self.claim.wait_for(Phase::Active, START)?;
         let position = self.client.wait(SILENCE)?.of(&self.claim)?.position(self.slot)?;
-        self.plan = plan(&self.joint, position.into(), self.shape)?;
+        self.plan = self.plan.around(position.into()).map_err(|reason| refused(&self.joint, reason))?;
         Ok(())
     }
 
@@ -140,8 +142,7 @@ impl Session {
         let (position, velocity) = (joint.position(), joint.velocity());
         let (position, velocity) =
             (f64::from(position.unwrap_or(f32::NAN)), f64::from(velocity.unwrap_or(f32::NAN)));
-        let failed = |reason| IdentifyFailure::Plan { joint: self.joint.name.clone(), reason };
-        self.plan.judge(position, velocity).map_err(failed)?;
+        self.plan.judge(position, velocity).map_err(|reason| refused(&self.joint, reason))?;
         if let Some(command) = self.plan.command(time, position, velocity) {
             let [position, velocity, kp, kd] =
                 [command.position, command.velocity, command.kp, command.kd].map(|value| value as f32);
