@@ -312,14 +312,17 @@ impl Hold {
     }
 }
 
-/// Damps and stops the motors of a claimed group. A second signal ends the wait; the daemon then stops them without this program.
+/// Damps and stops the motors of a claimed group. A group whose claim is lost was stopped by the daemon. A second signal ends the wait; the daemon then stops them without this program.
 ///
 /// # Errors
 ///
 /// The daemon refuses, ends, or does not confirm the stop in time.
 pub(crate) fn disable(claim: &mut Claim, interrupt: &Interrupt) -> Result<(), Failure> {
     interrupt.came_again();
-    claim.disable()?;
+    match claim.disable() {
+        Err(Error::Refused { refusal: Refusal::NotOwner, .. }) => return Ok(()),
+        outcome => outcome?,
+    }
     for _ in 0..STOP.as_secs() {
         match claim.wait_for(Phase::Disarmed, Duration::from_secs(1)) {
             Err(Error::NotReached { .. }) if !interrupt.came_again() => {}

@@ -3,11 +3,11 @@
 use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
 use motord_client::Client;
-use motord_harness::daemon::Daemon;
+use motord_harness::daemon::{Daemon, until};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
-use std::process::Stdio;
+use std::process::{Child, Stdio};
 
 /// A motor with an inertia of 0.03 kg·m², of which 0.00384 are the rotor behind its gear.
 const HIDDEN: &str = r#"
@@ -81,10 +81,10 @@ fn joint_is_identified_and_its_lines_are_read() {
 fn interrupted_identification_ends_stopped_with_130() {
     let daemon = started(HIDDEN);
     let mut command = daemon.command(&["identify", "arm", "--yes"]);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
     let mut moving = 0;
-    while moving < 50 {
+    while moving < 50 && child.try_wait().unwrap().is_none() {
         let state = client.wait(std::time::Duration::from_secs(20)).unwrap();
         moving += u32::from(state.joint(0).and_then(|joint| joint.velocity()).is_some_and(|v| v.abs() > 0.1));
     }
@@ -100,13 +100,34 @@ fn interrupted_identification_ends_stopped_with_130() {
 fn stopped_group_ends_identification_with_its_cause() {
     let daemon = started(HIDDEN);
     let mut command = daemon.command(&["identify", "arm", "--yes"]);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    daemon.await_status(|status| status["groups"][0]["phase"] == "active");
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["estop"]).status.success());
     let ended = child.wait_with_output().unwrap();
     let said = text(&ended.stderr);
     assert_eq!(ended.status.code(), Some(1), "{said}");
     assert!(said.contains("emergency-stop") && said.contains("reset all"), "{said}");
+}
+
+/// The daemon has stopped the group before: that the program could not stop it explains nothing.
+#[test]
+fn removed_owner_is_told_so() {
+    let daemon = started(HIDDEN);
+    let mut command = daemon.command(&["identify", "arm", "--yes"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    await_active(&daemon, &mut child);
+    assert!(daemon.motorctl(&["release", "all", "--force"]).status.success());
+    let ended = child.wait_with_output().unwrap();
+    let said = text(&ended.stderr);
+    assert!(!ended.status.success() && said.contains("no longer belongs to this claim"), "{said}");
+}
+
+/// Waits until the group is active, or the program has ended.
+fn await_active(daemon: &Daemon, child: &mut Child) {
+    until("an active group, or the end", || {
+        let is_active = daemon.status()["groups"][0]["phase"] == "active";
+        (is_active || child.try_wait().unwrap().is_some()).then_some(())
+    });
 }
 
 #[test]
