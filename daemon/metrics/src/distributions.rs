@@ -21,6 +21,7 @@ use motord_bus::{Duration, Instant};
 use motord_core::cycle::Record;
 use motord_shared::description::{ControlLatency, Histograms, Percentiles, Telemetry};
 use std::borrow::Cow;
+use std::iter::once_with;
 
 /// Longest control latency that is counted, in cycles. Longer ones count as this.
 const CONTROL_CYCLES: usize = 8;
@@ -32,7 +33,6 @@ pub struct Distributions {
     last: Instant,
     wake: Histogram<u64>,
     transmit: Histogram<u64>,
-    reply: Histogram<u64>,
     setpoint_age: Histogram<u64>,
     cycle: Histogram<u64>,
     publication: Histogram<u64>,
@@ -88,7 +88,6 @@ impl Distributions {
             last: Instant::ZERO,
             wake: histogram(),
             transmit: histogram(),
-            reply: histogram(),
             setpoint_age: histogram(),
             cycle: histogram(),
             publication: histogram(),
@@ -145,7 +144,6 @@ impl Distributions {
         for (joint, &latency) in self.joints.iter_mut().zip(&record.reply_latency_ns) {
             if latency > 0 {
                 joint.saturating_record(u64::from(latency));
-                self.reply.saturating_record(u64::from(latency));
             }
         }
         let ages = self.imus.iter_mut().zip(&record.imu_age_ns).filter(|(_, age)| **age > 0);
@@ -197,14 +195,6 @@ impl Distributions {
         self.publications.take(record.cycle, begun(record) + Duration::from_nanos(record.cycle_ns));
     }
 
-    fn all_control(&self) -> Histogram<u64> {
-        let mut all = histogram();
-        for control in &self.control {
-            all.add(&control.latency).expect("their bounds are the same");
-        }
-        all
-    }
-
     /// Returns counters and percentiles, without the groups' history. `dropped` samples were lost since the daemon
     /// started.
     #[must_use]
@@ -216,13 +206,13 @@ impl Distributions {
             dropped_records: dropped.saturating_sub(self.dropped_before),
             wake_latency_us: percentiles(&self.wake),
             transmit_us: percentiles(&self.transmit),
-            reply_latency_us: percentiles(&self.reply),
+            reply_latency_us: percentiles(&sum(self.by_joint())),
             setpoint_age_us: percentiles(&self.setpoint_age),
             cycle_us: percentiles(&self.cycle),
             publication_us: percentiles(&self.publication),
             delivery_us: percentiles(&self.delivery),
             polled_us: percentiles(&self.polled),
-            control_latency_us: percentiles(&self.all_control()),
+            control_latency_us: percentiles(&sum(self.by_group())),
             control: self.control.iter().map(Control::latency).collect(),
             joints: self.joints.iter().map(percentiles).collect(),
             imus: self.imus.iter().map(percentiles).collect(),
@@ -234,7 +224,11 @@ impl Distributions {
     #[must_use]
     pub fn histograms(&self, from: usize, names: &Names) -> Histograms {
         let Names { joints, groups, imus, .. } = names;
-        let robot = self.robot().into_iter().map(|(name, histogram)| (name.to_owned(), histogram));
+        let robot =
+            self.robot().into_iter().map(|(name, histogram)| (name.to_owned(), Cow::Borrowed(histogram)));
+        let replies = once_with(|| ("reply_latency".to_owned(), Cow::Owned(sum(self.by_joint()))));
+        let control = once_with(|| ("control_latency".to_owned(), Cow::Owned(sum(self.by_group()))));
+        let robot = robot.chain(replies).chain(control);
         let named = |quantity, name: &String| format!("{quantity}/{name}");
         let groups = self.by_group().zip(groups);
         let groups =
@@ -246,18 +240,17 @@ impl Distributions {
         encoded::page(from, self.totals.resets, robot.chain(groups).chain(imus).chain(joints))
     }
 
-    /// The histograms of the whole robot, by the members of [`Telemetry`] without their unit.
-    pub(crate) fn robot(&self) -> [(&'static str, Cow<'_, Histogram<u64>>); 9] {
+    /// The histograms of the whole robot, by the members of [`Telemetry`] without their unit. Reply and control
+    /// latencies are the sums of those of joints and groups.
+    pub(crate) const fn robot(&self) -> [(&'static str, &Histogram<u64>); 7] {
         [
-            ("wake_latency", Cow::Borrowed(&self.wake)),
-            ("transmit", Cow::Borrowed(&self.transmit)),
-            ("reply_latency", Cow::Borrowed(&self.reply)),
-            ("setpoint_age", Cow::Borrowed(&self.setpoint_age)),
-            ("cycle", Cow::Borrowed(&self.cycle)),
-            ("publication", Cow::Borrowed(&self.publication)),
-            ("delivery", Cow::Borrowed(&self.delivery)),
-            ("polled", Cow::Borrowed(&self.polled)),
-            ("control_latency", Cow::Owned(self.all_control())),
+            ("wake_latency", &self.wake),
+            ("transmit", &self.transmit),
+            ("setpoint_age", &self.setpoint_age),
+            ("cycle", &self.cycle),
+            ("publication", &self.publication),
+            ("delivery", &self.delivery),
+            ("polled", &self.polled),
         ]
     }
 
@@ -280,6 +273,15 @@ impl Distributions {
     pub(crate) const fn cycles(&self) -> u64 {
         self.totals.cycles
     }
+}
+
+/// Allocates one histogram.
+fn sum<'a>(parts: impl Iterator<Item = &'a Histogram<u64>>) -> Histogram<u64> {
+    let mut all = histogram();
+    for part in parts {
+        all.add(part).expect("their bounds are the same");
+    }
+    all
 }
 
 /// When the cycle of `record` began.

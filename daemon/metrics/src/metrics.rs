@@ -109,15 +109,11 @@ impl Metrics {
                 "motord_delivery_seconds",
                 "From the publication of states until all waiting clients are woken.",
             ),
-            "polled" => ("motord_polled_seconds", "How long cycles polled for their last replies."),
-            // The reply and control latencies of the whole robot are left out: they are the sums of the families below.
-            _ => ("", ""),
+            _ => ("motord_polled_seconds", "How long cycles polled for their last replies."),
         };
-        let robot = distributions.robot();
-        let named = robot.iter().map(|(quantity, values)| (help(quantity), values));
-        let known = named.filter(|((name, _), _)| !name.is_empty());
+        let robot = distributions.robot().map(|(quantity, values)| (help(quantity), values));
         let mut families: Vec<_> =
-            known.map(|((name, help), values)| histograms(name, help, [(vec![], &**values)])).collect();
+            robot.map(|((name, help), values)| histograms(name, help, [(vec![], values)])).into();
         let replies = self.names.joints.iter().zip(distributions.by_joint());
         families.push(histograms(
             "motord_motor_reply_latency_seconds",
