@@ -82,7 +82,7 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     arguments.confirm.ask(&warning(joint, &plan))?;
     let interrupt = Interrupt::register();
     let wire = wire(&robot, joint);
-    let mut session = Session::claim(client, instance, &target, arguments.shape())?;
+    let mut session = Session::claim(client, instance, &target, &plan)?;
     let found = excite(&mut session, arguments, &interrupt, wire)?;
     let report = Report::new(joint, &found, known.as_ref());
     if let Some(path) = &arguments.output {
@@ -112,7 +112,7 @@ fn excite(
     Ok(identify(session.samples(), wire))
 }
 
-/// The plan from where the joint is, for the question. The session plans again from where the motor begins to follow.
+/// The plan from where the joint is, for the question. The session moves its centre to where the motor begins to follow.
 fn plan(client: &Client, joint: &JointDescription, arguments: &Arguments) -> Result<Plan, Failure> {
     let state = client.wait(SILENCE)?;
     let position = state.joint(client.joint_named(&joint.name)?).and_then(|joint| joint.position());

@@ -23,6 +23,11 @@ pub(crate) fn plan(joint: &JointDescription, position: f64, shape: Shape) -> Res
     Ok(Plan::new(limits(joint), position, shape).map_err(|reason| refused(joint, reason))?)
 }
 
+/// The same motion from `position`, rad.
+fn around(plan: &Plan, joint: &JointDescription, position: f32) -> Result<Plan, IdentifyFailure> {
+    plan.around(position.into()).map_err(|reason| refused(joint, reason))
+}
+
 fn refused(joint: &JointDescription, reason: PlanError) -> IdentifyFailure {
     IdentifyFailure::Plan { joint: joint.name.clone(), reason }
 }
@@ -51,12 +56,12 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Claims the group. Nothing moves.
+    /// Claims the group, for the motion of `plan` from where the joint is. Nothing moves.
     pub(crate) fn claim(
         client: Client,
         instance: &str,
         target: &Target,
-        shape: Shape,
+        plan: &Plan,
     ) -> Result<Self, Failure> {
         let claim =
             client.claim(&target.group).map_err(|error| owned(error, &client, instance, &target.group))?;
@@ -65,7 +70,7 @@ impl Session {
         let robot = client.description();
         let joint = robot.joints[client.joint_named(name)?].clone();
         let position = client.wait(SILENCE)?.of(&claim)?.position(slot)?;
-        let plan = plan(&joint, position.into(), shape)?;
+        let plan = around(plan, &joint, position)?;
         // Everything that is recorded has its place before the motion.
         let capacity = ((plan.seconds() + 1.0) * robot.rate_hz) as usize;
         let samples = Vec::with_capacity(capacity);
@@ -101,7 +106,7 @@ impl Session {
         self.claim.enable()?;
         self.claim.wait_for(Phase::Active, START)?;
         let position = self.client.wait(SILENCE)?.of(&self.claim)?.position(self.slot)?;
-        self.plan = self.plan.around(position.into()).map_err(|reason| refused(&self.joint, reason))?;
+        self.plan = around(&self.plan, &self.joint, position)?;
         Ok(())
     }
 

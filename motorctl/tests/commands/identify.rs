@@ -80,8 +80,7 @@ fn joint_is_identified_and_its_lines_are_read() {
 #[test]
 fn interrupted_identification_ends_stopped_with_130() {
     let daemon = started(HIDDEN);
-    let mut command = daemon.command(&["identify", "arm", "--yes"]);
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = identifying(&daemon);
     let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
     let mut moving = 0;
     while moving < 50 && child.try_wait().unwrap().is_none() {
@@ -99,8 +98,7 @@ fn interrupted_identification_ends_stopped_with_130() {
 #[test]
 fn stopped_group_ends_identification_with_its_cause() {
     let daemon = started(HIDDEN);
-    let mut command = daemon.command(&["identify", "arm", "--yes"]);
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = identifying(&daemon);
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["estop"]).status.success());
     let ended = child.wait_with_output().unwrap();
@@ -113,13 +111,18 @@ fn stopped_group_ends_identification_with_its_cause() {
 #[test]
 fn removed_owner_is_told_so() {
     let daemon = started(HIDDEN);
-    let mut command = daemon.command(&["identify", "arm", "--yes"]);
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = identifying(&daemon);
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["release", "all", "--force"]).status.success());
     let ended = child.wait_with_output().unwrap();
     let said = text(&ended.stderr);
     assert!(!ended.status.success() && said.contains("no longer belongs to this claim"), "{said}");
+}
+
+/// A program that moves the joint.
+fn identifying(daemon: &Daemon) -> Child {
+    let mut command = daemon.command(&["identify", "arm", "--yes"]);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 /// Waits until the group is active, or the program has ended.
