@@ -275,7 +275,7 @@ impl Distributions {
     }
 }
 
-/// Allocates one histogram.
+/// Returns the sum of histograms. Allocates one.
 fn sum<'a>(parts: impl Iterator<Item = &'a Histogram<u64>>) -> Histogram<u64> {
     let mut all = histogram();
     for part in parts {

@@ -90,7 +90,7 @@ impl Metrics {
     }
 
     fn latencies(&self, distributions: &Distributions) -> Vec<MetricFamily> {
-        let help = |quantity: &str| match quantity {
+        let help = |quantity: &'static str| match quantity {
             "wake_latency" => ("motord_tick_lateness_seconds", "From a tick to the beginning of its cycle."),
             "transmit" => {
                 ("motord_transmit_seconds", "From the beginning of a cycle until its frames are handed over.")
@@ -109,7 +109,8 @@ impl Metrics {
                 "motord_delivery_seconds",
                 "From the publication of states until all waiting clients are woken.",
             ),
-            _ => ("motord_polled_seconds", "How long cycles polled for their last replies."),
+            "polled" => ("motord_polled_seconds", "How long cycles polled for their last replies."),
+            unknown => (unknown, ""),
         };
         let robot = distributions.robot().map(|(quantity, values)| (help(quantity), values));
         let mut families: Vec<_> =
