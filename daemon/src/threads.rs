@@ -165,8 +165,8 @@ impl Daemon {
         let (questions, answers) = telemetry::questions();
         let askers = questions.askers.clone();
 
-        let ends = (ipc_end, owners, external);
-        let (ipc, first_state) = start_ipc(&settings, lock, &orders, ends, questions, boot_id)?;
+        let clients = (ipc_end, owners, external);
+        let (ipc, first_state) = start_ipc(&settings, lock, &orders, clients, questions, boot_id)?;
         start_owners(&settings, &orders, deaths, Arc::clone(&counters))?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());

@@ -90,18 +90,19 @@ fn drive(
 }
 
 /// Feeds the watchdog and heeds signals until the daemon has ended. Calls `ready` once the first state is published.
-fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration, ready: impl FnOnce()) {
+fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration, ready: impl Fn()) {
     let mut watchdog = Watchdog::new();
-    let mut starting = Some(ready);
+    let mut is_ready = false;
     while !daemon.has_ended() {
         watchdog.feed(daemon.cycle());
         for origin in signals.pending() {
             heed(daemon, &origin, damp);
         }
-        if starting.is_none() {
+        if is_ready {
             std::thread::sleep(SIGNAL_TURN);
         } else if daemon.await_first_state(SIGNAL_TURN) {
-            starting.take().into_iter().for_each(|ready| ready());
+            is_ready = true;
+            ready();
         }
     }
 }

@@ -84,8 +84,8 @@ pub struct IpcThread {
     owners: Option<Owners>,
     records: Records,
     imus: Option<(ImuReceiver, ExternalImus)>,
-    /// Told of the first state, once.
-    awaits_state: Option<Sender<()>>,
+    /// Receives one message after the first state.
+    first_state: Option<Sender<()>>,
 }
 
 impl IpcThread {
@@ -114,14 +114,14 @@ impl IpcThread {
             owners,
             records,
             imus: None,
-            awaits_state: None,
+            first_state: None,
         }
     }
 
-    /// Sends one message once the first state is published.
+    /// Sends one message after the first state was published, or an error kept it from a client.
     #[must_use]
     pub fn announcing(self, first_state: Sender<()>) -> Self {
-        Self { awaits_state: Some(first_state), ..self }
+        Self { first_state: Some(first_state), ..self }
     }
 
     /// Takes the samples of external IMUs as well.
@@ -229,8 +229,8 @@ impl IpcThread {
             *lease = Lease::from_raw(group.lease);
         }
         self.count(published.is_err());
-        if let Some(waiting) = self.awaits_state.take() {
-            let _gone = waiting.send(());
+        if let Some(first_state) = self.first_state.take() {
+            let _gone = first_state.send(());
         }
         true
     }

@@ -340,7 +340,7 @@ pub(crate) fn config(instance: &Instance) -> Config {
     let root = Path::new(instance.root().as_os_str().as_bytes());
     config.global.set_root_path(&root.expect("an instance's root is shorter than a path of iceoryx2"));
     config.global.prefix = FileName::new(b"m_").expect("this is a file name");
-    // Senders that left unread messages. Each place takes 3.6 KB of locked memory; the default is 128.
+    // Places for senders that left unread messages. Each takes 3.6 KB of locked memory; the default is 128.
     config.defaults.publish_subscribe.subscriber_expired_connection_buffer = CONTROLLERS_MAX;
     config
 }
