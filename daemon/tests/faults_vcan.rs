@@ -295,6 +295,7 @@ fn observer(interface: InterfaceName) -> SocketCanBus {
     let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
     SocketCanBus::open(&socketcan::Settings {
         interface,
+        index: None,
         bitrate: BITRATE,
         host_ids: ids.collect(),
         requests: 0,

@@ -1,7 +1,7 @@
 //! The right of this daemon to its buses, which it keeps while an adapter is unplugged.
 
-use super::opening::{BusError, interface_name, open_one};
-use motord_bus::socketcan::LinkNote;
+use super::opening::{BusError, interface_name, open_expected, open_one};
+use motord_bus::socketcan::{LinkNote, OpenError};
 use motord_bus::{Adapter, Bus, BusLock, Identity};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -76,16 +76,15 @@ impl Claims {
         let expected = claim.expected(bus).inspect_err(|_| claim.lock.leave())?;
         let refused = |source| BusError::Lock { bus: bus.name.clone(), source };
         claim.lock.follow().map_err(refused)?;
-        let opened = open_one(settings, index)?;
+        let Some((identity, adapter)) = expected else { return Err(absent(settings, index)) };
+        let opened = open_expected(settings, index, Some(identity))?;
         claim.log(bus, &opened.notes);
-        let held = claim.lock.held();
-        let is_held = opened.interface.is_none_or(|interface| held == Some(Identity::Interface(interface)));
-        match expected {
-            Some((identity, adapter)) if is_held && held == Some(identity) => {
-                claim.adapter.get_or_insert(adapter);
-                Ok(opened.bus)
-            }
-            _ => Err(BusError::Exchanged { bus: bus.name.clone() }),
+        let is_held = claim.lock.held() == Some(identity);
+        if is_held && opened.interface.is_none_or(|interface| identity == Identity::Interface(interface)) {
+            claim.adapter.get_or_insert(adapter);
+            Ok(opened.bus)
+        } else {
+            Err(BusError::Exchanged { bus: bus.name.clone() })
         }
     }
 
@@ -98,6 +97,21 @@ impl Claims {
         match claims.upgrade() {
             Some(claims) => claims.lock().unwrap_or_else(PoisonError::into_inner).reopen(settings, index),
             None => open_one(settings, index).map(|opened| opened.bus),
+        }
+    }
+}
+
+/// Why a bus cannot be opened whose name nothing had. An interface that has it by now may be another adapter, and is not set up.
+fn absent(settings: &Settings, index: usize) -> BusError {
+    let bus = &settings.buses[index];
+    let name = bus.name.clone();
+    match &bus.kind {
+        BusKind::SocketCan { interface, .. } => match interface_name(bus, interface) {
+            Ok(interface) => BusError::Open { bus: name, source: OpenError::Missing(interface) },
+            Err(error) => error,
+        },
+        BusKind::Serial { .. } | BusKind::Simulated { .. } => {
+            open_one(settings, index).err().unwrap_or(BusError::Exchanged { bus: name })
         }
     }
 }

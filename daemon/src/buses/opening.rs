@@ -2,7 +2,7 @@
 
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
-use motord_bus::{Bus, Difference, Duration, FrameId, LockError};
+use motord_bus::{Bus, Difference, Duration, FrameId, Identity, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
@@ -101,13 +101,22 @@ impl Opened {
 ///
 /// Why it cannot be opened.
 pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
+    open_expected(settings, index, None)
+}
+
+/// Works like [`open_one`], but sets up no other CAN interface than the `expected` one.
+pub(super) fn open_expected(
+    settings: &Settings,
+    index: usize,
+    expected: Option<Identity>,
+) -> Result<Opened, BusError> {
     let bus = &settings.buses[index];
     match &bus.kind {
         BusKind::Simulated { seed, .. } => Ok(Opened::plain(simulate(settings, index, *seed))),
         BusKind::SocketCan { interface, bitrate } => {
             let interface = interface_name(bus, interface)?;
             let failed = |source| BusError::Open { bus: bus.name.clone(), source };
-            open_can(settings, index, interface, *bitrate).map_err(failed)
+            open_can(settings, index, (interface, expected), *bitrate).map_err(failed)
         }
         BusKind::Serial { .. } => match SerialBus::open(&line(settings, index)) {
             Ok(bus) => Ok(Opened::plain(bus)),
@@ -121,9 +130,10 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Opened, BusError> {
 fn open_can(
     settings: &Settings,
     index: usize,
-    interface: InterfaceName,
+    (interface, expected): (InterfaceName, Option<Identity>),
     bitrate: u32,
 ) -> Result<Opened, socketcan::OpenError> {
+    let expected = expected.and_then(Identity::interface);
     let motors = || settings.motors.iter().filter(|motor| motor.bus == index);
     let host_ids: Vec<_> = motors().map(|motor| motor.host_id).collect();
     let imus = || settings.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == index);
@@ -131,7 +141,8 @@ fn open_can(
     let of_imus = imus().flat_map(|can| can.device.sent_ids()).filter_map(FrameId::new);
     let commands = motors().map(MotorSettings::command_id);
     let received: Vec<_> = host_ids.iter().copied().chain(commands).chain(of_imus).collect();
-    let mut bus = SocketCanBus::open(&socketcan::Settings { interface, bitrate, host_ids, requests })?;
+    let wanted = socketcan::Settings { interface, index: expected, bitrate, host_ids, requests };
+    let mut bus = SocketCanBus::open(&wanted)?;
     bus.listen(&received)?;
     let (interface, notes) = (Some(bus.link().index), bus.notes(bitrate).collect());
     Ok(Opened { bus: Box::new(bus), interface, notes })

@@ -31,6 +31,15 @@ impl Identity {
         if_nametoindex(name).ok().map(Self::Interface)
     }
 
+    /// Returns the index of an interface; `None` for a device.
+    #[must_use]
+    pub const fn interface(self) -> Option<u32> {
+        match self {
+            Self::Interface(index) => Some(index),
+            Self::Device { .. } => None,
+        }
+    }
+
     /// Returns the character device at `path`, through symbolic links; `None` without one. One
     /// system call.
     #[must_use]

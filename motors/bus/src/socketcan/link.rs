@@ -256,8 +256,8 @@ impl Link {
         }
     }
 
-    /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames.
-    /// Returns its settings, and those before if they were changed. Not for the real-time thread:
+    /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames. With `index`,
+    /// leaves an interface of another index as it is. Returns its settings, and those before if they were changed. Not for the real-time thread:
     /// takes milliseconds, and allocates.
     ///
     /// # Errors
@@ -265,10 +265,14 @@ impl Link {
     /// The first error of the interface that may not or cannot be corrected.
     pub fn prepare(
         interface: InterfaceName,
+        index: Option<u32>,
         bitrate: u32,
         queue_length: u32,
     ) -> Result<(Self, Option<Self>), OpenError> {
         let (link, timing) = Self::read_all(interface)?;
+        if index.is_some_and(|index| index != link.index) {
+            return Err(OpenError::Missing(interface));
+        }
         // A process that may set the queue length may set the rest. Otherwise the send buffer still
         // bounds the queue.
         let allowed = set_queue_length(link.index, queue_length);

@@ -51,6 +51,8 @@ pub use unexpected::{FdReplies, UnexpectedIds};
 pub struct Settings {
     /// The interface.
     pub interface: InterfaceName,
+    /// The index that it must have; `None`: any. An interface of another index is left as it is, and counts as missing.
+    pub index: Option<u32>,
     /// Bit rate in bit/s.
     pub bitrate: u32,
     /// Ids of the motors' replies, one per motor. The bus receives no other data frame.
@@ -109,7 +111,8 @@ impl SocketCanBus {
     /// The error of the interface, with the commands that correct it.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         let interface = settings.interface;
-        let (link, before) = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
+        let (link, before) =
+            Link::prepare(interface, settings.index, settings.bitrate, settings.queue_length())?;
         let filters = exact(&settings.host_ids);
         let configure = |socket: &CanSocket| configure(socket, &filters, settings.queue_length());
         let socket = open_socket(interface, link.index, configure)?;

@@ -17,5 +17,5 @@ const BITRATE: u32 = 1_000_000;
 
 fn settings(interface: &str) -> Settings {
     let interface = interface.parse().expect("a valid name");
-    Settings { interface, bitrate: BITRATE, host_ids: HOST_IDS.to_vec(), requests: 0 }
+    Settings { interface, index: None, bitrate: BITRATE, host_ids: HOST_IDS.to_vec(), requests: 0 }
 }
