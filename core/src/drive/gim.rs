@@ -190,8 +190,8 @@ impl Gim {
             Reply::Done { outcome: Ok(()), .. } => match self.asked {
                 gim::Command::AcknowledgeFault => Reported::Cleared,
                 gim::Command::StopMotor => {
-                    // No later answer of a stopped motor contains its torque.
-                    self.state.torque = 0.0;
+                    // No later answer of a stopped motor contains its torque or its temperature.
+                    (self.state.torque, self.state.temperature) = (0.0, None);
                     self.confirmed = Confirmed::Stop;
                     Reported::Stopped
                 }

@@ -160,6 +160,25 @@ fn motor_too_hot_for_a_second_stops_group() {
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 1));
 }
 
+/// Goal: heat before a stop does not forbid to enable the group for ever. A stopped GIM motor does not report its temperature.
+#[test]
+fn cooled_native_motor_starts_again() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 0.0);
+    activate(&mut robot, &joints);
+    robot.disturb("elbow temperature 95");
+    robot.follow_until(&joints, 1100, |robot| robot.cause().is_some());
+    assert_eq!(robot.cause(), Some(Cause::OverTemperature));
+    robot.steps(500);
+    robot.disturb("elbow temperature 25");
+    robot.steps(2000);
+    let stopped = robot.joint(1).temperature;
+    robot.operate(Operation::Reset).expect("it is at rest");
+    activate(&mut robot, &joints);
+    assert!(robot.joint(1).temperature < 40.0, "{} °C", robot.joint(1).temperature);
+    assert!(stopped.is_nan(), "{stopped} °C were not reported");
+}
+
 /// A drive that follows a speed produces the torque that it needs, so its torque cannot be reduced.
 #[test]
 fn autonomous_drive_is_stopped_before_winding_overheats() {
