@@ -157,6 +157,31 @@ fn over_voltage_is_damped_less() {
     );
 }
 
+/// Over-voltage that is over weakens no later stop, although it stopped only its joint and left nothing to reset.
+#[test]
+fn past_over_voltage_does_not_weaken_later_damping() {
+    let mut settings = robot::three_motors();
+    settings.motors.iter_mut().for_each(|motor| motor.fault_policy = FaultPolicy::StopJoint);
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    robot.disturb("hip voltage 70");
+    robot.follow_until(&joints, 150, |robot| robot.mode(0) == MotorMode::Fault);
+    robot.operate(Operation::Disable).unwrap();
+    robot.steps(500);
+    robot.disturb("hip voltage 48");
+    robot.operate(Operation::ClearFault).unwrap();
+    robot.activate();
+    robot.operate(Operation::Disable).unwrap();
+    robot.take_sent();
+    robot.step();
+    let (full, sent) = (f64::from(robot.settings.motors[0].damping_kd), robot.take_sent());
+    let is_full = |kd: f64| (kd - full).abs() < 0.01 * full;
+    assert!(
+        sent.iter().all(|sent| matches!(sent.meaning, Meaning::Control { kd, .. } if is_full(kd))),
+        "{sent:?}"
+    );
+}
+
 /// Goal: no setpoint heats a winding more than the rated torque does.
 /// Method: a blocked hip gets setpoints of twice its rated torque for a minute. The test computes
 /// the heat of the winding from the square of the torque on the wire.

@@ -189,7 +189,6 @@ impl Group {
     /// Clears the latched cause, if any.
     pub(super) fn reset(&mut self, cx: &mut Context) {
         if self.cause.take().is_some() {
-            self.over_voltage = false;
             cx.push(Event::Reset { group: self.index });
         }
     }

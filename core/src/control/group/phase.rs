@@ -39,6 +39,7 @@ impl Group {
 
     /// Begins to start every motor.
     pub(crate) fn start(&mut self, cx: &mut Context) {
+        self.over_voltage = false;
         self.each_motor(cx, Motor::begin_start);
         self.enter(Phase::Starting, cx);
     }
