@@ -1,11 +1,11 @@
 //! Setpoints with a horizon: the cycle moves to them, and the timeout begins where they are reached.
 
 use motord_bus::Duration;
-use motord_core::settings::Settings;
+use motord_core::settings::{SafeStop, Settings};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{PERIOD, Robot};
-use motord_shared::{Cause, JointSetpoint, Phase, Rejection};
+use motord_shared::{AdminRequest, Cause, JointSetpoint, Lease, Operation, Phase, Rejection};
 
 /// The largest error of a transmitted position, rad.
 const CODE: f32 = 0.001;
@@ -213,4 +213,132 @@ fn way_stays_between_command_and_setpoint() {
             assert!(robot.joint(0).applied.torque.is_finite());
         }
     });
+}
+
+/// Seconds for which a stopped owner may wait before its setpoints are too old.
+const LONG: Duration = Duration::from_secs(5);
+/// Distance between the blocked joints and the setpoint that pulls at them, rad.
+const PULLED: f32 = 0.31;
+
+/// Ends the motion of an active group, and removes the reason.
+type Stop = (&'static str, fn(&mut Robot), fn(&mut Robot));
+
+const fn nothing(_: &mut Robot) {}
+
+fn request(robot: &mut Robot, operation: Operation, pid: u32) {
+    let lease = if pid == 0 { robot.lease() } else { 0 };
+    let request = AdminRequest { operation: operation.code(), lease, pid, ..Default::default() };
+    robot.ask(request).expect("the group is active");
+}
+
+/// Everything that ends the motion of a group, besides the alarms for each cause.
+const STOPS: [Stop; 14] = [
+    ("emergency stop", |robot| request(robot, Operation::EmergencyStop, 1), nothing),
+    ("disabled by its owner", |robot| request(robot, Operation::Disable, 0), nothing),
+    ("disabled by another", |robot| request(robot, Operation::Disable, 1), nothing),
+    ("released", |robot| request(robot, Operation::Release, 0), nothing),
+    ("taken from its owner", |robot| request(robot, Operation::ForceRelease, 1), nothing),
+    (
+        "its owner died",
+        |robot| {
+            let lease = Lease::from_raw(robot.lease()).expect("it has an owner");
+            robot.client.alarms().owner_ended(lease);
+        },
+        nothing,
+    ),
+    ("its owner is silent", |robot| robot.steps(11_000), nothing),
+    ("a cycle is late", |robot| robot.oversleep(ms(10)), nothing),
+    ("the computer was suspended", |robot| robot.suspend(LONG), nothing),
+    ("a motor is lost", |robot| robot.disturb("hip off"), |robot| robot.disturb("hip ok")),
+    (
+        "a motor has a fault",
+        |robot| robot.disturb("hip fault 0x40"),
+        |robot| {
+            robot.disturb("hip ok");
+            robot.operate(Operation::ClearFault).expect("the fault is over");
+        },
+    ),
+    ("the bus is off", |robot| robot.disturb("can bus-off"), |robot| robot.disturb("can ok")),
+    (
+        "the bus was opened again",
+        |robot| robot.disturb("can gone"),
+        |robot| {
+            robot.disturb("can ok");
+            robot.reopen(0);
+        },
+    ),
+    ("the bus accepts no frames", |robot| robot.disturb("can tx-full"), |robot| robot.disturb("can ok")),
+];
+
+/// Returns an active robot on the way from a setpoint that pulls at its blocked joints back to the joints.
+fn on_the_way(safe_stop: SafeStop) -> Robot {
+    let mut settings = robot::three_motors();
+    (settings.safety.setpoint_timeout, settings.safety.setpoint_horizon_max) = (LONG, LONG);
+    settings.safety.damp = ms(200);
+    settings.groups.iter_mut().for_each(|group| group.safe_stop = safe_stop);
+    settings.motors.iter_mut().for_each(|motor| motor.limits.following_error = None);
+    let mut robot = Robot::built(settings, 1, |_, motors| {
+        motors.iter_mut().for_each(|motor| motor.coulomb_friction = 100.0);
+    });
+    let joints = robot.activate();
+    let mut away = moved(&joints, PULLED);
+    away.iter_mut().for_each(|joint| joint.kp = 1.0);
+    (0..200).for_each(|_| robot.follow(&away));
+    send(&mut robot, &joints, LONG);
+    robot.steps(10);
+    let joint = robot.joint(0);
+    assert!((joint.applied.position - joint.position - PULLED).abs() < 0.01, "{joint:?}");
+    robot
+}
+
+/// Enables the stopped group with the setpoints that it has, if the rules permit. Returns whether they did.
+fn enable_again(robot: &mut Robot, name: &str, restore: fn(&mut Robot)) -> bool {
+    robot.steps(500);
+    assert_eq!(robot.phase(), Phase::Disarmed, "{name}");
+    assert_eq!(robot.group().setpoint_horizon_ns == 0, name != "its owner is silent", "{name}");
+    restore(robot);
+    robot.steps(500);
+    if robot.cause().is_some() {
+        robot.operate(Operation::Reset).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+    }
+    if robot.group().lease == 0 {
+        return false;
+    }
+    robot.operate(Operation::Enable).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+    true
+}
+
+/// Goal: whatever stops a group, its way ends: enabling it again moves no joint by more than a start may.
+/// Method: the end of the way is at the joint, so only the rest of the way could move it.
+#[test]
+fn no_way_outlives_any_stop() {
+    let causes = Cause::ALL.iter().filter(|cause| **cause != Cause::Shutdown);
+    for safe_stop in [SafeStop::Damp, SafeStop::Hold, SafeStop::Stop] {
+        let mut continued = 0;
+        for (name, stop, restore) in STOPS {
+            let mut robot = on_the_way(safe_stop);
+            stop(&mut robot);
+            continued += u32::from(stays_near(&mut robot, name, restore));
+        }
+        assert_eq!(continued, 10, "the others free the group, and its setpoints with it");
+        for cause in causes.clone() {
+            let mut robot = on_the_way(safe_stop);
+            robot.client.alarms().stop(*cause);
+            assert!(stays_near(&mut robot, cause.name(), nothing), "{cause}");
+        }
+    }
+}
+
+/// Enables a stopped group again, and compares each command with the joint. Returns whether it could be enabled.
+fn stays_near(robot: &mut Robot, name: &str, restore: fn(&mut Robot)) -> bool {
+    let enabled = enable_again(robot, name, restore);
+    for cycle in 0..200 {
+        robot.step();
+        let (joint, most) = (robot.joint(0), robot.settings.safety.start_jump);
+        let away = (joint.applied.position - joint.position).abs();
+        let active = robot.phase() == Phase::Active;
+        assert!(!active || away <= most, "{name}, cycle {cycle}: {away} rad of {most}");
+    }
+    assert_eq!(robot.phase() == Phase::Active, enabled, "{name}: {:?}", robot.cause());
+    enabled
 }

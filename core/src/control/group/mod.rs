@@ -220,11 +220,12 @@ impl Group {
         self.setpoints.age_after_horizon(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
     }
 
-    /// Returns the first motor whose setpoint would make it jump.
+    /// Returns the first motor that would jump if it followed its setpoint from this cycle on.
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
+        let share = self.setpoints.share(cx.now);
         let mut included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
         included.find_map(|(place, motor)| {
-            let wanted = self.setpoints.target(place)?;
+            let wanted = self.setpoints.get(place, share)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
             // The target is the applied position, not the wanted one: a joint outside its limits would be pulled back into them.

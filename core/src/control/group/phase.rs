@@ -37,7 +37,7 @@ impl Group {
         }
     }
 
-    /// Begins to start every motor.
+    /// Begins to start every motor. None of them is in fault.
     pub(crate) fn start(&mut self, cx: &mut Context) {
         self.over_voltage = false;
         self.each_motor(cx, Motor::begin_start);
@@ -137,7 +137,9 @@ impl Group {
         cx.push(Event::Group { group: self.index, phase });
     }
 
+    /// No way of setpoints outlives the phase in which it began: none begins but in `Active`.
     const fn begin(&mut self, phase: Phase, now: Instant) {
+        self.setpoints.end_way();
         self.phase = phase;
         self.since = now;
         self.resting_since = None;

@@ -58,7 +58,7 @@ impl Setpoints {
     }
 
     /// Returns the setpoint that is reached at the end of the horizon.
-    pub(super) fn target(&self, place: usize) -> Option<Setpoint> {
+    fn target(&self, place: usize) -> Option<Setpoint> {
         self.at.and_then(|_| self.targets.get(place)).copied()
     }
 
@@ -114,6 +114,11 @@ impl Setpoints {
         (self.begun, self.horizon) = (begun, horizon);
     }
 
+    /// Ends the way: the targets are reached now, and the timeout begins when they were sent.
+    pub(super) const fn end_way(&mut self) {
+        self.horizon = Duration::ZERO;
+    }
+
     /// The way to the target at `place` begins at `origin`.
     pub(super) fn depart(&mut self, place: usize, origin: Setpoint) {
         self.origins[place] = origin;
@@ -126,7 +131,7 @@ impl Setpoints {
 
     pub(super) const fn forget(&mut self) {
         (self.at, self.answered, self.used, self.period) = (None, 0, 0, 0);
-        self.horizon = Duration::ZERO;
+        self.end_way();
     }
 
     /// Records that the cycle with this number uses them, if there are any.
