@@ -194,14 +194,24 @@ sections! {
         "overload-seconds" overload_seconds: f64, "s" = is(10.0).within(0.1, 600.0),
             "Time in which twice the rated torque heats a cold winding to its limit. The torque falls before that.";
         "peak-torque-nm" peak_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
-            "Largest torque of the motor. Bounds `torque-nm`.";
+            "Largest torque of the motor. Bounds `torque-nm`. Not beyond the end of the torque codes.";
         "max-velocity-rad-s" max_velocity_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 1000.0),
-            "Velocity without load. Bounds the default of `velocity-rad-s`.";
+            "Velocity without load. Bounds the default of `velocity-rad-s`. Not beyond the end of the velocity codes.";
+        "position-end-rad" position_end_rad: Option<f64>, "rad" = follows("of the model").within(0.1, 1000.0),
+            "`mit` only, not SteadyWin: the position of the largest code (Damiao: PMAX). The cycle reads it from a motor with registers: without this key it uses the motor's value, with it only a motor with this value is enabled.";
+        "velocity-end-rad-s" velocity_end_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 10_000.0),
+            "The same for the velocity (Damiao: VMAX).";
+        "torque-end-nm" torque_end_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 10_000.0),
+            "The same for the torque (Damiao: TMAX).";
+        "kp-end" kp_end: Option<f64>, "N·m/rad" = follows("of the model").within(1.0, 100_000.0),
+            "`mit` only, not SteadyWin: the stiffness of the largest code.";
+        "kd-end" kd_end: Option<f64>, "N·m·s/rad" = follows("of the model").within(0.1, 10_000.0),
+            "`mit` only, not SteadyWin: the damping of the largest code.";
         "direction" direction: i64, "" = is(1).words("1, -1").instead_of_words("1 or -1 (reversed is -1)"),
             "-1 when the joint turns against its motor.";
         "offset-rad" offset_rad: f64, "rad" = is(0.0).within(-12.5, 12.5).angle(),
             "Joint angle at the motor's zero.";
-        "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
+        "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 10_000.0),
             "`mit` only: damping of a safe stop. The speed loop of its drive brakes a GIM motor. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
         "control-duration-ms" control_duration_ms: i64, "ms" = is(0).within(0.0, 60_000.0),
             "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not define the end of such a time: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";

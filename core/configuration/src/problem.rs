@@ -310,6 +310,15 @@ pub enum Wrong {
     UnknownModel { model: String, hint: String },
     #[error("has no effect on a {model}, whose torque code is in N·m and not a current; remove it")]
     NoCurrentCode { model: &'static str },
+    #[error(
+        "has no effect on a {model}, whose codes end where its torque constant and gear ratio say, or which has none; remove it"
+    )]
+    NoEnds { model: &'static str },
+    #[error(
+        "{value} {unit} is beyond ±{end} {unit}, where the codes of a {model} end: a motor that reaches it has other codes, and gives \
+         other torques and velocities than it is sent; name its model, give {key} as its manual has it, or lower this to {end}"
+    )]
+    BeyondCodes { value: f64, unit: &'static str, end: f64, model: &'static str, key: &'static str },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(

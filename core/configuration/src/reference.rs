@@ -37,13 +37,19 @@ fn models() -> String {
         "rated torque, N·m",
         "peak torque, N·m",
         "max velocity, rad/s",
+        "ends: rad, rad/s, N·m, kp, kd",
     ];
     let models = PROFILES.iter().flat_map(|profile| profile.models.iter().map(move |model| (profile, model)));
     let rows = models.map(|(profile, model)| {
         let numbers = [model.gear_ratio, model.rated_torque, model.peak_torque, model.max_velocity];
         let [gear_ratio, rated, peak, velocity] = numbers.map(|number| number.to_string());
         let host_id = format!("{:#x} + `id`", profile.ids.reply_offset);
-        [format!("`{}`", model.name), profile.name.to_owned(), host_id, gear_ratio, rated, peak, velocity]
+        let ends = model.ends.map_or_else(
+            || "by constants".to_owned(),
+            |ends| format!("{}, {}, {}, {}, {}", ends.position, ends.velocity, ends.torque, ends.kp, ends.kd),
+        );
+        let name = format!("`{}`", model.name);
+        [name, profile.name.to_owned(), host_id, gear_ratio, rated, peak, velocity, ends]
     });
     table(head, rows)
 }

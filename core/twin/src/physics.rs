@@ -123,6 +123,7 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
     let defaults = simulator::MotorSettings::default();
     let model = Model::by_name(&motor.model);
     let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
+    let ends = model.and_then(|model| model.ends).map(|_| motor.scales.ends());
     let twin = simulator::MotorSettings {
         name: motor.name.clone(),
         id: u16::from(motor.id),
@@ -132,7 +133,8 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
             MotorProtocol::Gim => Dialect::Gim,
         },
         vendor: motor.profile.name,
-        ends: model.and_then(|model| model.ends),
+        ends: ends.map(|ends| [ends.position, ends.velocity, ends.torque]),
+        gain_ends: [motor.scales.kp.max(), motor.scales.kd.max()],
         torque_constant: torque_constant(motor, model, gear_ratio),
         gear_ratio,
         initial_position: simulation.initial_position,

@@ -6,6 +6,7 @@ mod arming;
 mod can_imus;
 mod document;
 mod doubts;
+mod ends;
 mod ids;
 mod imus;
 mod init;

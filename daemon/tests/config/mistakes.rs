@@ -160,7 +160,7 @@ pub(crate) const REFUSED: &[Case] = &[
         "model = 'GIM3505-8'",
         "model = 'GIM9999-8' #!",
         "motor.model",
-        "unknown model \"GIM9999-8\"; did you mean `GIM8108-9`?",
+        "unknown model \"GIM9999-8\"; known are GIM3505-8, ",
     ),
     (
         "model = 'GIM3505-8'",
@@ -237,7 +237,7 @@ pub(crate) const REFUSED: &[Case] = &[
     ("rate-hz = 1000", "cpu = -1 #!", "cycle.cpu", "processor -1 is not online"),
     // A safe stop that could not damp.
     ("damping-kd = 2.0", "damping-kd = 0 #!", "motor.damping-kd", "0 does not damp"),
-    ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "out of range"),
+    ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "5.5 is more than limits.kd-max 5"),
     ("kd-max = 5.0", "kd-max = 1.0", "motor.damping-kd", "could not apply it"),
     // Groups.
     (

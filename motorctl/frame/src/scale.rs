@@ -27,7 +27,7 @@ impl Scale {
 pub(super) fn common(profile: &Profile) -> Option<Scales> {
     let first = profile.models.first()?.ends;
     profile.models.iter().all(|model| model.ends == first).then(|| match first {
-        Some([position, velocity, torque]) => Some(Scales::fixed(position, velocity, torque)),
+        Some(ends) => Some(Scales::of(&ends)),
         None => Scales::by_current(1.0, 1.0).ok(),
     })?
 }

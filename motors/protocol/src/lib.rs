@@ -45,5 +45,5 @@ pub use fault::{FaultBits, Faults};
 pub use field::Field;
 pub use model::{DriveConstants, Model};
 pub use profile::{Capabilities, MotorProtocol, Profile};
-pub use scale::{ScaleError, Scales};
+pub use scale::{Ends, ScaleError, Scales};
 pub use state::StateCodes;

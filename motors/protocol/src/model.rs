@@ -9,7 +9,7 @@
 //! ([`ConfigurationItem::TORQUE_CONSTANT`](crate::gim::ConfigurationItem::TORQUE_CONSTANT) and
 //! `GEAR_RATIO`).
 
-use crate::scale::{ScaleError, Scales};
+use crate::scale::{Ends, ScaleError, Scales};
 
 /// A motor. Torques and velocities are those of the output shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,9 +36,8 @@ pub struct Model {
     pub pole_pairs: u8,
     /// Voltage at which the torques and velocities apply, V.
     pub rated_voltage: f32,
-    /// Values of the largest codes of position, rad, velocity, rad/s, and torque, N·m; `None` where
-    /// the torque code is SteadyWin's current.
-    pub ends: Option<[f64; 3]>,
+    /// The ends of the codes; `None` where the torque code is SteadyWin's current.
+    pub ends: Option<Ends>,
 }
 
 /// The constants that a SteadyWin motor stores (GIM document, table 7).
@@ -110,7 +109,17 @@ impl Model {
     /// torque, N·m.
     #[must_use]
     pub const fn with_ends(self, position: f64, velocity: f64, torque: f64) -> Self {
-        Self { ends: Some([position, velocity, torque]), ..self }
+        Self { ends: Some(Ends::new(position, velocity, torque)), ..self }
+    }
+
+    /// Returns the model with gain codes that end at these values, N·m/rad and N·m·s/rad. No effect
+    /// on a model without ends.
+    #[must_use]
+    pub const fn with_gain_ends(self, kp: f64, kd: f64) -> Self {
+        match self.ends {
+            Some(ends) => Self { ends: Some(ends.with_gains(kp, kd)), ..self },
+            None => self,
+        }
     }
 
     /// Returns the scales by the model's own constants.
@@ -130,7 +139,7 @@ impl Model {
     /// When the torque code is a current and the constants are invalid: see [`Scales::by_current`].
     pub fn scales_with(&self, torque_constant: f64, gear_ratio: f64) -> Result<Scales, ScaleError> {
         match self.ends {
-            Some([position, velocity, torque]) => Ok(Scales::fixed(position, velocity, torque)),
+            Some(ends) => Ok(Scales::of(&ends)),
             None => Scales::by_current(torque_constant, gear_ratio),
         }
     }
@@ -160,9 +169,11 @@ mod tests {
     }
 
     #[test]
-    fn peak_torque_lies_between_rated_and_code_end() {
+    fn peak_torque_and_velocity_lie_within_code_ends() {
         for model in crate::profile::PROFILES.iter().flat_map(|profile| profile.models) {
-            assert!(model.peak_torque <= model.scales().unwrap().full_scale(), "{}", model.name);
+            let ends = model.scales().unwrap().ends();
+            assert!(f64::from(model.peak_torque) <= ends.torque, "{}", model.name);
+            assert!(f64::from(model.max_velocity) <= ends.velocity, "{}", model.name);
             assert!(model.rated_torque < model.peak_torque, "{}", model.name);
         }
     }

@@ -16,12 +16,41 @@ use crate::field::Field;
 const POSITION: Field = Field::symmetric(16, 12.5);
 /// Velocity of a SteadyWin motor's output shaft, rad/s, 12 bits.
 const VELOCITY: Field = Field::symmetric(12, 65.0);
-/// Stiffness, N·m/rad, 12 bits; the same for all supported vendors.
-const KP: Field = Field::new(12, 0.0, 500.0);
-/// Damping, N·m·s/rad, 12 bits; the same for all supported vendors.
-const KD: Field = Field::new(12, 0.0, 5.0);
+/// The largest stiffness, N·m/rad, and damping, N·m·s/rad, that the codes of most motors can have.
+const GAIN_ENDS: [f64; 2] = [500.0, 5.0];
 /// Range of the current that a SteadyWin torque code stands for, A.
 const CURRENT: Field = Field::symmetric(12, 225.0);
+
+/// The values of the largest codes of one motor, all finite and above zero. The smallest codes of
+/// the first three stand for the negatives, those of the gains for zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ends {
+    /// rad.
+    pub position: f64,
+    /// rad/s.
+    pub velocity: f64,
+    /// N·m.
+    pub torque: f64,
+    /// Stiffness, N·m/rad.
+    pub kp: f64,
+    /// Damping, N·m·s/rad.
+    pub kd: f64,
+}
+
+impl Ends {
+    /// Returns the ends of a motor with the gains of most motors: 500 N·m/rad and 5 N·m·s/rad.
+    #[must_use]
+    pub const fn new(position: f64, velocity: f64, torque: f64) -> Self {
+        let [kp, kd] = GAIN_ENDS;
+        Self { position, velocity, torque, kp, kd }
+    }
+
+    /// Returns these ends with other ones of the gains, N·m/rad and N·m·s/rad.
+    #[must_use]
+    pub const fn with_gains(self, kp: f64, kd: f64) -> Self {
+        Self { kp, kd, ..self }
+    }
+}
 
 /// Encoding of one motor's quantities, in both directions. The range of the torque may far exceed
 /// the motor's ability, so it is not a limit.
@@ -63,22 +92,33 @@ impl Scales {
         if !(torque.max() as f32).is_normal() {
             return Err(ScaleError::FullScale { received: torque.max() });
         }
-        Ok(Self { torque, ..Self::fixed(POSITION.max(), VELOCITY.max(), CURRENT.max()) })
+        Ok(Self { torque, ..Self::of(&Ends::new(POSITION.max(), VELOCITY.max(), CURRENT.max())) })
     }
 
     /// Scales of a SteadyWin motor with unknown constants: torques are fractions of the full scale.
-    pub const WITHOUT_CONSTANTS: Self = Self::fixed(12.5, 65.0, 1.0);
+    pub const WITHOUT_CONSTANTS: Self = Self::of(&Ends::new(12.5, 65.0, 1.0));
 
-    /// Returns scales with these values of the largest codes: position, rad, velocity, rad/s, and
-    /// torque, N·m, all above zero. The smallest codes stand for their negatives.
+    /// Returns the scales of a motor with these ends of its codes.
     #[must_use]
-    pub const fn fixed(position: f64, velocity: f64, torque: f64) -> Self {
+    pub const fn of(ends: &Ends) -> Self {
         Self {
-            position: Field::symmetric(16, position),
-            velocity: Field::symmetric(12, velocity),
-            kp: KP,
-            kd: KD,
-            torque: Field::symmetric(12, torque),
+            position: Field::symmetric(16, ends.position),
+            velocity: Field::symmetric(12, ends.velocity),
+            kp: Field::new(12, 0.0, ends.kp),
+            kd: Field::new(12, 0.0, ends.kd),
+            torque: Field::symmetric(12, ends.torque),
+        }
+    }
+
+    /// Returns the ends of the codes.
+    #[must_use]
+    pub const fn ends(&self) -> Ends {
+        Ends {
+            position: self.position.max(),
+            velocity: self.velocity.max(),
+            torque: self.torque.max(),
+            kp: self.kp.max(),
+            kd: self.kd.max(),
         }
     }
 

@@ -89,6 +89,8 @@ pub struct MotorSettings {
     /// Values of the largest codes of position, rad, velocity, rad/s, and torque, N·m. `None` means
     /// SteadyWin's: 12.5 rad, 65 rad/s, and the torque of 225 A.
     pub ends: Option<[f64; 3]>,
+    /// Values of the largest codes of stiffness, N·m/rad, and damping, N·m·s/rad.
+    pub gain_ends: [f64; 2],
     /// Rotor side, N·m/A.
     pub torque_constant: f64,
     /// Rotor turns per output turn.
@@ -150,6 +152,7 @@ impl Default for MotorSettings {
             dialect: Dialect::Mit,
             vendor: "steadywin",
             ends: None,
+            gain_ends: [500.0, 5.0],
             torque_constant: 0.125,
             gear_ratio: 8.0,
             torque_peak: 22.0,

@@ -17,15 +17,16 @@ pub(crate) struct Scale {
 pub(crate) const POSITION: Scale = Scale { min: -12.5, span: 25.0, codes: 65535.0 };
 /// Output shaft, rad/s.
 pub(crate) const VELOCITY: Scale = Scale { min: -65.0, span: 130.0, codes: 4095.0 };
-/// N·m/rad.
-pub(crate) const KP: Scale = Scale { min: 0.0, span: 500.0, codes: 4095.0 };
-/// N·m·s/rad.
-pub(crate) const KD: Scale = Scale { min: 0.0, span: 5.0, codes: 4095.0 };
 
 impl Scale {
     /// Returns the scale from `-end` to `end`, with this largest code.
     pub(crate) const fn symmetric(end: f64, codes: f64) -> Self {
         Self { min: -end, span: 2.0 * end, codes }
+    }
+
+    /// Returns the scale of a gain from zero to `end`.
+    pub(crate) const fn from_zero(end: f64) -> Self {
+        Self { min: 0.0, span: end, codes: 4095.0 }
     }
 
     /// Returns the scale of torque at the output shaft, N·m: ±225 A times the rotor's constant
@@ -268,8 +269,8 @@ mod tests {
             ["pos_int", "vel_int", "kp_int", "kd_int", "torque_int"].map(|key| code(decoded, key));
         close(POSITION.value(position), &decoded["pos_rad"]);
         close(VELOCITY.value(velocity), &decoded["vel_rad_s"]);
-        close(KP.value(kp), &decoded["kp"]);
-        close(KD.value(kd), &decoded["kd"]);
+        close(Scale::from_zero(500.0).value(kp), &decoded["kp"]);
+        close(Scale::from_zero(5.0).value(kd), &decoded["kd"]);
         close(fixture().value(torque), &decoded["torque_nm"]);
         Control { position, velocity, kp, kd, torque }
     }

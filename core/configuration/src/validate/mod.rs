@@ -9,6 +9,7 @@ mod group;
 mod imu;
 mod imu_can;
 pub(super) mod limits;
+mod model;
 mod motor;
 mod time;
 

@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
+use motord_protocol::profile::{Ids, STEADYWIN};
 use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales};
 use motord_settings::joint::Transmission;
 use motord_settings::settings::{
@@ -11,13 +11,13 @@ use motord_settings::settings::{
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
+use super::model::{judge_ends, judge_reach, model, scales};
 use super::time::micros;
 use crate::document::MotorTables;
 use crate::entry::{self, Entry, degrees};
 use crate::findings::Findings;
 use crate::keys;
-use crate::problem::{Wrong, plain};
-use crate::similar::suggestion;
+use crate::problem::Wrong;
 
 pub(super) type Item = entry::Item<MotorTables>;
 type BusItem = entry::Item<keys::Bus>;
@@ -55,10 +55,10 @@ fn motor(
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
     judge_constants(keys, model, findings);
+    judge_ends(keys, model, findings);
     let constants = constants(keys, model);
-    // Both keys have ranges, so a float holds every product of the two.
-    let scales = constants
-        .and_then(|constants| model?.scales_with(constants.torque_constant, constants.gear_ratio).ok());
+    let scales = model.and_then(|model| scales(keys, model));
+    judge_reach(keys, (model, scales.as_ref()), findings);
     let capability = capability(keys, model, scales, findings);
     let limits = limits::limits(&item.limits, &capability, findings);
     let simulation = simulation(&item.simulation, &capability, limits.position, findings);
@@ -144,20 +144,6 @@ fn at_most(
     (id <= largest).then_some(id)
 }
 
-fn model(
-    entry: &Entry<Option<String>>,
-    findings: &mut Findings<'_>,
-) -> Option<(&'static Profile, &'static Model)> {
-    let name = entry.value.as_ref()?;
-    let model = Profile::of_model(name);
-    if model.is_none() {
-        let models = PROFILES.iter().flat_map(|profile| profile.models);
-        let hint = suggestion(name, models.map(|model| model.name));
-        findings.error(entry.at, Wrong::UnknownModel { model: plain(name), hint });
-    }
-    model
-}
-
 /// Reports constants of a current that are written for a motor whose codes are torques: they would have no effect.
 fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(Model { name, ends: Some(_), .. }) = model else { return };
@@ -185,7 +171,10 @@ fn capability(
     findings: &mut Findings<'_>,
 ) -> Capability {
     let of_model = |fact: fn(&Model) -> f32| model.map_or(f64::INFINITY, |model| fact(model).into());
-    let peak_torque = keys.peak_torque_nm.value.unwrap_or(of_model(|model| model.peak_torque));
+    let [torque_end, velocity_end] =
+        scales.map_or([f64::INFINITY; 2], |scales| [scales.torque.max(), scales.velocity.max()]);
+    let peak_torque =
+        keys.peak_torque_nm.value.unwrap_or(of_model(|model| model.peak_torque).min(torque_end));
     let rated_torque = of_model(|model| model.rated_torque).min(peak_torque);
     let rated_torque = keys.rated_torque_nm.value.unwrap_or(rated_torque);
     limits::judge_peak(keys.rated_torque_nm.at, rated_torque, peak_torque, findings);
@@ -195,7 +184,8 @@ fn capability(
         scales,
         rated_torque,
         peak_torque,
-        max_velocity: keys.max_velocity_rad_s.value.unwrap_or(of_model(|model| model.max_velocity)),
+        max_velocity: (keys.max_velocity_rad_s.value)
+            .unwrap_or(of_model(|model| model.max_velocity).min(velocity_end)),
     }
 }
 

@@ -80,10 +80,11 @@ impl Profile {
 mod tests {
     use super::super::{DAMIAO, STEADYWIN};
     use super::*;
+    use crate::scale::Ends;
 
     #[test]
     fn capabilities_follow_vendor_and_protocol() {
-        let scales = Scales::fixed(12.5, 30.0, 10.0);
+        let scales = Scales::of(&Ends::new(12.5, 30.0, 10.0));
         let mit = STEADYWIN.capabilities(MotorProtocol::Mit, &scales);
         assert!(mit.impedance && mit.answers_fault_question && mit.state_confirms_stop);
         assert_eq!((mit.position_end, mit.velocity_end, mit.reply_bytes), (Some(12.5), Some(30.0), 6));

@@ -59,8 +59,24 @@ pub const ROBSTRIDE: Profile = Profile {
     models: &MODELS,
 };
 
-/// From the manuals of RS00 and RS01. The phase resistance is not published: 0.
-const MODELS: [Model; 2] = [
+/// From the vendor's manuals of 2026-04-28, of which each model has one. The phase resistance is not
+/// published: 0. Velocities without load (RS03 20.9, RS04 20.9, RS05 and RS06 50.3 rad/s) are cut at
+/// the ends of the codes.
+///
+/// The Chinese manuals (version 1.1) give RS02, RS03 and RS04 in MIT mode the ends of the private
+/// protocol. The English ones (version 1.0) have 33 rad/s there, a text that they share with RS00.
+const MODELS: [Model; 7] = [
     model("RS00", 10.0, 0.105, [5.0, 14.0], [4.7, 15.5], 33.0, 0.0, 14, 48.0).with_ends(12.57, 33.0, 14.0),
     model("RS01", 7.75, 0.111, [6.0, 17.0], [7.0, 23.0], 33.0, 0.0, 14, 36.0).with_ends(12.57, 44.0, 17.0),
+    model("RS02", 7.75, 0.111, [6.0, 17.0], [7.0, 23.0], 42.9, 0.0, 14, 48.0).with_ends(12.57, 44.0, 17.0),
+    model("RS03", 9.0, 0.185, [20.0, 60.0], [13.0, 43.0], 20.0, 0.0, 21, 48.0)
+        .with_ends(12.57, 20.0, 60.0)
+        .with_gain_ends(5000.0, 100.0),
+    model("RS04", 9.0, 0.165, [40.0, 120.0], [27.0, 90.0], 15.0, 0.0, 21, 48.0)
+        .with_ends(12.57, 15.0, 120.0)
+        .with_gain_ends(5000.0, 100.0),
+    model("RS05", 7.75, 0.0858, [1.6, 5.5], [2.4, 11.0], 50.0, 0.0, 10, 48.0).with_ends(12.57, 50.0, 5.5),
+    model("RS06", 9.0, 0.0856, [11.0, 36.0], [14.3, 57.0], 50.0, 0.0, 14, 48.0)
+        .with_ends(12.57, 50.0, 36.0)
+        .with_gain_ends(5000.0, 100.0),
 ];

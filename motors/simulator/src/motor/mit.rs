@@ -6,7 +6,7 @@ use super::{Mode, Motor};
 use crate::body::Law;
 use crate::settings::{InFault, ReplyTiming};
 use crate::twin::{Answer, Asked, Status};
-use crate::wire::{Control, KD, KP, MitCommand, State};
+use crate::wire::{Control, MitCommand, Scale, State};
 use motord_bus::{Frame, FrameId, Instant};
 
 impl Motor {
@@ -83,14 +83,15 @@ impl Motor {
 
     fn law_of(&self, control: Control) -> Law {
         let [position, velocity, torque] = self.scales();
+        let [kp, kd] = self.settings.gain_ends.map(Scale::from_zero);
         let target = position.value(control.position) + self.origin;
         Law {
             reference: target,
             target,
             rate: 0.0,
             velocity: velocity.value(control.velocity),
-            kp: KP.value(control.kp),
-            kd: KD.value(control.kd),
+            kp: kp.value(control.kp),
+            kd: kd.value(control.kd),
             torque: torque.value(control.torque),
         }
     }

@@ -1,0 +1,118 @@
+//! Finds the model of a motor, and the ends of its codes.
+
+use motord_protocol::profile::PROFILES;
+use motord_protocol::{Ends, Model, MotorProtocol, Profile, Scales};
+
+use crate::entry::Entry;
+use crate::findings::Findings;
+use crate::keys;
+use crate::problem::{Wrong, plain};
+
+/// Returns the model that is named, and the facts of its vendor.
+pub(super) fn model(
+    entry: &Entry<Option<String>>,
+    findings: &mut Findings<'_>,
+) -> Option<(&'static Profile, &'static Model)> {
+    let name = entry.value.as_ref()?;
+    let model = Profile::of_model(name);
+    if model.is_none() {
+        findings.error(entry.at, Wrong::UnknownModel { model: plain(name), hint: hint(name) });
+    }
+    model
+}
+
+/// Returns advice for an unknown model. Suggests only another spelling of the same model: codes of
+/// similar names can have other ends.
+fn hint(written: &str) -> String {
+    let known = || PROFILES.iter().flat_map(|profile| profile.models).map(|model| model.name);
+    let begins = format!("{}-", written.to_uppercase());
+    let is_same = |name: &&str| number(name) == number(written) || name.starts_with(&begins);
+    let mut same = known().filter(is_same);
+    match (same.next(), same.next()) {
+        (Some(name), None) => format!("did you mean `{name}`?"),
+        _ => format!(
+            "known are {}; for another motor, name one of the same vendor and give the ends of its codes: position-end-rad, \
+             velocity-end-rad-s, torque-end-nm",
+            known().collect::<Vec<_>>().join(", ")
+        ),
+    }
+}
+
+/// Returns the part of a name that distinguishes models: everything from the first digit on, without separators and without
+/// the ending of Damiao's motors with two encoders.
+fn number(name: &str) -> String {
+    let first = name.find(|c: char| c.is_ascii_digit()).unwrap_or(name.len());
+    let number: String = name[first..].chars().filter(char::is_ascii_alphanumeric).collect();
+    let number = number.to_uppercase();
+    number.strip_suffix("2EC").map_or(number.clone(), str::to_owned)
+}
+
+/// Reports ends of codes that are written for a motor whose codes have none.
+pub(super) fn judge_ends(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
+    let Some(Model { name, ends, .. }) = model else { return };
+    let entries =
+        [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm, &keys.kp_end, &keys.kd_end];
+    if ends.is_some() && keys.protocol.value != Some(MotorProtocol::Gim) {
+        return;
+    }
+    for entry in entries.into_iter().filter(|entry| entry.is_written) {
+        findings.error(entry.at, Wrong::NoEnds { model: name });
+    }
+}
+
+/// Returns the scales of the codes: as written, or of the model.
+pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
+    let constant = keys.torque_constant_nm_per_a.value.unwrap_or(model.torque_constant.into());
+    let ratio = keys.gear_ratio.value.unwrap_or(model.gear_ratio.into());
+    let Some(ends) = model.ends else {
+        // Both keys have ranges, so a float holds every product of the two.
+        return Scales::by_current(constant, ratio).ok();
+    };
+    Some(Scales::of(&Ends {
+        position: keys.position_end_rad.value.unwrap_or(ends.position),
+        velocity: keys.velocity_end_rad_s.value.unwrap_or(ends.velocity),
+        torque: keys.torque_end_nm.value.unwrap_or(ends.torque),
+        kp: keys.kp_end.value.unwrap_or(ends.kp),
+        kd: keys.kd_end.value.unwrap_or(ends.kd),
+    }))
+}
+
+/// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that is named.
+pub(super) fn judge_reach(
+    keys: &keys::Motor,
+    (model, scales): (Option<&Model>, Option<&Scales>),
+    findings: &mut Findings<'_>,
+) {
+    let Some((model, scales)) = model.zip(scales) else { return };
+    let by_current = model.ends.is_none();
+    let rows = [
+        (&keys.peak_torque_nm, scales.torque.max(), "torque-end-nm"),
+        (&keys.max_velocity_rad_s, scales.velocity.max(), "velocity-end-rad-s"),
+    ];
+    for (entry, end, key) in rows {
+        if let Some(value) = entry.value.filter(|value| *value > end) {
+            let key = if by_current { "torque-constant-nm-per-a and gear-ratio" } else { key };
+            let wrong = Wrong::BeyondCodes { value, unit: entry.unit, end, model: model.name, key };
+            findings.error(entry.at, wrong);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hint_names_only_another_spelling_of_the_model() {
+        for (written, same) in
+            [("dm4310", "DM-J4310-2EC"), ("DMH3510", "DM-H3510"), ("RS-03", "RS03"), ("GIM3505", "GIM3505-8")]
+        {
+            assert_eq!(hint(written), format!("did you mean `{same}`?"));
+        }
+        for other in
+            ["RS07", "DM-J4310X-2EC", "DM4310-48V", "GIM8115-8", "GIM8108", "GIM9999-8", "A4", "", "é4"]
+        {
+            assert!(hint(other).starts_with("known are GIM3505-8, "), "{other}: {}", hint(other));
+        }
+    }
+}
