@@ -43,6 +43,8 @@ impl Command {
 pub struct Status {
     /// The faults of the motor; `None` where its states have none.
     pub faults: Option<Faults>,
+    /// The motor reports a fault without its name, which it reports on request.
+    pub has_unnamed_fault: bool,
     /// The motor reports that it is enabled, or that it is not; `None` where its states do not
     /// contain this.
     pub runs: Option<bool>,

@@ -20,6 +20,8 @@ pub(super) struct Mit {
     unwrap: Option<Unwrap>,
     /// The last accepted state.
     last: Option<Last>,
+    /// A state had a status since the motor was silent: one without is that of a motor that is off.
+    has_status: bool,
 }
 
 /// After a longer silence no reply answers an earlier request.
@@ -86,6 +88,7 @@ impl Mit {
             feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scales)),
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
             last: None,
+            has_status: false,
         }
     }
 
@@ -95,6 +98,8 @@ impl Mit {
         let command = match command {
             Command::Nothing => {
                 self.forget_turns();
+                // It may return with another firmware.
+                self.has_status = false;
                 return None;
             }
             Command::Wait | Command::GetIndicator(_) => return None,
@@ -186,8 +191,23 @@ impl Mit {
         self.last = Some(Last { position: state.position, velocity: state.velocity, at });
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
-        let status = Status { faults: self.profile.faults_of(state), runs: self.profile.is_on(state) };
+        let status = Status {
+            faults: self.profile.faults_of(state),
+            has_unnamed_fault: self.profile.has_unnamed_fault(state),
+            runs: self.runs(state),
+        };
         Reported::State(self.transmission.to_joint(&motor), latency, status)
+    }
+
+    /// Returns whether the motor reports that it is enabled; `None` where its states have no status.
+    /// All bits of a status are zero when a motor is off and has no fault, as in a state of firmware
+    /// without a status.
+    #[inline(always)]
+    fn runs(&mut self, state: &State) -> Option<bool> {
+        let runs = self.profile.is_on(state);
+        self.has_status |= runs.is_some();
+        let is_off = self.has_status && state.status.is_none();
+        runs.or(is_off.then_some(false))
     }
 
     #[inline(always)]

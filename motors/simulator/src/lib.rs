@@ -87,7 +87,7 @@ pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
     Behaviour, BeyondRange, BusKind, BusSettings, Dialect, DurationEnd, HostLoss, InFault, MotorSettings,
-    OtherBitrate, Persistence, ReplyTiming,
+    OtherBitrate, Persistence, ReplyTiming, RobStrideFirmware,
 };
 pub use shaft::Shaft;
 pub use shared::SharedBus;

@@ -246,6 +246,8 @@ pub struct Behaviour {
     /// Bytes of an answer without a meaning (NULL in the GIM document) are those of the previous
     /// answer, instead of zero.
     pub stale_bytes: bool,
+    /// The firmware of a RobStride motor.
+    pub firmware: RobStrideFirmware,
 }
 
 impl Default for Behaviour {
@@ -262,8 +264,20 @@ impl Default for Behaviour {
             persistence: Persistence::OnRefresh,
             other_bitrate: OtherBitrate::Silent,
             stale_bytes: false,
+            firmware: RobStrideFirmware::Manual2026,
         }
     }
+}
+
+/// The firmware of a RobStride motor, by the manual that describes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobStrideFirmware {
+    /// English manuals 1.0 of 2025-11-25: bytes 6 and 7 of a state are the temperature. A drive in
+    /// fault does not report that in a state.
+    Manual2025,
+    /// Chinese manuals 1.1 of 2026-04-10: byte 6 of a state has mode, fault and warning above a
+    /// temperature of 12 bits. A drive in fault answers with such a state.
+    Manual2026,
 }
 
 /// The state in the answer to a control frame.

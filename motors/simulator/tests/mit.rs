@@ -6,7 +6,9 @@ mod common;
 
 use common::{Bench, CLEAR_FAULT, GET_FAULT, NEUTRAL, PUSH, SET_ZERO, START, STOP, position};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId};
-use motord_simulator::{Behaviour, BeyondRange, HostLoss, InFault, Mode, MotorSettings, ReplyTiming};
+use motord_simulator::{
+    Behaviour, BeyondRange, HostLoss, InFault, Mode, MotorSettings, ReplyTiming, RobStrideFirmware,
+};
 
 fn with(behaviour: Behaviour) -> Bench {
     Bench::new(MotorSettings { behaviour, ..MotorSettings::default() })
@@ -47,6 +49,31 @@ fn a_remembered_control_frame_kicks_at_the_start() {
     forgetful.ask(PUSH);
     forgetful.ask(START);
     assert_eq!(forgetful.motor().velocity(), 0.0);
+}
+
+/// Goal: RobStride's two forms of a state (manuals of 2025-11-25 and of 2026-04-10): stopped, running, in fault.
+#[test]
+fn robstride_firmware_decides_the_status_beside_temperature() {
+    for (firmware, status) in [
+        (RobStrideFirmware::Manual2025, [Some(0), Some(0), None]),
+        (RobStrideFirmware::Manual2026, [Some(0), Some(0x80), Some(0x20)]),
+    ] {
+        let behaviour = Behaviour { firmware, ..Behaviour::default() };
+        let ends = Some([12.57, 33.0, 14.0]);
+        let mut bench =
+            Bench::new(MotorSettings { vendor: "robstride", ends, behaviour, ..MotorSettings::default() });
+        let read = |bench: &mut Bench| {
+            let answers = bench.answers(NEUTRAL);
+            answers.first().map(|answer| (answer.payload()[6] & 0xF0, answer.payload()[7]))
+        };
+        let stopped = read(&mut bench);
+        bench.ask(START);
+        let running = read(&mut bench);
+        bench.inject("fault 0x01");
+        let replies = [stopped, running, read(&mut bench)];
+        // 25.0 degrees are 250 tenths.
+        assert_eq!(replies, status.map(|status| status.map(|status| (status, 250))), "{firmware:?}");
+    }
 }
 
 #[test]

@@ -129,6 +129,7 @@ impl Group {
         let by_faults =
             status.faults.map_or(Consequence::None, |faults| self.receive_fault(place, faults, at, cx));
         let motor = &mut self.motors[place];
+        motor.report_unnamed_fault(status.has_unnamed_fault);
         if let Err(cause) = motor.report_state(state, at, latency, status.runs, cx) {
             let joint = motor.joint;
             self.stop(cause, Some(joint), cx);

@@ -12,6 +12,7 @@ mod mode;
 mod orders;
 mod plausibility;
 mod replies;
+mod report;
 mod service;
 mod turn;
 
@@ -32,7 +33,7 @@ use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
-use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
+use motord_shared::{Cause, MotorMode, Refusal};
 use plausibility::{Credibility, Expectation, Plausibility};
 use replies::Replies;
 use service::{ServiceRequest, ZERO_PAUSE, ZERO_TOLERANCE};
@@ -82,8 +83,13 @@ struct FaultWatch {
     reported: Faults,
     /// When it should be asked next.
     poll_at: Instant,
-    /// The motor refused a command, and is asked in the next cycle.
-    refused: bool,
+    /// The motor refused a command, or reports a fault without its name: it is asked in the next
+    /// cycle.
+    is_urgent: bool,
+    /// Its last state reports a fault without its name.
+    is_unnamed: bool,
+    /// It answered a question for its faults since the first such state.
+    is_answered: bool,
 }
 
 impl Motor {
@@ -308,8 +314,8 @@ impl Motor {
             return false;
         }
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
-        let refused = core::mem::replace(&mut self.faults.refused, false);
-        let doubts = (refused || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
+        let urgent = core::mem::replace(&mut self.faults.is_urgent, false);
+        let doubts = (urgent || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
         doubts && self.settings.capabilities.answers_fault_question
     }
 
@@ -418,7 +424,16 @@ impl Motor {
     /// Records that it refuses the command.
     pub(super) const fn report_refusal(&mut self) {
         self.replies.alive();
-        self.faults.refused = true;
+        self.faults.is_urgent = true;
+    }
+
+    /// Records whether its state reports a fault without its name. The motor is asked for the name
+    /// in the next turn, until it answers.
+    pub(super) const fn report_unnamed_fault(&mut self, is_unnamed: bool) {
+        let faults = &mut self.faults;
+        faults.is_answered &= faults.is_unnamed && is_unnamed;
+        faults.is_unnamed = is_unnamed;
+        faults.is_urgent |= is_unnamed && !faults.is_answered;
     }
 
     /// Counts a late answer.
@@ -450,6 +465,7 @@ impl Motor {
     /// Takes its fault bits.
     pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
         self.faults.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        self.faults.is_answered = true;
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });
         if fault != self.faults.reported && !(fault.is_none() && was_in_fault) {
             self.faults.reported = fault;
@@ -567,32 +583,5 @@ impl Motor {
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
         let answers = self.settings.capabilities.answers_fault_question;
         (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)
-    }
-
-    pub(super) fn report(&self, publications: u64) -> JointState {
-        let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
-        let fresh = if self.replies.is_fresh(publications) { message::JOINT_FRESH } else { 0 };
-        let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
-        let mismatch = if self.is_mismatched { message::JOINT_MISMATCH } else { 0 };
-        let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
-        JointState {
-            position: measured.position,
-            velocity: measured.velocity,
-            torque: measured.torque,
-            temperature: measured.temperature.unwrap_or(f32::NAN),
-            applied: message::Applied { position, velocity, kp, kd, torque },
-            limits: self.applied.limits,
-            mode: self.mode().code(),
-            fault: self.faults.reported.0,
-            flags: fresh | valid | mismatch,
-            age_cycles: self.replies.age_cycles,
-            missed: self.replies.missed,
-            reply_latency_ns: self.replies.latency_ns,
-            late: self.replies.late,
-            implausible: self.replies.implausible,
-            foreign_commands: self.foreign.total(),
-            reserved: 0,
-            receive_ns: self.measured_at.as_nanos(),
-        }
     }
 }

@@ -61,7 +61,8 @@ pub struct State {
     pub codes: StateCodes,
     /// Temperatures in the order of the profile, °C; `None` where the profile has none.
     pub temperatures: [Option<f32>; 2],
-    /// The status code of the first byte, where the profile has one.
+    /// The status code of the first byte, or of the byte beside a temperature, where the profile
+    /// has one and the motor sends it.
     pub status: Option<u8>,
 }
 

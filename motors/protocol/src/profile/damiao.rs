@@ -27,9 +27,10 @@ pub const DAMIAO: Profile = Profile {
         lengths: [8, 8],
         id_mask: 0x0F,
         temperatures: &[
-            Temperature { of: "driver", at: 6, bytes: 1, per_celsius: 1.0 },
-            Temperature { of: "motor", at: 7, bytes: 1, per_celsius: 1.0 },
+            Temperature { of: "driver", at: 6, bits: 8, per_celsius: 1.0, negative_from: FROST },
+            Temperature { of: "motor", at: 7, bits: 8, per_celsius: 1.0, negative_from: FROST },
         ],
+        flags: None,
     },
     faults: FaultReport::InEveryReply(Status {
         shift: 4,
@@ -48,6 +49,9 @@ pub const DAMIAO: Profile = Profile {
     has_registers: true,
     models: &MODELS,
 };
+
+/// -40 °C. No source names the sign of a temperature, and no motor has 216 °C.
+const FROST: u16 = 0xD8;
 
 /// The 24 V windings. Mechanics from the Seeed wiki, whose torque constant is that of the output;
 /// ends from DM_CAN.py. The wiki has the ends of 4340P, 8009P, 3507 and 10010, too; those of 4310P,

@@ -9,6 +9,8 @@ use crate::state::StateCodes;
 
 /// Status of a reply without one.
 const NO_STATUS: u8 = 0;
+/// Number of bits below the four of a status of newer firmware ([`Flags`](super::Flags)).
+const FLAGS_SHIFT: u32 = 4;
 
 impl Profile {
     /// Decodes `payload` as the reply to a request for `asked`.
@@ -65,13 +67,20 @@ impl Profile {
         };
         let status = match self.faults {
             FaultReport::InEveryReply(status) => Some(first >> status.shift),
-            FaultReport::Asked(_) => None,
+            FaultReport::Asked(_) => self.flags(payload),
         };
         let id = first & self.reply.id_mask;
         Ok(State { id, position, velocity, torque, codes, temperatures, status })
     }
 
-    /// Returns the faults that `state` reports; `None` where states report none.
+    /// Returns the status of newer firmware; `None` where all its bits are zero.
+    #[inline]
+    fn flags(&self, payload: &[u8]) -> Option<u8> {
+        let flags = self.reply.flags?;
+        payload.get(flags.at).map(|byte| byte >> FLAGS_SHIFT).filter(|status| *status != 0)
+    }
+
+    /// Returns the faults that `state` reports; `None` where states name none.
     #[must_use]
     #[inline]
     pub fn faults_of(&self, state: &State) -> Option<Faults> {
@@ -81,16 +90,25 @@ impl Profile {
         }
     }
 
-    /// Returns `true` when the status of `state` reports the motor as enabled; `None` where states
-    /// have no status. A status that no document lists counts as enabled, because the motor may be
-    /// on.
+    /// Returns `true` when the status of `state` reports the motor as enabled; `None` where the
+    /// state has no status. Where every reply has one, a status that no document lists counts as
+    /// enabled, because the motor may be on.
     #[must_use]
     #[inline]
     pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
             FaultReport::InEveryReply(status) => Some(!status.is_off(state.status?)),
-            FaultReport::Asked(_) => None,
+            FaultReport::Asked(_) => self.reply.flags?.is_on(state.status?),
         }
+    }
+
+    /// Returns `true` when `state` reports a fault that it does not name: the motor names it on
+    /// request.
+    #[must_use]
+    #[inline]
+    pub fn has_unnamed_fault(&self, state: &State) -> bool {
+        let (Some(flags), Some(status)) = (self.reply.flags, state.status) else { return false };
+        flags.is_on(status).is_some() && status & flags.fault != 0
     }
 
     /// Returns the first bytes of `reply`, as many as its layout has, with the bytes of `filler`
@@ -103,11 +121,15 @@ impl Profile {
         match (reply, &self.faults) {
             (Reply::State(state), faults) => {
                 bytes[1..6].copy_from_slice(&state.codes.pack());
-                if let FaultReport::InEveryReply(status) = faults {
-                    bytes[0] |= state.status.unwrap_or(NO_STATUS) << status.shift;
+                let status = state.status.unwrap_or(NO_STATUS);
+                if let FaultReport::InEveryReply(layout) = faults {
+                    bytes[0] |= status << layout.shift;
                 }
                 let places = self.reply.temperatures.iter().zip(state.temperatures);
                 places.for_each(|(place, celsius)| place.write(celsius, &mut bytes));
+                if let Some(flags) = self.reply.flags {
+                    bytes[flags.at] |= status << FLAGS_SHIFT;
+                }
             }
             (Reply::Fault { number, .. }, FaultReport::Asked(FaultReply { bytes: count, .. })) => {
                 bytes[1..=*count].copy_from_slice(&number.to_le_bytes()[..*count]);
@@ -130,16 +152,31 @@ impl Profile {
 impl Temperature {
     /// Returns the temperature, °C; `None` when `payload` ends before it.
     fn read(&self, payload: &[u8]) -> Option<f32> {
-        let bytes = payload.get(self.at..self.at + self.bytes)?;
-        let code = bytes.iter().fold(0_u16, |code, byte| code << 8 | u16::from(*byte));
-        Some(f32::from(code) / self.per_celsius)
+        let bytes = payload.get(self.at..self.at + self.bytes())?;
+        let code = bytes.iter().fold(0, |code, byte| code << 8 | i32::from(*byte)) & (self.codes() - 1);
+        let code = if code < i32::from(self.negative_from) { code } else { code - self.codes() };
+        Some(code as f32 / self.per_celsius)
     }
 
+    /// Writes the nearest code, with zeros above it. Without a temperature, writes 0 °C.
     fn write(&self, celsius: Option<f32>, bytes: &mut [u8; 8]) {
-        // The cast saturates, and converts NaN to 0.
-        let code = (celsius.unwrap_or_default() * self.per_celsius + 0.5) as u16;
-        let code = if self.bytes == 1 { code.min(0xFF) << 8 } else { code };
-        bytes[self.at..self.at + self.bytes].copy_from_slice(&code.to_be_bytes()[..self.bytes]);
+        let code = celsius.unwrap_or_default() * self.per_celsius;
+        // The cast rounds towards zero, saturates, and converts NaN to 0.
+        let nearest = (code + if code < 0.0 { -0.5 } else { 0.5 }) as i32;
+        let largest = i32::from(self.negative_from) - 1;
+        let code = nearest.clamp(largest + 1 - self.codes(), largest) & (self.codes() - 1);
+        let [_, _, high, low] = code.to_be_bytes();
+        bytes[self.at..self.at + self.bytes()].copy_from_slice(&[high, low][2 - self.bytes()..]);
+    }
+
+    /// Returns the number of bytes that hold its bits.
+    const fn bytes(&self) -> usize {
+        self.bits.div_ceil(8) as usize
+    }
+
+    /// Returns the number of its codes.
+    const fn codes(&self) -> i32 {
+        1 << self.bits
     }
 }
 
@@ -162,7 +199,7 @@ const fn length(payload: &[u8], &[least, most]: &[usize; 2]) -> DecodeError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile::{PROFILES, STEADYWIN};
+    use crate::profile::{PROFILES, ROBSTRIDE, STEADYWIN};
 
     fn scales() -> Scales {
         Scales::by_current(0.1, 8.0).unwrap()
@@ -223,6 +260,48 @@ mod tests {
             let is_off = code == 0x0 || (0x8..=0xE).contains(&code);
             assert_eq!(is_on(&crate::profile::DAMIAO, code), Some(!is_off), "{code:#x}");
             assert_eq!(is_on(&STEADYWIN, code), None);
+        }
+    }
+
+    /// RobStride's manuals of 2026-04-10: mode (0 reset, 1 calibration, 2 motor), fault, warning.
+    #[test]
+    fn robstride_status_is_read_above_its_temperature() {
+        let read = |status: u8| {
+            let bytes = [1, 0x80, 0, 0x80, 0x08, 0, status << 4 | 0x01, 0x2C];
+            ROBSTRIDE.decode_state(&bytes, &scales()).unwrap()
+        };
+        for (status, is_on, has_fault) in [
+            (0b0000, None, false),
+            (0b0001, Some(false), false),
+            (0b0010, Some(false), true),
+            (0b0100, Some(false), false),
+            (0b1000, Some(true), false),
+            (0b1001, Some(true), false),
+            (0b1011, Some(true), true),
+            // The sign of older firmware's temperature.
+            (0b1111, None, false),
+        ] {
+            let state = read(status);
+            assert_eq!(state.temperatures, [Some(30.0), None], "{status:04b}");
+            assert_eq!(ROBSTRIDE.is_on(&state), is_on, "{status:04b}");
+            assert_eq!(ROBSTRIDE.has_unnamed_fault(&state), has_fault, "{status:04b}");
+            assert_eq!(ROBSTRIDE.faults_of(&state), None, "the word is asked for");
+        }
+    }
+
+    #[test]
+    fn temperature_beyond_its_codes_is_written_as_end() {
+        for (profile, celsius, end) in [
+            (&crate::profile::DAMIAO, 300.0, 215.0),
+            (&crate::profile::DAMIAO, -300.0, -40.0),
+            (&ROBSTRIDE, 300.0, 204.7),
+            (&ROBSTRIDE, -300.0, -204.8),
+        ] {
+            let bytes = [1, 0x80, 0, 0x80, 0x08, 0, 0, 0];
+            let state = profile.decode_state(&bytes, &scales()).unwrap();
+            let state = State { temperatures: [Some(celsius); 2], ..state };
+            let (written, _) = profile.encode_over(&Reply::State(state), bytes);
+            assert_eq!(profile.decode_state(&written, &scales()).unwrap().temperatures[0], Some(end));
         }
     }
 

@@ -81,6 +81,8 @@ pub struct ReplyLayout {
     pub id_mask: u8,
     /// The temperatures that the reply carries after the codes.
     pub temperatures: &'static [Temperature],
+    /// The status that newer firmware sends in the same byte as the highest bits of a temperature.
+    pub flags: Option<Flags>,
 }
 
 /// A temperature in a reply.
@@ -88,12 +90,40 @@ pub struct ReplyLayout {
 pub struct Temperature {
     /// Short name of the measured part.
     pub of: &'static str,
-    /// Index of its first byte in the reply. The number is unsigned and big endian.
+    /// Index of its first byte in the reply. The number is big endian.
     pub at: usize,
-    /// Number of bytes, 1 or 2.
-    pub bytes: usize,
+    /// Number of bits, 8 to 16: the lowest ones of one or two bytes.
+    pub bits: u32,
     /// Number of codes per 1 °C.
     pub per_celsius: f32,
+    /// The lowest code that is a negative number, in two's complement. As a positive number it
+    /// would be a temperature that no motor survives.
+    pub negative_from: u16,
+}
+
+/// A status in the upper four bits of a byte of a reply. All four are zero in every reply of older
+/// firmware, unless it reports frost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flags {
+    /// Index of the byte.
+    pub at: usize,
+    /// The bits of the mode, of the four.
+    pub mode: u8,
+    /// The mode of an enabled drive, in these bits.
+    pub on: u8,
+    /// A mode that no document lists, in these bits: the sign of older firmware's temperature.
+    pub no_mode: u8,
+    /// The bit of a fault, whose name the motor reports on request only.
+    pub fault: u8,
+}
+
+impl Flags {
+    /// Returns `true` when the `status` shows an enabled drive; `None` when it is no status.
+    #[must_use]
+    pub const fn is_on(&self, status: u8) -> Option<bool> {
+        let mode = status & self.mode;
+        if mode == self.no_mode { None } else { Some(mode == self.on) }
+    }
 }
 
 /// The way in which a motor reports its faults.

@@ -1,6 +1,7 @@
 //! RobStride's motors in MIT mode. None of the sources is confirmed on hardware: the vendor's
-//! SampleProgram (`RS/Robstride01.cpp`), its manuals of 2026-04-28 (section 6), and notes that quote
-//! the RS00 manual of 2026-01-12 (sections "MIT protocol").
+//! SampleProgram (`RS/Robstride01.cpp`), its manuals of 2026-04-28 (section 6), its Chinese manuals
+//! 1.1 of 2026-04-10 (RS00 to RS06), and notes that quote the RS00 manual of 2026-01-12 (sections
+//! "MIT protocol").
 //!
 //! - By default the motors use another protocol, with 29-bit ids. Select MIT once, with the
 //!   vendor's tool.
@@ -14,8 +15,11 @@
 //!   Therefore no control frame may begin with six 0xFF, and the stop frame has seven.
 //! - The motor replies to a clear with a state. It replies to a fault request with the id and 32
 //!   little-endian bits. The sample treats a reply as a fault report when its last bytes are zero.
+//! - The manuals of 2026-04-10 describe byte 6 of a state as mode (bits 7 and 6: 0 reset, 1
+//!   calibration, 2 motor), fault (5), warning (4), and the highest four bits of the temperature.
+//!   Older manuals give bytes 6 and 7 to the temperature alone. 12 bits are enough for both.
 
-use super::{FaultReply, FaultReport, Ids, Profile, ReplyLayout, Temperature};
+use super::{FaultReply, FaultReport, Flags, Ids, Profile, ReplyLayout, Temperature};
 use crate::fault::Faults;
 use crate::model::{Model, model};
 
@@ -33,7 +37,14 @@ pub const ROBSTRIDE: Profile = Profile {
     reply: ReplyLayout {
         lengths: [8, 8],
         id_mask: 0xFF,
-        temperatures: &[Temperature { of: "motor", at: 6, bytes: 2, per_celsius: 10.0 }],
+        temperatures: &[Temperature {
+            of: "motor",
+            at: 6,
+            bits: 12,
+            per_celsius: 10.0,
+            negative_from: 0x800,
+        }],
+        flags: Some(Flags { at: 6, mode: 0b1100, on: 0b1000, no_mode: 0b1100, fault: 0b0010 }),
     },
     faults: FaultReport::Asked(FaultReply {
         bytes: 4,

@@ -16,6 +16,7 @@ pub const STEADYWIN: Profile = Profile {
         lengths: [6, 8],
         id_mask: 0xFF,
         temperatures: &[],
+        flags: None,
     },
     faults: FaultReport::Asked(FaultReply {
         bytes: 1,

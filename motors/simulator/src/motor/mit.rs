@@ -15,7 +15,9 @@ impl Motor {
         let command = (self.twin.hear)(frame.payload())?;
         // A change of id takes effect after its own answer.
         let host_id = self.host_address();
-        let is_silent = self.settings.behaviour.in_fault == InFault::Silent && !self.twin.answers_in_fault;
+        let behaviour = &self.settings.behaviour;
+        let is_silent =
+            behaviour.in_fault == InFault::Silent && !(self.twin.answers_in_fault)(behaviour.firmware);
         match command {
             MitCommand::GetFault => {
                 let state = self.state(at);
@@ -46,7 +48,18 @@ impl Motor {
             _ => Status::Off,
         };
         let (id, fault, filler) = (self.mit_id(), self.fault, self.filler());
-        (self.twin.answer)(&Answer { asked, host_id, id, state, status, fault, temperatures, filler })
+        let firmware = self.settings.behaviour.firmware;
+        (self.twin.answer)(&Answer {
+            asked,
+            host_id,
+            id,
+            state,
+            status,
+            fault,
+            temperatures,
+            firmware,
+            filler,
+        })
     }
 
     /// Returns the id, which fills one byte of an answer, whatever its configuration holds.

@@ -9,7 +9,7 @@ use crate::wire::{Control, MitCommand};
 use motord_bus::Frame;
 
 pub(super) const TWIN: Twin =
-    Twin { name: "damiao", hear, answer, answers_in_fault: true, conditions: [0x8, 0x9, 0xC], raise };
+    Twin { name: "damiao", hear, answer, answers_in_fault: |_| true, conditions: [0x8, 0x9, 0xC], raise };
 
 /// Decodes a payload. Every special command begins with seven bytes 0xFF. SteadyWin's fault request
 /// is a control frame here.
@@ -30,7 +30,7 @@ fn answer(answer: &Answer) -> Frame {
         Status::Off => 0,
     };
     let [a, b, c, d, e] = answer.state.mit();
-    let [rotor, transistors] = answer.temperatures.map(|celsius| celsius as u8);
+    let [rotor, transistors] = answer.temperatures.map(|celsius| celsius.clamp(-128.0, 255.0) as i16 as u8);
     Frame::classic(answer.host_id, [status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor])
 }
 

@@ -1,5 +1,6 @@
 //! The form of a vendor's drive.
 
+use crate::settings::RobStrideFirmware;
 use crate::wire::{MitCommand, State};
 use motord_bus::{Frame, FrameId};
 
@@ -12,8 +13,8 @@ pub(crate) struct Twin {
     pub(crate) hear: fn(&[u8]) -> Option<MitCommand>,
     /// Returns the frame of an answer.
     pub(crate) answer: fn(&Answer) -> Frame,
-    /// The drive answers every request in fault, whatever the settings are.
-    pub(crate) answers_in_fault: bool,
+    /// A drive of this firmware answers every request in fault, whatever the other settings are.
+    pub(crate) answers_in_fault: fn(RobStrideFirmware) -> bool,
     /// The vendor's numbers of over-voltage, under-voltage and over-temperature.
     pub(crate) conditions: [u32; 3],
     /// Returns the fault number of a drive that has the first fault and raises the second.
@@ -33,6 +34,8 @@ pub(crate) struct Answer {
     pub(crate) fault: u32,
     /// Temperatures of the winding and of the driver board, °C.
     pub(crate) temperatures: [f64; 2],
+    /// The firmware, if the motor is RobStride's.
+    pub(crate) firmware: RobStrideFirmware,
     /// Values of bytes without a meaning.
     pub(crate) filler: [u8; 8],
 }

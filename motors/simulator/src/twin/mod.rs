@@ -30,6 +30,7 @@ impl Twin {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::RobStrideFirmware;
     use crate::wire::{MitCommand, State};
     use motord_bus::FrameId;
 
@@ -88,7 +89,12 @@ mod tests {
                 let (first, second) = (celsius.next().unwrap_or(0.0), celsius.next());
                 let temperatures = [second.unwrap_or(first), first];
                 let id = row[4].parse().unwrap();
-                let status = if bytes[0] == id { Status::Off } else { Status::On };
+                let (status, firmware) = match bytes.get(6).map(|byte| byte >> 4) {
+                    Some(0x8) if twin.name == "robstride" => (Status::On, RobStrideFirmware::Manual2026),
+                    Some(0x2) if twin.name == "robstride" => (Status::Fault, RobStrideFirmware::Manual2026),
+                    _ if bytes[0] == id => (Status::Off, RobStrideFirmware::Manual2025),
+                    _ => (Status::On, RobStrideFirmware::Manual2025),
+                };
                 let answer = Answer {
                     asked: Asked::State,
                     host_id: FrameId::MAX,
@@ -97,6 +103,7 @@ mod tests {
                     status,
                     fault: 0,
                     temperatures,
+                    firmware,
                     filler: [0; 8],
                 };
                 assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");
@@ -120,6 +127,7 @@ mod tests {
                     status,
                     fault: number,
                     temperatures: [0.0; 2],
+                    firmware: RobStrideFirmware::Manual2026,
                     filler: [0; 8],
                 };
                 assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");

@@ -8,7 +8,7 @@ pub(super) const TWIN: Twin = Twin {
     name: "steadywin",
     hear: MitCommand::decode,
     answer,
-    answers_in_fault: false,
+    answers_in_fault: |_| false,
     conditions: [0x02, 0x04, 0x08],
     raise: bits,
 };
