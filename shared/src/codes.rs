@@ -114,6 +114,7 @@ codes! {
         SwitchLost = 29 "switch-lost" "The dead man's switch was missing or hung, and the configuration requires it.",
         ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor, and the configuration stops for that.",
         ImuLost = 34 "imu-lost" "An IMU delivered no sample for too long, and the configuration stops for that.",
+        TemperatureSensor = 35 "temperature-sensor" "A motor reported a temperature that no motor can have, for a second.",
     }
 }
 
@@ -151,6 +152,9 @@ impl Cause {
             Self::ImuLost => "Check the cable and the power of the IMU that the log names",
             Self::DuplicateId => "Connect the motors of the bus one at a time, and give each its own id",
             Self::OverTemperature => "Let the motor cool down",
+            Self::TemperatureSensor => {
+                "Read the motor's temperature with its vendor's tool, and replace a motor whose sensor is broken"
+            }
             Self::Shutdown => "Start the daemon again",
             Self::StartFailed => "Check the motor's power, and that it uses the configured protocol",
             Self::Suspended => "Disable suspension of the computer",

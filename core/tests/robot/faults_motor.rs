@@ -182,6 +182,31 @@ fn past_over_voltage_does_not_weaken_later_damping() {
     );
 }
 
+/// Goal: a motor whose every second state is wrong is not ignored for ever.
+#[test]
+fn every_second_implausible_state_stops_the_group() {
+    let (mut robot, joints) = active();
+    for _ in 0..25 {
+        robot.disturb("hip wrong");
+        robot.follow(&joints);
+        robot.disturb("hip ok");
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::Implausible), 0));
+}
+
+/// Goal: a torque that the motor cannot have given is told. Method: a blocked motor, configured with a smaller peak.
+#[test]
+fn impossible_torque_stops_the_group() {
+    let mut settings = robot::three_motors();
+    settings.motors[0].winding.peak_torque = 1.0;
+    let mut robot = Robot::built(settings, 1, |_, motors| motors[0].coulomb_friction = 100.0);
+    let mut joints = robot.activate();
+    joints[0] = JointSetpoint { torque: 5.0, ..Default::default() };
+    let (cause, _) = stopped_within(&mut robot, &joints, 300);
+    assert_eq!((cause, robot.group().cause_joint), (Cause::Implausible, 0));
+}
+
 /// Goal: no setpoint heats a winding more than the rated torque does.
 /// Method: a blocked hip gets setpoints of twice its rated torque for a minute. The test computes
 /// the heat of the winding from the square of the torque on the wire.

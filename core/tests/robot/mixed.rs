@@ -2,11 +2,13 @@
 //! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated
 //! twins.
 
+use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::checker::VENDORS;
 use motord_protocol::fault::FAULTS;
-use motord_shared::{Fault, JointSetpoint, MotorMode, Phase};
+use motord_shared::{Cause, Fault, JointSetpoint, MotorMode, Phase};
+use motord_simulator::RobStrideFirmware;
 
 fn mixed() -> Robot {
     let text = include_str!("../../../config/mixed-simulated.toml");
@@ -78,21 +80,93 @@ fn undocumented_fault_of_healthy_motor_is_reported() {
     assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::of_unknown_code(20).0);
 }
 
+/// Returns the mixed robot with these changes to its simulated motors.
+fn mixed_with(change: impl Fn(&mut motord_simulator::MotorSettings)) -> Robot {
+    let text = include_str!("../../../config/mixed-simulated.toml");
+    Robot::built(robot::settings(text), 3, |_, motors| motors.iter_mut().for_each(&change))
+}
+
+/// Returns the first joint with a motor of this vendor, and its name.
+fn joint_of(robot: &Robot, name: &str) -> (usize, String) {
+    let joint = (0..12).find(|&joint| vendor(robot, joint) == name).expect("one of each");
+    (joint, robot.settings.motors[joint].name.clone())
+}
+
 /// A drive that lost its supply for a moment boots disabled, without a fault, and answers every
 /// command.
 #[test]
 fn motor_reporting_off_while_following_stops_group() {
-    let mut robot = Robot::built(
-        robot::settings(include_str!("../../../config/mixed-simulated.toml")),
-        3,
-        |_, motors| {
-            motors.iter_mut().for_each(|motor| motor.boot_time = motord_bus::Duration::from_millis(3));
-        },
-    );
+    for vendor in ["damiao", "robstride"] {
+        let mut robot = mixed_with(|motor| motor.boot_time = Duration::from_millis(3));
+        let joints = robot.activate();
+        let (joint, name) = joint_of(&robot, vendor);
+        robot.disturb(&format!("{name} power-cycle"));
+        (0..30).for_each(|_| robot.follow(&joints));
+        let stop = (robot.cause(), robot.group().cause_joint);
+        assert_eq!(stop, (Some(Cause::MotorOff), joint as u32), "{vendor}");
+    }
+}
+
+const FIRMWARES: [RobStrideFirmware; 2] = [RobStrideFirmware::Manual2025, RobStrideFirmware::Manual2026];
+
+#[test]
+fn heat_protects_robstride_motors_of_both_firmwares() {
+    for firmware in FIRMWARES {
+        let mut robot = mixed_with(|motor| motor.behaviour.firmware = firmware);
+        let joints = robot.activate();
+        let (joint, name) = joint_of(&robot, "robstride");
+        assert!((robot.joint(joint).temperature - 25.0).abs() < 1.0, "{firmware:?}");
+        robot.disturb(&format!("{name} temperature 95"));
+        (0..1100).for_each(|_| robot.follow(&joints));
+        let stop = (robot.cause(), robot.group().cause_joint);
+        assert_eq!(stop, (Some(Cause::OverTemperature), joint as u32), "{firmware:?}");
+    }
+}
+
+/// Goal: the fault bit of a state makes motord ask for the fault. Method: without regular questions.
+#[test]
+fn unnamed_fault_is_named_within_ten_cycles() {
+    let mut settings = robot::settings(include_str!("../../../config/mixed-simulated.toml"));
+    settings.safety.fault_poll_hz = 0.0;
+    let mut robot = Robot::new(settings, 3);
     let joints = robot.activate();
-    let joint = (0..12).find(|&joint| vendor(&robot, joint) == "damiao").expect("one of each");
-    let name = robot.settings.motors[joint].name.clone();
-    robot.disturb(&format!("{name} power-cycle"));
-    (0..30).for_each(|_| robot.follow(&joints));
-    assert_eq!(robot.cause(), Some(motord_shared::Cause::MotorOff));
+    let (joint, name) = joint_of(&robot, "robstride");
+    robot.disturb(&format!("{name} fault 0x04"));
+    (0..10).for_each(|_| robot.follow(&joints));
+    assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::UNDER_VOLTAGE.0);
+    assert_eq!((robot.mode(joint), robot.group().cause_joint), (MotorMode::Fault, joint as u32));
+}
+
+/// Goal: heat protection that no longer works is told. Method: -60 degrees, in both forms of a code.
+#[test]
+fn impossible_temperature_stops_group_after_a_second() {
+    for vendor in ["damiao", "robstride"] {
+        let mut robot = mixed_with(|_| {});
+        let joints = robot.activate();
+        let (joint, name) = joint_of(&robot, vendor);
+        robot.disturb(&format!("{name} temperature -60"));
+        (0..990).for_each(|_| robot.follow(&joints));
+        assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "{vendor}");
+        (0..50).for_each(|_| robot.follow(&joints));
+        let stop = (robot.cause(), robot.group().cause_joint);
+        assert_eq!(stop, (Some(Cause::TemperatureSensor), joint as u32), "{vendor}");
+    }
+}
+
+#[test]
+fn frost_is_a_temperature_of_each_vendor() {
+    for firmware in FIRMWARES {
+        let mut robot = mixed_with(|motor| {
+            motor.behaviour.firmware = firmware;
+            motor.ambient_celsius = -15.0;
+        });
+        let joints = robot.activate();
+        (0..1200).for_each(|_| robot.follow(&joints));
+        assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "{firmware:?}");
+        for vendor in ["damiao", "robstride"] {
+            let (joint, _) = joint_of(&robot, vendor);
+            let temperature = robot.joint(joint).temperature;
+            assert!((-16.0..=-10.0).contains(&temperature), "{vendor} {firmware:?}: {temperature} °C");
+        }
+    }
 }

@@ -2,11 +2,13 @@
 //!
 //! | observation | for how long | cause |
 //! |---|---|---|
-//! | a step longer than the motor's top speed allows | 3 replies in a row | implausible |
+//! | a step longer than the motor's top speed allows | 3 replies in a row, or a third of the replies for long | implausible |
+//! | three times the motor's peak torque | 50 ms | implausible |
 //! | speed, while the code of the position does not change | 50 ms | encoder-stuck |
 //! | 1.2 times the joint's speed limit, or the end of the speeds that the motor can report | 5 ms | overspeed |
 //! | too far from the position it is pulled to | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
+//! | a temperature that no motor has | 1 s | temperature-sensor |
 //! | the end of the positions that the motor can report | immediately | range-end |
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
@@ -20,6 +22,10 @@ const STEP_FACTOR: f32 = 1.5;
 const STEP_MARGIN: f32 = 0.02;
 /// After this many consecutive implausible replies the last one is used, and the group is stopped.
 const STEPS_MAX: u32 = 3;
+/// A leaky bucket: an implausible reply adds, every other takes one off. A motor that reports two
+/// positions in turn fills it in 40 replies.
+const STEP_WEIGHT: u32 = 2;
+const STEP_BUCKET: u32 = 20;
 /// Below this speed, rad/s, the code of a position may stay the same.
 const STUCK_VELOCITY: f32 = 0.5;
 const STUCK_TIME: Duration = Duration::from_millis(50);
@@ -28,9 +34,13 @@ const OVERSPEED_FACTOR: f32 = 1.2;
 /// keeps limits 0.5 % away from the end.
 const CLAMPED_FROM: f32 = 0.998;
 const OVERSPEED_TIME: Duration = Duration::from_millis(5);
+/// The peak torque of a model is that of its winding; other windings have up to twice as much.
+const TORQUE_FACTOR: f32 = 3.0;
+const TORQUE_TIME: Duration = Duration::from_millis(50);
 const FOLLOWING_TIME: Duration = Duration::from_millis(50);
+/// Also the time until a lasting impossible temperature is a cause.
 const HOT_TIME: Duration = Duration::from_secs(1);
-/// A temperature outside is no temperature, °C.
+/// A temperature outside is not used, °C. It means a broken sensor, or another layout of the reply.
 const TEMPERATURES: core::ops::RangeInclusive<f32> = -40.0..=180.0;
 /// No winding heats up by this much from one reply to the next, K.
 const TEMPERATURE_STEP: f32 = 20.0;
@@ -45,6 +55,7 @@ const DUPLICATES_MAX: u32 = 5;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Plausibility {
     steps: u32,
+    step_bucket: u32,
     /// The time at which each of the [`CONDITIONS`] began to hold; `None` while none holds.
     since: Option<[Option<Instant>; CONDITIONS.len()]>,
     odd_temperatures: u32,
@@ -52,11 +63,13 @@ pub(super) struct Plausibility {
 }
 
 /// The causes that need time, and how long their conditions must hold.
-const CONDITIONS: [(Cause, Duration); 4] = [
+const CONDITIONS: [(Cause, Duration); 6] = [
     (Cause::EncoderStuck, STUCK_TIME),
     (Cause::Overspeed, OVERSPEED_TIME),
     (Cause::FollowingError, FOLLOWING_TIME),
     (Cause::OverTemperature, HOT_TIME),
+    (Cause::TemperatureSensor, HOT_TIME),
+    (Cause::Implausible, TORQUE_TIME),
 ];
 
 /// The data that a report is judged by.
@@ -92,20 +105,29 @@ impl Plausibility {
         expected: &Expectation<'_>,
     ) -> Credibility {
         let temperature = self.believable_temperature(&reported, expected.before);
+        let is_impossible = reported.temperature.is_some_and(is_impossible);
         let reported = Measured::new(reported.position, reported.velocity, reported.torque, temperature);
         if self.is_jump(&reported, at, expected) {
-            self.steps += 1;
-            if self.steps < STEPS_MAX {
-                return Credibility::Unbelievable;
-            }
-            self.steps = 0;
-            return Credibility::Stop(reported, Cause::Implausible);
+            return self.step(reported);
         }
         self.steps = 0;
-        match self.cause(&reported, at, expected) {
+        self.step_bucket = self.step_bucket.saturating_sub(1);
+        match self.cause(&reported, is_impossible, at, expected) {
             Some(cause) => Credibility::Stop(reported, cause),
             None => Credibility::Sound(reported),
         }
+    }
+
+    /// Judges a step that is too long.
+    #[cold]
+    const fn step(&mut self, reported: Measured<JointSide>) -> Credibility {
+        self.steps += 1;
+        self.step_bucket += STEP_WEIGHT;
+        if self.steps < STEPS_MAX && self.step_bucket <= STEP_BUCKET {
+            return Credibility::Unbelievable;
+        }
+        (self.steps, self.step_bucket) = (0, 0);
+        Credibility::Stop(reported, Cause::Implausible)
     }
 
     /// Records a second answer to one question. Returns whether two motors share the id.
@@ -135,6 +157,7 @@ impl Plausibility {
     fn cause(
         &mut self,
         reported: &Measured<JointSide>,
+        has_impossible_temperature: bool,
         at: Instant,
         expected: &Expectation<'_>,
     ) -> Option<Cause> {
@@ -146,9 +169,11 @@ impl Plausibility {
         let fast = reported.velocity.abs() > overspeed(limits.velocity, settings.capabilities.velocity_end);
         let far = active && is_far(reported, pulled_to, limits);
         let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
-        if !(stuck | fast | far | hot) {
+        let strong = reported.torque.abs() > TORQUE_FACTOR * settings.winding.peak_torque;
+        let hold = [stuck, fast, far, hot, has_impossible_temperature, strong];
+        if hold == [false; CONDITIONS.len()] {
             self.since = None;
-        } else if let Some(cause) = self.lasting([stuck, fast, far, hot], at) {
+        } else if let Some(cause) = self.lasting(hold, at) {
             return Some(cause);
         }
         (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
@@ -167,8 +192,8 @@ impl Plausibility {
         })
     }
 
-    /// Ignores a single step of the temperature; uses it after many in a row. Ignores impossible
-    /// temperatures always: frost, read without a sign, looks like extreme heat.
+    /// Ignores a single step of the temperature; uses it after many in a row. Never uses an impossible
+    /// temperature.
     fn believable_temperature(
         &mut self,
         reported: &Measured<JointSide>,
@@ -177,13 +202,17 @@ impl Plausibility {
         const ODD_MAX: u32 = 10;
         let temperature = reported.temperature?;
         let last = before.and_then(|(before, _)| before.temperature);
-        if !TEMPERATURES.contains(&temperature) {
+        if is_impossible(temperature) {
             return last;
         }
         let odd = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
         self.odd_temperatures = if odd { self.odd_temperatures.saturating_add(1) } else { 0 };
         if odd && self.odd_temperatures < ODD_MAX { last } else { Some(temperature) }
     }
+}
+
+fn is_impossible(temperature: f32) -> bool {
+    !TEMPERATURES.contains(&temperature)
 }
 
 /// Returns the speed above which a joint with this limit is too fast, rad/s. The motor reports
@@ -224,8 +253,7 @@ mod tests {
 
     #[test]
     fn impossible_temperature_is_never_believed() {
-        // Five degrees of frost, read without a sign: Damiao's 0xFB, RobStride's 0xFFCE.
-        for celsius in [251.0, 6548.6] {
+        for celsius in [-204.8, -41.0, 181.0, 204.7, f32::NAN] {
             let reported = Measured::new(0.0, 0.0, 0.0, Some(celsius));
             let warm = Measured::new(0.0, 0.0, 0.0, Some(1.0));
             let mut plausibility = Plausibility::default();
