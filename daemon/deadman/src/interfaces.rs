@@ -5,6 +5,7 @@ use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
 use motord_bus::{Bus, BusLock, Duration, Frame, Holder, Instant, Refusal};
 use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
+use nix::unistd::geteuid;
 
 use crate::port::Port;
 use crate::safe_frames::{InterfaceError, InterfaceFrames};
@@ -14,9 +15,7 @@ pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, Inte
 
 /// One interface, opened.
 pub struct Interface {
-    name: String,
-    holder: fn(&str) -> Option<Holder>,
-    outlet: Box<dyn Outlet>,
+    line: Line,
     frames: BusFrames,
 }
 
@@ -33,73 +32,116 @@ impl Interface {
             Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
             None => open(&frames.interface, 2 * count as u32)?,
         };
-        let holder = match frames.baud {
-            Some(_) => BusLock::holder_of_device,
-            None => BusLock::holder_of_interface,
-        };
-        Ok(Self { name: frames.interface.clone(), holder, outlet, frames: checked })
+        let holders = holders_of(frames);
+        let line = Line { name: frames.interface.clone(), holders, outlet: Some(outlet), accepted: false };
+        Ok(Self { line, frames: checked })
     }
 
     /// The interface, or the device of the port.
     #[must_use]
     pub(crate) fn name(&self) -> &str {
-        &self.name
+        &self.line.name
     }
+}
+
+/// Finds the holders of the locks of one interface, by its name: see [`BusLock::holders_of_interface`].
+pub(crate) type Holders = fn(&str, bool) -> [Option<Holder>; 2];
+
+/// Returns the function that finds the holders of this interface or port.
+pub(crate) fn holders_of(frames: &InterfaceFrames) -> Holders {
+    match frames.baud {
+        Some(_) => BusLock::holders_of_device,
+        None => BusLock::holders_of_interface,
+    }
+}
+
+/// The way to the motors of one interface.
+struct Line {
+    name: String,
+    holders: Holders,
+    /// `None` once its motors are left to another daemon: nothing is sent, and nothing is owed.
+    outlet: Option<Box<dyn Outlet>>,
+    /// The interface has accepted a round since the stopper began.
+    accepted: bool,
+}
+
+impl Outlet for Line {
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        let refusal = self.outlet.as_mut()?.send_round(now, frames);
+        self.accepted |= refusal.is_none();
+        refusal
+    }
+
+    fn find(&mut self) -> bool {
+        self.outlet.as_mut().is_none_or(Outlet::find)
+    }
+}
+
+/// Another process than the daemon holds the lock of an interface.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Locked {
+    /// The interface.
+    pub interface: String,
+    /// The process.
+    pub holder: Holder,
+    /// It is a daemon: the motors are left to it. Otherwise they are damped.
+    pub is_daemon: bool,
 }
 
 /// Interfaces with the [`Stopper`] of their motors.
 pub struct Interfaces {
-    names: Vec<String>,
-    holders: Vec<fn(&str) -> Option<Holder>>,
-    outlets: Vec<Box<dyn Outlet>>,
+    lines: Vec<Line>,
     stopper: Stopper,
 }
 
 impl Interfaces {
-    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`owed`](Self::owed) and
-    /// [`leave_driven`](Self::leave_driven) do.
+    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`owed`](Self::owed),
+    /// [`leave_driven`](Self::leave_driven) and [`outcome`](Self::outcome) do.
     #[must_use]
     pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
-        let (mut names, mut holders, mut outlets, mut frames) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        for interface in opened {
-            names.push(interface.name);
-            holders.push(interface.holder);
-            outlets.push(interface.outlet);
-            frames.push(interface.frames);
-        }
-        Self { names, holders, outlets, stopper: Stopper::new(frames, damp) }
+        let (lines, frames): (Vec<_>, Vec<_>) =
+            opened.into_iter().map(|interface| (interface.line, interface.frames)).unzip();
+        Self { lines, stopper: Stopper::new(frames, damp) }
     }
 
     /// The number of interfaces.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.names.len()
+        self.lines.len()
     }
 
     /// As [`Stopper::begin`].
     pub fn begin(&mut self, now: Instant) {
+        self.lines.iter_mut().for_each(|line| line.accepted = false);
         self.stopper.begin(now);
     }
 
-    /// From now on skips the interfaces that another process than `pid` drives: their motors are not those of a dead daemon.
-    /// Returns that process, if there is one. Any user can hide the holder of a lock by many connections to it: such a holder
-    /// is another process if `unknown_is_other`. Allocates. At most eight system calls per interface, and a search for the path
-    /// of a serial port. Blocks only where it closes a serial port of ours: at most 50 ms for each.
-    pub fn leave_driven(&mut self, pid: i32, unknown_is_other: bool) -> Option<Holder> {
-        let is_other = |holder: &Holder| match holder.0 {
-            Some(holder) => holder.cast_signed() != pid,
-            None => unknown_is_other,
-        };
-        let mut other = None;
-        for ((name, holder), outlet) in self.names.iter().zip(&self.holders).zip(&mut self.outlets) {
-            let driven = holder(name).filter(is_other);
-            if driven.is_some() {
-                *outlet = Box::new(LeftAlone);
-                other = driven;
+    /// From now on skips the interfaces that a successor of the dead daemon `dead` drives. Any user may hold the lock of an
+    /// interface: a successor is a process of root or of this user, as which alone a daemon registers. Returns the processes
+    /// that hold a lock, those that are no successors included.
+    ///
+    /// A successor has had the time to start only if this process `was_frozen`. Then the kernel is asked for the user of a
+    /// process that hides, and one in another process namespace may be a successor. A process of unknown user never is, nor
+    /// one with the number of the dead daemon: motors that keep their last command are the greater harm.
+    ///
+    /// Allocates. At most twelve system calls per interface, and a search for the path of a serial port. Blocks only where
+    /// it closes a serial port of ours, at most 50 ms for each, and where a process hides, at most 80 ms for each.
+    pub fn leave_driven(&mut self, dead: i32, was_frozen: bool) -> Vec<Locked> {
+        let mut found = Vec::new();
+        for line in &mut self.lines {
+            for holder in (line.holders)(&line.name, was_frozen).into_iter().flatten() {
+                let is_other = holder.pid.map_or(was_frozen, |pid| pid.cast_signed() != dead);
+                let is_trusted = holder.uid.is_some_and(is_of_a_daemon);
+                if is_trusted && !is_other {
+                    continue;
+                }
+                if is_trusted {
+                    line.outlet = None;
+                }
+                found.push(Locked { interface: line.name.clone(), holder, is_daemon: is_trusted });
             }
         }
-        other
+        found
     }
 
     /// As [`Stopper::due`].
@@ -116,32 +158,43 @@ impl Interfaces {
 
     /// As [`Stopper::round`]. One system call per interface; a search is five more and a send.
     pub fn round(&mut self, now: Instant) {
-        self.stopper.round(now, &mut self.outlets);
+        self.stopper.round(now, &mut self.lines);
     }
 
     /// As [`Stopper::run`].
     pub fn run(&mut self, clock: &mut dyn Clock) {
-        self.stopper.run(clock, &mut self.outlets);
+        self.stopper.run(clock, &mut self.lines);
     }
 
     /// Returns the interfaces that are not served yet. Allocates.
     #[must_use]
     pub fn owed(&self) -> Vec<String> {
-        self.stopper.owed().map(|index| self.names[index].clone()).collect()
+        self.stopper.owed().map(|index| self.lines[index].name.clone()).collect()
+    }
+
+    /// Returns what was done since the stopper began, for the log. Allocates.
+    #[must_use]
+    pub fn outcome(&self) -> String {
+        let names = |of: fn(&Line) -> bool| {
+            let names: Vec<_> =
+                self.lines.iter().filter(|line| of(line)).map(|line| line.name.as_str()).collect();
+            (!names.is_empty()).then(|| names.join(", "))
+        };
+        let damped = names(|line| line.outlet.is_some() && line.accepted);
+        let refused = names(|line| line.outlet.is_some() && !line.accepted);
+        let left = names(|line| line.outlet.is_none());
+        let parts = [
+            damped.map(|names| format!("damped or stopped its motors on {names}")),
+            refused.map(|names| format!("no frame was accepted by {names}")),
+            left.map(|names| format!("left alone, for another daemon drives them: {names}")),
+        ];
+        parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
     }
 }
 
-/// Replaces an interface that another process drives: nothing is sent on it, and nothing is owed.
-struct LeftAlone;
-
-impl Outlet for LeftAlone {
-    fn send_round(&mut self, _now: Instant, _frames: &[Frame]) -> Option<Refusal> {
-        None
-    }
-
-    fn find(&mut self) -> bool {
-        true
-    }
+/// Returns true for a user as which a daemon can be registered here.
+fn is_of_a_daemon(uid: u32) -> bool {
+    uid == 0 || uid == geteuid().as_raw()
 }
 
 /// A CAN interface of this machine.
@@ -193,4 +246,45 @@ fn prepare(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), I
 
 fn failed(reason: &dyn Display) -> InterfaceError {
     InterfaceError::Open { reason: reason.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Taking(Option<Refusal>);
+
+    impl Outlet for Taking {
+        fn send_round(&mut self, _now: Instant, _frames: &[Frame]) -> Option<Refusal> {
+            self.0
+        }
+    }
+
+    /// Goal: the log claims no frame that was not sent.
+    #[test]
+    fn outcome_names_damped_refused_and_left_interfaces() {
+        let [damped, jammed, driven] = ["a", "b", "c"].map(|name| format!("{name}{}", std::process::id()));
+        let opened =
+            [(&damped, None), (&jammed, Some(Refusal::Full)), (&driven, None)].map(|(name, refusal)| {
+                let frames = InterfaceFrames {
+                    interface: name.clone(),
+                    baud: None,
+                    damp: vec!["001#00".into()],
+                    stop: vec![],
+                };
+                Interface::open(&frames, &mut |_, _| Ok(Box::new(Taking(refusal)))).unwrap()
+            });
+        let mut interfaces = Interfaces::new(opened, Duration::ZERO);
+        let _successor = BusLock::interface(driven.parse().unwrap()).unwrap();
+        interfaces.begin(Instant::ZERO);
+        let left = interfaces.leave_driven(0, false);
+        assert_eq!(left.len(), 1);
+        assert!(left[0].is_daemon && left[0].interface == driven, "{left:?}");
+        interfaces.round(Instant::ZERO);
+        let expected = format!(
+            "damped or stopped its motors on {damped}; no frame was accepted by {jammed}; left alone, for another daemon drives them: \
+             {driven}"
+        );
+        assert_eq!(interfaces.outcome(), expected);
+    }
 }

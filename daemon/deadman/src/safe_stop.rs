@@ -2,11 +2,12 @@
 
 use crate::answers::{Answers, Listen};
 use crate::channel::{Answer, Channel, Request};
-use crate::interfaces::{Interface, Interfaces, Open};
+use crate::interfaces::{Interface, Interfaces, Open, holders_of};
 use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
-use motord_bus::{BusLock, Duration, LockError, Monotonic, clock};
+use motord_bus::{BusLock, Duration, Holder, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
+use motord_ports::TrustedUsers;
 use motord_ports::instance::Instance;
 use motord_terminal::exit_status;
 use std::io;
@@ -38,7 +39,7 @@ pub enum SafeStopError {
 #[derive(Debug, thiserror::Error)]
 pub enum LeftOut {
     /// A daemon that lives drives it.
-    #[error("{0}; use `motorctl estop`")]
+    #[error("{0}; if it is motord, use `motorctl estop`")]
     Driven(LockError),
     /// It cannot be opened.
     #[error("{0}")]
@@ -89,7 +90,8 @@ impl SafeStopError {
 /// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds, and half
 /// a second more where motors on a line do not answer. Uses interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
-/// `open` opens an interface to send, `listen` to receive the answers.
+/// Any user may hold the lock of an interface: only a process of root, of this user, or of the user of the daemon or the service keeps
+/// it from this command. `open` opens an interface to send, `listen` to receive the answers.
 ///
 /// # Errors
 ///
@@ -98,6 +100,7 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     let settings = config::load(path)?.settings;
     let frames = SafeFrames::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
+    let trusted = instance.iter().fold(TrustedUsers::find(), TrustedUsers::and_of);
     if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, frames.damp + PATIENCE))
     {
         tracing::info!("left to the dead man's switch");
@@ -109,7 +112,7 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
     let (mut opened, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for bus in &frames.buses {
-        match prepare(bus, open) {
+        match prepare(bus, &trusted, open) {
             Ok((interface, lock)) => {
                 opened.push(interface);
                 locks.push(lock);
@@ -172,8 +175,12 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
 }
 
 /// Opens an interface or a port, with its lock. While the lock is held, no daemon of any user or runtime directory drives
-/// it. Where the kernel gives no lock, the motors are stopped without one.
-fn prepare(bus: &InterfaceFrames, open: Open<'_>) -> Result<(Interface, Option<BusLock>), LeftOut> {
+/// it. Where the kernel gives no lock, or a process holds it that is no daemon, the motors are stopped without one.
+fn prepare(
+    bus: &InterfaceFrames,
+    trusted: &TrustedUsers,
+    open: Open<'_>,
+) -> Result<(Interface, Option<BusLock>), LeftOut> {
     if bus.baud.is_some() && !Path::new(&bus.interface).exists() {
         let reason = format!("{}: there is no such device", bus.interface);
         return Err(InterfaceError::Open { reason }.into());
@@ -183,9 +190,30 @@ fn prepare(bus: &InterfaceFrames, open: Open<'_>) -> Result<(Interface, Option<B
         None => bus.interface.parse().ok().map(BusLock::interface),
     };
     let lock = match lock {
-        Some(Err(held @ LockError::Held { .. })) => return Err(LeftOut::Driven(held)),
+        Some(Err(LockError::Held { holder, .. })) => {
+            refuse_driven(bus, holder, trusted)?;
+            None
+        }
         Some(Err(LockError::System { .. })) | None => None,
         Some(Ok(lock)) => Some(lock),
     };
     Ok((Interface::open(bus, open)?, lock))
+}
+
+/// Refuses an interface that a daemon drives: a process of a trusted user, `holder` or the one that holds its other name. Logs any
+/// other process.
+fn refuse_driven(bus: &InterfaceFrames, holder: Holder, trusted: &TrustedUsers) -> Result<(), LeftOut> {
+    let others = holders_of(bus)(&bus.interface, true);
+    let holders = || others.into_iter().flatten().chain([holder]);
+    if let Some(holder) = holders().find(|holder| holder.uid.is_some_and(|uid| trusted.contains(uid))) {
+        return Err(LeftOut::Driven(LockError::Held { bus: bus.interface.clone(), holder }));
+    }
+    tracing::warn!(
+        see = "lock-held",
+        "{holder} holds the lock of {} and is no daemon of this robot: the motors there are damped and stopped all the same. If it \
+         drives them, they may move again: {}",
+        bus.interface,
+        holder.remedy()
+    );
+    Ok(())
 }

@@ -7,7 +7,7 @@ use motord_core::stopper::Outlet;
 use std::os::fd::AsFd;
 
 use crate::channel::{Answer, Channel, Listener, Refusal, Request};
-use crate::interfaces::{Interface, Interfaces};
+use crate::interfaces::{Interface, Interfaces, Locked};
 use crate::safe_frames::{InterfaceError, SafeFrames};
 use crate::switch::{Cause, Switch};
 
@@ -203,7 +203,8 @@ impl Supervised {
         }
         match self.watch.step(self.connected, self.pid) {
             Some(News::Over(cause)) => {
-                tracing::warn!(pid = self.pid, see = "switch-acted", "damped or stopped its motors: {cause}");
+                let outcome = self.watch.interfaces.outcome();
+                tracing::warn!(pid = self.pid, see = "switch-acted", "{cause}: {outcome}");
             }
             Some(News::Stalled(cause)) => tracing::error!(
                 pid = self.pid,
@@ -237,12 +238,11 @@ impl Watch {
             self.interfaces.begin(now);
             self.stalled = false;
         }
-        if acted.is_none() || late {
-            // A successor has had the time to start only if this process was frozen. Until then, and while the daemon lives,
-            // its own lock is the only possible one.
-            self.leave_successors(pid, late && !connected);
-        }
+        // A successor has had the time to start only if this process was frozen. Until then, and while the daemon lives, its own lock
+        // is the only possible one.
+        let locked = (acted.is_none() || late).then(|| self.interfaces.leave_driven(pid, late && !connected));
         self.interfaces.round(now);
+        locked.iter().flatten().for_each(|locked| log_locked(pid, locked));
         if self.interfaces.due().is_none() {
             self.switch.served();
             return Some(News::Over(cause));
@@ -251,16 +251,20 @@ impl Watch {
         self.stalled |= self.interfaces.is_stalled();
         (self.stalled && !logged).then_some(News::Stalled(cause))
     }
+}
 
-    /// A switch that was suspended may find that the dead daemon has a successor, whose registration still waits.
-    fn leave_successors(&mut self, pid: i32, unknown_is_other: bool) {
-        if let Some(successor) = self.interfaces.leave_driven(pid, unknown_is_other) {
-            tracing::warn!(
-                pid,
-                see = "interface-in-use",
-                "is dead, but {successor} drives its interfaces: they are left alone"
-            );
-        }
+/// Logs who holds a lock of the dead daemon `pid`.
+fn log_locked(pid: i32, Locked { interface, holder, is_daemon }: &Locked) {
+    if *is_daemon {
+        tracing::warn!(pid, see = "interface-in-use", "{holder} drives {interface} now: it is left alone");
+    } else {
+        tracing::error!(
+            pid,
+            see = "lock-held",
+            "{holder} holds the lock of {interface} and is no daemon of this robot: the motors there are damped all the same. To let \
+             motord start, {}",
+            holder.remedy()
+        );
     }
 }
 

@@ -7,10 +7,11 @@ use crate::deadman::{DAMPING, Recorder, Switch, beating, safe_frames};
 use crate::player::{Player, become_user};
 use crate::registrar::Registration;
 use crate::safe_stop::{can, configuration, motord, no_can, text};
-use motord_bus::{BusLock, Holder, candump, clock};
+use motord_bus::{BusLock, candump, clock};
 use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
 use motord_deadman::safe_frames::InterfaceError;
+use motord_deadman::safe_stop::safe_stop;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
 use motord_ports::stop_socket::{self, AskedStop, CONFIRMED, StopError};
@@ -141,18 +142,44 @@ fn safe_stop_believes_no_switch_of_a_member() {
     assert!(begun.elapsed() < Duration::from_secs(2), "{said}");
 }
 
-/// Fills the queue of connections to the lock of `interface`, as any user can: the holder is unknown
-/// from then on.
+/// Variable for a process that becomes another user and holds the lock of an interface: its name.
+const PLAY_HOLDER: &str = "MOTORD_TEST_PLAY_HOLDER";
+
+/// Starts a process of an outsider that holds the lock of `interface`. `None` where no outsider can be played.
+fn outsider(interface: &str) -> Option<Player> {
+    if !nix::unistd::geteuid().is_root() {
+        println!("NOT TESTED: only root can become another user");
+        return None;
+    }
+    Some(Player::start("impostors::plays_the_holder", &[(PLAY_HOLDER, interface.as_ref())], "holds"))
+}
+
+/// Runs in the process of [`outsider`]; not a test of its own.
+#[test]
+fn plays_the_holder() {
+    let Ok(interface) = std::env::var(PLAY_HOLDER) else { return };
+    become_user(MEMBER);
+    let _lock = BusLock::interface(interface.parse().unwrap()).unwrap();
+    println!("holds");
+    sleep(PATIENCE);
+}
+
+fn hidden(interface: &str) -> bool {
+    let name = BusLock::holders_of_interface(interface, false)[1];
+    name.is_some_and(|holder| holder.uid.is_none())
+}
+
+/// Fills the queue of connections to the lock of `interface`, as any user can: no connection shows the holder from then on.
 fn hide_holder(interface: &str) {
     let begun = Instant::now();
-    while BusLock::holder_of_interface(interface) != Some(Holder(None)) {
+    while !hidden(interface) {
         assert!(begun.elapsed() < PATIENCE, "the kernel still names the holder");
     }
 }
 
-/// Returns the number of frames that a switch sends for a daemon that died, where another process
-/// holds the interface's lock and the holder is hidden. The switch was frozen for `frozen` meanwhile.
-fn frames_beside_hidden_holder(frozen: Duration) -> usize {
+/// Returns the number of frames that a switch sends for a daemon that died. `hold` makes another process hold the lock of the interface
+/// meanwhile. The switch is frozen for `frozen`.
+fn frames_beside<T>(name: &str, frozen: Duration, hold: impl FnOnce(&str) -> T) -> usize {
     let directory = TempDir::new().unwrap();
     let instance = Instance::below(directory.path(), "test").unwrap();
     let (sends, sent) = channel();
@@ -160,15 +187,14 @@ fn frames_beside_hidden_holder(frozen: Duration) -> usize {
         |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sends))) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let mut frames = safe_frames();
-    frames.buses[0].interface = no_can("hide");
+    frames.buses[0].interface = no_can(name);
     let interface = frames.buses[0].interface.clone();
     let (heartbeat, pulse) = beating();
     let daemon = Channel::connect(&instance, PATIENCE).unwrap();
     daemon.send(&Request::Register(frames), Some(&pulse)).unwrap();
     (0..2).for_each(|_| server.turn(clock::monotonic() + PATIENCE));
-    let _successor = BusLock::interface(interface.parse().unwrap()).unwrap();
-    hide_holder(&interface);
-    // Filling the queue took time. These turns show the switch that it runs, and that the daemon does.
+    let _held = hold(&interface);
+    // That took time. These turns show the switch that it runs, and that the daemon does.
     for cycle in 2..4 {
         heartbeat.beat(cycle);
         server.turn(clock::monotonic());
@@ -180,10 +206,77 @@ fn frames_beside_hidden_holder(frozen: Duration) -> usize {
     sent.try_iter().count()
 }
 
+fn hidden_successor(interface: &str) -> BusLock {
+    let successor = BusLock::interface(interface.parse().unwrap()).unwrap();
+    hide_holder(interface);
+    successor
+}
+
+/// Longer than the switch may be late without a successor.
+const FROZEN: Duration = Duration::from_millis(600);
+
 /// Goal: a switch that continues after SIGSTOP damps no motor of a living successor, although an
 /// outsider hides who drives the interface. A switch that was not frozen damps as ever.
 #[test]
 fn frozen_switch_leaves_hidden_successor_alone() {
-    assert_eq!(frames_beside_hidden_holder(Duration::from_millis(600)), 0);
-    assert!(frames_beside_hidden_holder(Duration::ZERO) > 3, "no successor can be there so soon");
+    assert_eq!(frames_beside("hide", FROZEN, hidden_successor), 0);
+    assert!(frames_beside("hide", Duration::ZERO, hidden_successor) > 3, "no successor can be there so soon");
+}
+
+/// Goal: an outsider who takes the name of a lock, which is free once the daemon is dead, keeps no motor driven.
+#[test]
+fn outsider_with_lock_stops_no_damping() {
+    let plays = |interface: &str| outsider(interface).unwrap();
+    if outsider(&no_can("probe")).is_none() {
+        return;
+    }
+    for (frozen, name) in [(0, "o0"), (5, "o5"), (50, "o50"), (600, "o600")] {
+        let frozen = Duration::from_millis(frozen);
+        assert!(frames_beside(name, frozen, plays) > 3, "late by {frozen:?}");
+        let hides = |interface: &str| {
+            let outsider = plays(interface);
+            hide_holder(interface);
+            outsider
+        };
+        assert!(frames_beside(&format!("h{name}"), frozen, hides) > 3, "late by {frozen:?}, and hidden");
+    }
+}
+
+/// Goal: the same for `motord safe-stop`, which ends with success. It names the holder, and what ends it.
+#[test]
+fn safe_stop_damps_beside_outsider() {
+    for hides in [false, true] {
+        let (interface, directory) = (no_can(if hides { "veil" } else { "out" }), TempDir::new().unwrap());
+        let Some(holder) = outsider(&interface) else { return };
+        if hides {
+            hide_holder(&interface);
+        }
+        let (recorder, sent) = channel();
+        let path = configuration(directory.path(), &can(&interface));
+        safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder))), &mut |_| None).unwrap();
+        assert!(sent.try_iter().count() > 6, "hides: {hides}");
+        let said = text(&motord(directory.path(), &["safe-stop"], &path).output().unwrap());
+        let (held, ends) = match hides {
+            false => (format!("process {} (", holder.id()), format!("sudo kill {}", holder.id())),
+            true => ("another process of user 65534".to_owned(), "sudo ss -xap".to_owned()),
+        };
+        assert!(said.contains(&held) && said.contains(&ends) && said.contains(&interface), "{said}");
+    }
+}
+
+/// Goal: `motord run` says who holds the lock of its bus, and what ends that.
+#[test]
+fn refused_daemon_names_holder_and_remedy() {
+    let (interface, directory) = (no_can("run"), TempDir::new().unwrap());
+    let Some(holder) = outsider(&interface) else { return };
+    let config = configuration(directory.path(), &can(&interface));
+    let output = motord(directory.path(), &["run"], &config).output().unwrap();
+    let said = text(&output);
+    assert_eq!(output.status.code(), Some(75), "{said}");
+    let expected = [
+        format!("process {} (", holder.id()),
+        "of user 65534; ".into(),
+        format!("`sudo kill {}`", holder.id()),
+    ];
+    assert!(expected.iter().all(|part| said.contains(part)), "{said}");
 }

@@ -25,6 +25,8 @@ pub mod clock;
 pub mod conformance;
 pub mod frame;
 #[cfg(feature = "linux")]
+mod holder;
+#[cfg(feature = "linux")]
 mod identity;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 #[cfg(feature = "linux")]
@@ -45,10 +47,12 @@ mod wait;
 pub use adapter::{Adapter, Difference};
 pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
 #[cfg(feature = "linux")]
+pub use holder::Holder;
+#[cfg(feature = "linux")]
 pub use identity::Identity;
 pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
-pub use lock::{BusLock, Holder, LockError};
+pub use lock::{BusLock, LockError};
 pub use readiness::{Clock, MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
 pub use virtual_clock::VirtualClock;

@@ -10,10 +10,9 @@
 use std::os::fd::{AsRawFd, OwnedFd};
 
 use nix::errno::Errno;
-use nix::sys::socket::{
-    AddressFamily, Backlog, SockFlag, SockType, UnixAddr, bind, connect, getsockopt, listen, socket, sockopt,
-};
+use nix::sys::socket::{Backlog, UnixAddr, bind, listen};
 
+use crate::holder::{Holder, listener, open, owner};
 use crate::identity::Identity;
 use crate::socketcan::InterfaceName;
 
@@ -44,7 +43,7 @@ enum Named {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LockError {
     /// Another process holds the lock.
-    #[error("{bus} is in use by {holder}; stop that process first")]
+    #[error("{bus} is in use by {holder}; {}", .holder.remedy())]
     Held {
         /// The interface or the device.
         bus: String,
@@ -59,20 +58,6 @@ pub enum LockError {
         /// The error of the kernel.
         errno: Errno,
     },
-}
-
-/// The process that holds a bus. `None` when it is in another process namespace, or is just taking
-/// the lock.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Holder(pub Option<u32>);
-
-impl core::fmt::Display for Holder {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self.0 {
-            Some(pid) => write!(f, "process {pid}"),
-            None => f.write_str("another process"),
-        }
-    }
 }
 
 impl BusLock {
@@ -105,18 +90,22 @@ impl BusLock {
         Self::acquire(Named::Device(device.to_owned()))
     }
 
-    /// Returns the holder of the CAN interface `interface`; `None` when it is free. Neither blocks
-    /// nor waits for the holder; at most eight system calls.
+    /// Returns the processes that hold the interface or the name `interface`: one in each, of which one may be another process
+    /// than the other. Neither blocks nor waits for them; at most twelve system calls.
+    ///
+    /// Any user may hold a free name, and hide: see [`Holder`]. If `thorough`, names the user of one that hides, which takes at
+    /// most 80 ms and allocates.
     #[must_use]
-    pub fn holder_of_interface(interface: &str) -> Option<Holder> {
-        interface.parse().ok().and_then(|interface| Named::Interface(interface).holder())
+    pub fn holders_of_interface(interface: &str, thorough: bool) -> [Option<Holder>; 2] {
+        let interface = interface.parse().map(Named::Interface);
+        interface.map_or([None; 2], |interface| interface.holders(thorough))
     }
 
-    /// Returns the holder of the serial port `device`; `None` when it is free. Like
-    /// [`holder_of_interface`](Self::holder_of_interface), and it resolves the path.
+    /// Returns the processes that hold the serial port or the path `device`. Like
+    /// [`holders_of_interface`](Self::holders_of_interface), and it resolves the path.
     #[must_use]
-    pub fn holder_of_device(device: &str) -> Option<Holder> {
-        Named::Device(device.to_owned()).holder()
+    pub fn holders_of_device(device: &str, thorough: bool) -> [Option<Holder>; 2] {
+        Named::Device(device.to_owned()).holders(thorough)
     }
 
     /// Locks the interface or device that has the name now, and lets another one go: its index or number may already be that of
@@ -197,11 +186,15 @@ impl Named {
         .into_bytes()
     }
 
-    /// The process that drives the interface or device, else the one that waits for its name.
-    fn holder(&self) -> Option<Holder> {
-        let names =
-            self.identity().map(|identity| self.name_of(identity)).into_iter().chain([self.name_of_path()]);
-        names.filter_map(|name| holder(&UnixAddr::new_abstract(&name).ok()?)).next()
+    /// The process that drives the interface or device, and the one that has its name.
+    fn holders(&self, thorough: bool) -> [Option<Holder>; 2] {
+        let names = [self.identity().map(|identity| self.name_of(identity)), Some(self.name_of_path())];
+        names.map(|name| {
+            let name = name?;
+            let holder = listener(&name)?;
+            let is_hidden = thorough && holder.uid.is_none();
+            Some(if is_hidden { Holder { uid: owner(&name), ..holder } } else { holder })
+        })
     }
 
     fn lock(&self, name: &[u8]) -> Result<OwnedFd, LockError> {
@@ -212,7 +205,8 @@ impl Named {
         match bind(socket.as_raw_fd(), &address) {
             Ok(()) => {}
             Err(Errno::EADDRINUSE) => {
-                let holder = holder(&address).unwrap_or(Holder(None));
+                let found = listener(name).filter(|holder| holder.uid.is_some());
+                let holder = found.unwrap_or_else(|| Holder { pid: None, uid: owner(name) });
                 return Err(LockError::Held { bus: bus(), holder });
             }
             Err(errno) => return Err(failed(errno)),
@@ -230,32 +224,24 @@ fn name_of_device(device: &str) -> Vec<u8> {
     [b"motord/serial/", &bytes[bytes.len().saturating_sub(NAME_BYTES_MAX)..]].concat()
 }
 
-fn open() -> nix::Result<OwnedFd> {
-    let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
-    socket(AddressFamily::Unix, SockType::Stream, flags, None)
-}
-
-/// Returns the process that listens at `address`. The kernel stores its credentials, so it need not
-/// accept connections.
-fn holder(address: &UnixAddr) -> Option<Holder> {
-    let socket = open().ok()?;
-    match connect(socket.as_raw_fd(), address) {
-        Ok(()) => {
-            let pid = getsockopt(&socket, sockopt::PeerCredentials).map_or(0, |peer| peer.pid());
-            Some(Holder(u32::try_from(pid).ok().filter(|pid| *pid != 0)))
-        }
-        // The backlog is full of such connections, which the holder never accepts.
-        Err(Errno::EAGAIN) => Some(Holder(None)),
-        Err(_) => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use nix::sys::stat::{Mode, SFlag, makedev, mknod};
     use std::os::unix::fs::symlink;
     use std::path::Path;
+
+    fn this_process() -> Holder {
+        Holder { pid: Some(std::process::id()), uid: Some(nix::unistd::Uid::effective().as_raw()) }
+    }
+
+    fn holder_of_interface(name: InterfaceName) -> Option<Holder> {
+        BusLock::holders_of_interface(name.as_str(), false).into_iter().flatten().next()
+    }
+
+    fn holder_of_device(path: &str) -> Option<Holder> {
+        BusLock::holders_of_device(path, false).into_iter().flatten().next()
+    }
 
     /// Returns a name that no other test and no interface uses.
     fn interface(place: u32) -> InterfaceName {
@@ -265,10 +251,10 @@ mod tests {
     #[test]
     fn second_holder_learns_process_of_first() {
         let name = interface(0);
-        assert_eq!(BusLock::holder_of_interface(name.as_str()), None);
+        assert_eq!(holder_of_interface(name), None);
         let first = BusLock::interface(name).unwrap();
-        let holder = Holder(Some(std::process::id()));
-        assert_eq!(BusLock::holder_of_interface(name.as_str()), Some(holder));
+        let holder = this_process();
+        assert_eq!(holder_of_interface(name), Some(holder));
         let refused = BusLock::interface(name).unwrap_err();
         assert_eq!(refused, LockError::Held { bus: name.as_str().into(), holder });
         assert!(refused.to_string().contains(&std::process::id().to_string()));
@@ -289,8 +275,8 @@ mod tests {
         }
         let held = BusLock::device("/dev/null").unwrap();
         let node = node.to_str().unwrap();
-        let holder = Holder(Some(std::process::id()));
-        assert_eq!(BusLock::holder_of_device(node), Some(holder));
+        let holder = this_process();
+        assert_eq!(holder_of_device(node), Some(holder));
         assert_eq!(BusLock::device(node).unwrap_err(), LockError::Held { bus: node.into(), holder });
         drop(held);
         BusLock::device(node).unwrap();
@@ -305,7 +291,7 @@ mod tests {
         let mut lock = BusLock::device(adapter.to_str().unwrap()).unwrap();
         std::fs::remove_file(&adapter).unwrap();
         lock.follow().unwrap();
-        assert!(BusLock::holder_of_device(adapter.to_str().unwrap()).is_some(), "its name stays locked");
+        assert!(holder_of_device(adapter.to_str().unwrap()).is_some(), "its name stays locked");
         symlink(second, &adapter).unwrap();
         let other = BusLock::device(second).unwrap();
         assert!(matches!(lock.follow(), Err(LockError::Held { .. })));
@@ -335,7 +321,7 @@ mod tests {
         assert!(matches!(on_left.follow(), Err(LockError::Held { .. })), "until the other has let it go");
         on_right.follow().unwrap();
         on_left.follow().unwrap();
-        assert!([first, second].iter().all(|device| BusLock::holder_of_device(device).is_some()));
+        assert!([first, second].iter().all(|device| holder_of_device(device).is_some()));
 
         // One does not return, and the other gets its number.
         std::fs::remove_file(&left).unwrap();
@@ -368,9 +354,9 @@ mod tests {
         symlink(device, &link).unwrap();
         let link = link.to_str().unwrap();
         let first = BusLock::device(link).unwrap();
-        let holder = Holder(Some(std::process::id()));
+        let holder = this_process();
         assert_eq!(BusLock::device(device).unwrap_err(), LockError::Held { bus: device.into(), holder });
-        assert_eq!(BusLock::holder_of_device(device), Some(holder));
+        assert_eq!(holder_of_device(device), Some(holder));
         drop(first);
         BusLock::device(device).unwrap();
         BusLock::device(&format!("/dev/serial/by-id/{}", "x".repeat(300))).unwrap();

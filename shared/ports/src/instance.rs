@@ -29,7 +29,7 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 /// The runtime directory of a daemon that runs as a service.
-const SERVICE_RUNTIME: &str = "/run/motord";
+pub(crate) const SERVICE_RUNTIME: &str = "/run/motord";
 
 /// Marker below the instance's directory while its daemon opens the services.
 const OPENING: &str = "opening";

@@ -8,7 +8,7 @@
 //! - [`liveness`]: detects that a daemon is dead.
 //! - [`Presence`]: detects that the files of a daemon were removed.
 //! - [`stop_socket`]: the socket for emergency stops.
-//! - [`peer`]: users whose processes may answer on these sockets.
+//! - [`peer`]: users whose processes may answer on these sockets, and hold the locks.
 //! - [`injection`]: faults for simulated buses.
 //! - [`permission`]: advice for a user without permission.
 //! - [`clock`]: the clock of every time stamp.
@@ -45,7 +45,7 @@ pub use housekeeper::Housekeeper;
 pub use iceoryx::Payload;
 pub use imu::{ImuReceiver, ImuSender};
 pub use instance::{Attachment, Instance, InstanceError, InstanceLock};
-pub use peer::Impostor;
+pub use peer::{Impostor, TrustedUsers};
 pub use presence::Presence;
 pub use role::RoleLock;
 pub use service::ServiceError;

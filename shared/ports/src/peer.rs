@@ -1,21 +1,81 @@
-//! The users whose processes may answer for motord on a local socket.
+//! The users whose processes may answer for motord on a local socket, and hold its locks.
 
-use crate::instance::Instance;
+use crate::instance::{Instance, SERVICE_RUNTIME};
 use nix::sys::socket::{UnixCredentials, getsockopt, sockopt};
 use nix::unistd::Uid;
+use std::fmt::{self, Display, Formatter};
 use std::fs;
 use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 
 /// A process that answers on a socket of motord, and whose user is not trusted with that.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("process {pid} of user {uid} answers instead of motord: end that process")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Impostor {
     /// Its process id; 0 when it lives in another process namespace.
     pub pid: i32,
     /// Its user.
     pub uid: u32,
+}
+
+impl std::error::Error for Impostor {}
+
+/// Reads the program's name from `/proc`: it may be that of a later process with the same id.
+impl Display for Impostor {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self { pid, uid } = self;
+        let program = program(*pid).map(|program| format!(" ({program})")).unwrap_or_default();
+        write!(
+            f,
+            "process {pid}{program} of user {uid} answers instead of motord: end that process, `sudo kill {pid}`"
+        )
+    }
+}
+
+/// Returns the name of the program of process `pid`. The process chooses it, so other characters than printable ASCII are omitted.
+fn program(pid: i32) -> Option<String> {
+    let name = fs::read(format!("/proc/{pid}/comm")).ok()?;
+    let name: String =
+        name.iter().filter(|byte| (b' '..=b'~').contains(byte)).map(|byte| *byte as char).collect();
+    (!name.is_empty()).then_some(name)
+}
+
+/// Users whose processes count as motord for this process, wherever their daemon runs.
+///
+/// They are root, this user, the user who became root by `sudo` for this process, and the owner of `/run/motord`, as whom the service
+/// runs. Only root can create that directory.
+#[derive(Debug, Clone)]
+pub struct TrustedUsers(Vec<u32>);
+
+impl TrustedUsers {
+    /// Finds them.
+    #[must_use]
+    pub fn find() -> Self {
+        let mut users = vec![0, Uid::effective().as_raw()];
+        if Uid::effective().is_root() {
+            users.extend(std::env::var("SUDO_UID").ok().and_then(|uid| uid.parse::<u32>().ok()));
+        }
+        users.extend(owner(Path::new(SERVICE_RUNTIME)));
+        Self(users)
+    }
+
+    /// Adds the owner of the runtime directory of `instance`, which this process was told to use.
+    #[must_use]
+    pub fn and_of(mut self, instance: &Instance) -> Self {
+        self.0.extend(owner(instance.runtime()));
+        self
+    }
+
+    /// Returns true for one of them.
+    #[must_use]
+    pub fn contains(&self, uid: u32) -> bool {
+        self.0.contains(&uid)
+    }
+}
+
+fn owner(directory: &Path) -> Option<u32> {
+    fs::metadata(directory).ok().map(|found| found.uid())
 }
 
 /// Checks that the process at the other end of `socket`, a connected Unix socket, belongs to root,
@@ -37,6 +97,9 @@ pub(crate) fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), Im
     if [0, Uid::effective().as_raw()].contains(&peer.uid()) {
         return Ok(());
     }
-    let owner = fs::metadata(instance.runtime()).ok().map(|found| found.uid());
-    if owner == Some(peer.uid()) { Ok(()) } else { Err(Impostor { pid: peer.pid(), uid: peer.uid() }) }
+    if owner(instance.runtime()) == Some(peer.uid()) {
+        Ok(())
+    } else {
+        Err(Impostor { pid: peer.pid(), uid: peer.uid() })
+    }
 }

@@ -488,9 +488,10 @@ fn interface_owner_is_known_by_lock_and_filters() {
     let tree = fixture.tree();
     let owner = |name: &str| owners::interface(&tree, name);
     let _lock = BusLock::interface(driven.parse().unwrap()).unwrap();
-    assert_finding(&owner(&driven), Level::Good, &format!("motord, process {pid}"), None);
+    let user = nix::unistd::geteuid();
+    assert_finding(&owner(&driven), Level::Good, &format!("motord, process {pid} of user {user}"), None);
     fixture.write(&format!("proc/{pid}/comm"), "motorctl");
-    assert_finding(&owner(&driven), Level::Warn, &format!("motorctl, process {pid}"), None);
+    assert_finding(&owner(&driven), Level::Warn, &format!("motorctl, process {pid} of user {user}"), None);
     assert_finding(&owner(&free), Level::Good, "nobody", None);
     let list = "receive list 'rx_all':\n  (can1: no entry)\n  device   can_id   can_mask  function  userdata   matches  ident\n\
          \x20  NAME     000    00000000  f88e6370  f6c6f400         0  raw\n   NAME1    000    00000000  0  0  0  raw";
