@@ -3,7 +3,7 @@
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject};
 use crate::members::{JointKey, Members, Slot};
 use crate::{Error, Setpoint, State};
-use motord_ports::{SetpointPort, clock};
+use motord_ports::{ForkGuard, SetpointPort, clock};
 use motord_shared::description::{JointLimits, RobotDescription};
 use motord_shared::{Lease, Operation, Phase, SetpointMessage};
 use std::sync::Arc;
@@ -17,7 +17,8 @@ const RELEASE_TIMEOUT: Duration = Duration::from_millis(100);
 const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 
 /// Ownership of a group. Dropping it releases the group; an active group is stopped. A claim
-/// belongs to the process that created it and ends with it. A forked process cannot use it.
+/// belongs to the process that created it and ends with it. In a forked process calls return
+/// [`Error::Forked`], and dropping it does nothing.
 ///
 /// [`set`](Self::set) and [`hold`](Self::hold) store setpoints by name; each stays until it is
 /// replaced. [`commit`](Self::commit) sends the stored setpoints. [`send`](Self::send) stores and
@@ -25,7 +26,7 @@ const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 #[derive(Debug)]
 pub struct Claim {
     link: Arc<Connection>,
-    port: SetpointPort,
+    port: ForkGuard<SetpointPort>,
     members: Arc<Members>,
     /// The stored setpoints. The sequence is 0 until the first message is sent.
     message: SetpointMessage,
@@ -110,6 +111,7 @@ impl Claim {
     /// [`Error::BadSetpoint`] for a value that is not finite or a negative gain. The previous
     /// setpoint remains after an error.
     pub fn set(&mut self, joint: impl JointKey, setpoint: Setpoint) -> Result<(), Error> {
+        self.link.check_process()?;
         let place = joint.place(&self.members)?;
         self.put(place, self.members.checked(place, setpoint)?);
         Ok(())
@@ -132,6 +134,7 @@ impl Claim {
     /// [`Error::BadSetpoint`] for a gain that is not finite or negative; [`Error::Restarted`] for a
     /// state of another daemon. No setpoint changes after an error.
     pub fn hold(&mut self, state: &State, kp: f32, kd: f32) -> Result<(), Error> {
+        self.link.check_process()?;
         let members = Arc::clone(&self.members);
         if state.boot_id() != members.boot_id {
             return Err(Error::Restarted);
@@ -164,6 +167,7 @@ impl Claim {
     /// # Errors
     /// [`Error::HorizonTooLong`]; the horizon stays as it was.
     pub fn set_horizon(&mut self, horizon: Duration) -> Result<(), Error> {
+        self.link.check_process()?;
         let most = self.members.horizon_max;
         let nanos = u32::try_from(horizon.as_nanos()).ok().filter(|_| horizon <= most);
         self.message.horizon_ns = nanos.ok_or(Error::HorizonTooLong { horizon, most })?;
@@ -177,6 +181,7 @@ impl Claim {
     /// # Errors
     /// [`Error::NotSet`] naming a joint without a setpoint; those of [`send`](Self::send).
     pub fn commit(&mut self) -> Result<(), Error> {
+        self.link.check_process()?;
         if let Some(place) = (0..self.members.joints.len()).find(|place| self.set >> place & 1 == 0) {
             return Err(Error::NotSet { joint: self.members.names[place].clone() });
         }
@@ -198,6 +203,7 @@ impl Claim {
     /// restart; [`Error::NotRunning`] or [`Error::Silent`] when no states arrive. The setpoints may
     /// have been sent nevertheless; another daemon does not use them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
+        self.link.check_process()?;
         let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
@@ -290,9 +296,10 @@ impl Claim {
 
     /// Sends the message with the next sequence number and the current time.
     fn transmit(&mut self) -> Result<(), Error> {
+        let port = self.port.get()?;
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();
-        let sent = self.port.send(&self.message);
+        let sent = port.send(&self.message);
         // A repeated message answers no state.
         self.message.cycle = 0;
         sent.map_err(|error| Error::of_service(error, self.link.instance()))
@@ -337,7 +344,8 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        if self.released || self.link.check_alive().is_err() {
+        let is_foreign = self.link.check_process().is_err();
+        if is_foreign || self.released || self.link.check_alive().is_err() {
             return;
         }
         // The daemon stops the group at the setpoint timeout if it does not receive this request.

@@ -4,7 +4,7 @@ use crate::state::Group;
 use motord_ports::permission::advice;
 use motord_ports::service::{self, Obstacle, Part};
 use motord_ports::stop_socket::StopError;
-use motord_ports::{Instance, InstanceError, ServiceError};
+use motord_ports::{Forked, Instance, InstanceError, ServiceError};
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::{Cause, Operation, Phase, Refusal, Rejection};
@@ -225,12 +225,23 @@ pub enum Error {
         /// The requested operation.
         operation: Operation,
     },
+    /// The calling process was forked from the one that created the object.
+    #[error(
+        "a forked process cannot use the connection of its parent: connect again in this process, or fork before you connect"
+    )]
+    Forked,
     /// The instance's name or directory cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),
     /// A service cannot be used.
     #[error(transparent)]
     Service(#[from] ServiceError),
+}
+
+impl From<Forked> for Error {
+    fn from(Forked: Forked) -> Self {
+        Self::Forked
+    }
 }
 
 /// Returns advice where no daemon runs; `died` is the process that did not stop its motors.
@@ -271,7 +282,8 @@ impl Error {
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
             | Self::HorizonTooLong { .. }
-            | Self::OtherClaim => 64,
+            | Self::OtherClaim
+            | Self::Forked => 64,
             Self::Instance(error) if error.is_a_setting() => 64,
             Self::Permission { .. }
             | Self::Instance(InstanceError::NotPrivate { .. } | InstanceError::NotOurs { .. }) => 77,
@@ -314,7 +326,8 @@ impl Error {
             | Self::BadSetpoint { .. }
             | Self::HorizonTooLong { .. }
             | Self::OtherClaim
-            | Self::NotUnderstood { .. } => false,
+            | Self::NotUnderstood { .. }
+            | Self::Forked => false,
         }
     }
 

@@ -104,6 +104,7 @@
 //!   the reset to a person who has inspected the robot.
 //! - The daemon received no setpoint for too long, or another process released the group:
 //!   [`Error::ClaimLost`].
+//! - The process was forked from the one that connected: [`Error::Forked`].
 //!
 //! [`Error::is_transient`] separates the errors after which the same program may retry from those
 //! that need a person:
@@ -127,6 +128,18 @@
 //! threads gets each state: two control loops need a client each. A thread that waits for a state
 //! delays neither the setpoints nor the emergency stop of another thread. Ordinary requests of one
 //! client run one after the other; an emergency stop waits for none.
+//!
+//! # Forks
+//!
+//! A [`Client`], [`Claim`], [`ImuPublisher`] and [`Records`] belong to the process that created them.
+//! In a forked process each call that needs the daemon returns [`Error::Forked`], and dropping them
+//! does nothing: the parent keeps its claim. The child may connect anew. States, names and limits
+//! are plain values and stay readable. [`Client::emergency_stop`] and
+//! [`Client::emergency_stop_signal_safe`] stop the robot from a forked process too.
+//!
+//! The check makes no system call. It detects each child that has a copy of the memory, whichever
+//! call created it. A child that shares the memory, one of `vfork` or of `clone` with `CLONE_VM`, is
+//! not detected: it may only call `execve` or `_exit`.
 
 #![forbid(unsafe_code)]
 
@@ -158,6 +171,8 @@ pub use members::{JointKey, Slot};
 pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_ports::service::{Obstacle, Part, ServiceError};
 pub use motord_ports::stop_socket::{RunningInstance, StopError, running as running_instances};
+#[doc(hidden)]
+pub use motord_ports::{Creator, Forked};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
     ControlLatency, EncodedHistogram, FirstStop, GroupDescription, GroupHistory, Histograms, ImuDescription,

@@ -10,6 +10,9 @@
 //! A thread that sleeps until the next state holds no lock. Sending a setpoint waits only for
 //! `robot`: it only tries `view`, which a spinning thread holds most of the time. An emergency stop
 //! waits only for another emergency stop.
+//!
+//! In a forked process a lock may be held by a thread that does not exist there. Therefore each
+//! function takes the ports, which are refused there, before any lock.
 
 use crate::error::{Error, Stop};
 use crate::imu::Imu;
@@ -19,7 +22,7 @@ use motord_ports::instance::{Attachment, pid_namespace};
 use motord_ports::service::{Obstacle, ServiceError};
 use motord_ports::stop_socket::{StopError, StopPath};
 use motord_ports::{
-    ClientPorts, ImuSender, Instance, RecordPort, SetpointPort, StateEvents, clock, liveness,
+    ClientPorts, ForkGuard, ImuSender, Instance, RecordPort, SetpointPort, StateEvents, clock, liveness,
 };
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::JOINTS_MAX;
@@ -74,11 +77,11 @@ impl Subject {
 #[derive(Debug)]
 pub(crate) struct Connection {
     instance: Instance,
-    ports: ClientPorts,
+    ports: ForkGuard<ClientPorts>,
     /// Found beforehand: a signal handler may use it.
     stop_path: Result<StopPath, StopError>,
     /// Empty until the caller wants a file descriptor.
-    events: OnceLock<StateEvents>,
+    events: OnceLock<ForkGuard<StateEvents>>,
     view: Mutex<View>,
     /// The description from the daemon whose states arrive. A restart replaces it, with another
     /// boot id.
@@ -120,7 +123,7 @@ impl Connection {
         let stop_path = StopPath::of(&instance).map_err(StopError::System);
         let link = Self {
             instance,
-            ports,
+            ports: ForkGuard::new(ports),
             stop_path,
             events: OnceLock::new(),
             view: Mutex::default(),
@@ -141,17 +144,20 @@ impl Connection {
     /// Processes the states that have arrived, and returns the newest. After a state of another
     /// daemon, first reads the description of the robot, which may take up to [`ANSWER_TIMEOUT`].
     pub(crate) fn poll(&self) -> Result<MutexGuard<'_, View>, Error> {
-        self.take_in(locked(&self.view), Wanted::All)
+        let ports = self.ports.get()?;
+        self.take_in(ports, locked(&self.view), Wanted::All)
     }
 
     /// Works like [`poll`](Self::poll), but stops after one state of the known daemon.
     pub(crate) fn glance(&self) -> Result<MutexGuard<'_, View>, Error> {
-        self.take_in(locked(&self.view), Wanted::One)
+        let ports = self.ports.get()?;
+        self.take_in(ports, locked(&self.view), Wanted::One)
     }
 
     /// Works like [`poll`](Self::poll), but skips when another thread holds the view.
     pub(crate) fn refresh(&self) -> Result<(), Error> {
-        self.try_view().map_or(Ok(()), |view| self.take_in(view, Wanted::All).map(drop))
+        let ports = self.ports.get()?;
+        self.try_view().map_or(Ok(()), |view| self.take_in(ports, view, Wanted::All).map(drop))
     }
 
     fn try_view(&self) -> Option<MutexGuard<'_, View>> {
@@ -164,11 +170,12 @@ impl Connection {
 
     fn take_in<'a>(
         &'a self,
+        ports: &ClientPorts,
         mut view: MutexGuard<'a, View>,
         wanted: Wanted,
     ) -> Result<MutexGuard<'a, View>, Error> {
         let mut arrived = None;
-        let taken = self.ports.take_states(|message| {
+        let taken = ports.take_states(|message| {
             let state = arrived.insert(view.places.copy(message));
             match wanted {
                 Wanted::One if state.boot_id() == self.boot_id() => ControlFlow::Break(()),
@@ -199,13 +206,13 @@ impl Connection {
     /// Returns the number of states so far, for [`sleep`](Self::sleep). Call it before checking for
     /// a state.
     pub(crate) fn published(&self) -> Option<u32> {
-        self.ports.published()
+        self.ports.get().ok()?.published()
     }
 
     /// Sleeps until the daemon has published more than `seen` states, at most for `at_most`. May
     /// return early.
     pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
-        self.ports.sleep(seen, at_most).map_err(|error| match error.obstacle {
+        self.ports.get()?.sleep(seen, at_most).map_err(|error| match error.obstacle {
             // The file was removed with its daemon.
             Obstacle::Version if self.is_dead() => self.gone(),
             _ => Error::of_service(error, &self.instance),
@@ -391,11 +398,12 @@ impl Connection {
         timeout: Duration,
         mut meanwhile: impl FnMut() -> Result<(), Error>,
     ) -> Result<(AdminReply, Vec<u8>), Error> {
+        let ports = self.ports.get()?;
         let deadline = Instant::now() + timeout;
         let unanswered = || self.unanswered(operation, timeout);
         let _turn = self.turn(operation, deadline).ok_or_else(unanswered)?;
         let of_service = |error| Error::of_service(error, &self.instance);
-        let question = self.ports.ask(subject.request(operation)).map_err(of_service)?;
+        let question = ports.ask(subject.request(operation)).map_err(of_service)?;
         loop {
             meanwhile()?;
             match question.answer().map_err(of_service)? {
@@ -457,35 +465,45 @@ impl Connection {
         serde_json::from_slice(&text).map_err(|_| Error::NotUnderstood { operation })
     }
 
-    pub(crate) fn record_port(&self) -> Result<RecordPort, Error> {
-        self.ports.record_port().map_err(|error| match error.obstacle {
+    pub(crate) fn record_port(&self) -> Result<ForkGuard<RecordPort>, Error> {
+        let port = self.ports.get()?.record_port();
+        port.map(ForkGuard::new).map_err(|error| match error.obstacle {
             // The daemon's version lacks this service.
             Obstacle::Missing if !self.is_dead() => Error::version(error.part, &self.instance),
             _ => Error::of_service(error, &self.instance),
         })
     }
 
-    pub(crate) fn imu_sender(&self) -> Result<ImuSender, Error> {
-        self.ports.imu_sender().map_err(|error| Error::of_service(error, &self.instance))
+    pub(crate) fn imu_sender(&self) -> Result<ForkGuard<ImuSender>, Error> {
+        let port = self.ports.get()?.imu_sender();
+        port.map(ForkGuard::new).map_err(|error| Error::of_service(error, &self.instance))
     }
 
-    pub(crate) fn setpoint_port(&self) -> Result<SetpointPort, Error> {
-        self.ports.setpoint_port().map_err(|error| Error::of_service(error, &self.instance))
+    pub(crate) fn setpoint_port(&self) -> Result<ForkGuard<SetpointPort>, Error> {
+        let port = self.ports.get()?.setpoint_port();
+        port.map(ForkGuard::new).map_err(|error| Error::of_service(error, &self.instance))
+    }
+
+    /// Checks that the calling process opened this connection. Allocates nothing, and makes no system call.
+    pub(crate) fn check_process(&self) -> Result<(), Error> {
+        self.ports.get()?;
+        Ok(())
     }
 
     /// Returns a file descriptor that becomes readable with each state.
     pub(crate) fn file_descriptor(&self) -> Result<BorrowedFd<'_>, Error> {
+        let ports = self.ports.get()?;
         if let Some(events) = self.events.get() {
-            return Ok(events.as_fd());
+            return Ok(events.get()?.as_fd());
         }
-        let events = self.ports.state_events().map_err(|error| Error::of_service(error, &self.instance))?;
-        Ok(self.events.get_or_init(|| events).as_fd())
+        let events = ports.state_events().map_err(|error| Error::of_service(error, &self.instance))?;
+        Ok(self.events.get_or_init(|| ForkGuard::new(events)).get()?.as_fd())
     }
 
     /// Makes the file descriptor unreadable until the next state, if the caller wanted one.
     pub(crate) fn clear_events(&self) -> Result<(), Error> {
-        let cleared = self.events.get().map_or(Ok(()), StateEvents::clear);
-        cleared.map_err(|error| Error::of_service(error, &self.instance))
+        let Some(events) = self.events.get() else { return Ok(()) };
+        events.get()?.clear().map_err(|error| Error::of_service(error, &self.instance))
     }
 
     /// Stops every motor through the socket alone. Async-signal-safe.

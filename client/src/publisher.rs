@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::link::Connection;
-use motord_ports::{ImuSender, clock};
+use motord_ports::{ForkGuard, ImuSender, clock};
 use motord_shared::description::RobotDescription;
 use motord_shared::message::ImuMessage;
 use std::collections::hash_map::RandomState;
@@ -34,13 +34,14 @@ pub struct ImuSample {
 #[derive(Debug)]
 pub struct ImuPublisher {
     link: Arc<Connection>,
-    port: ImuSender,
+    port: ForkGuard<ImuSender>,
     name: String,
     message: ImuMessage,
 }
 
 impl ImuPublisher {
     pub(crate) fn new(link: Arc<Connection>, name: &str) -> Result<Self, Error> {
+        link.check_process()?;
         let imu = external(&link.robot(), name)?;
         let boot_id = link.boot_id();
         let port = link.imu_sender()?;
@@ -66,7 +67,8 @@ impl ImuPublisher {
         self.message.angular_velocity = sample.angular_velocity;
         self.message.acceleration = sample.acceleration;
         self.message.temperature = sample.temperature.unwrap_or(f32::NAN);
-        self.port.send(&self.message).map_err(|error| Error::of_service(error, self.link.instance()))?;
+        let sent = self.port.get()?.send(&self.message);
+        sent.map_err(|error| Error::of_service(error, self.link.instance()))?;
         self.link.check_alive()?;
         self.check_publisher()
     }
@@ -74,6 +76,10 @@ impl ImuPublisher {
     /// Returns `true` if the daemon used a sample of this publisher last, by the newest state.
     #[must_use]
     pub fn is_used(&self) -> bool {
+        // Without a check, a forked process would read the last state before the fork.
+        if self.port.get().is_err() {
+            return false;
+        }
         let imu = self.link.try_imu(self.message.imu as usize);
         imu.is_some_and(|imu| !imu.lost && imu.publisher == self.message.publisher)
     }

@@ -2,7 +2,7 @@
 
 use crate::Error;
 use crate::link::Connection;
-use motord_ports::RecordPort;
+use motord_ports::{ForkGuard, RecordPort};
 use motord_shared::CycleRecord;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 #[derive(Debug)]
 pub struct Records {
     // Declared before the link: the attachment must be dropped last.
-    port: RecordPort,
+    port: ForkGuard<RecordPort>,
     link: Arc<Connection>,
     heard: Instant,
     /// The sequence number and boot id of the previous record.
@@ -37,7 +37,8 @@ impl Records {
     /// [`Error::Restarted`] with each call after another daemon has started; otherwise the error of
     /// a damaged connection.
     pub fn take(&mut self, record: &mut CycleRecord) -> Result<bool, Error> {
-        let taken = self.port.take(record).map_err(|error| Error::of_service(error, self.link.instance()))?;
+        let taken = self.port.get()?.take(record);
+        let taken = taken.map_err(|error| Error::of_service(error, self.link.instance()))?;
         if !taken {
             let silent_for = self.heard.elapsed();
             return if silent_for < PATIENCE { Ok(false) } else { Err(self.link.gone_for(silent_for)) };

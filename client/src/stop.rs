@@ -37,7 +37,8 @@ pub fn emergency_stop_in(runtime: &Path, instance: &str) -> Result<(), Error> {
     stop(&Instance::below(runtime, instance).map_err(Error::of_instance)?)
 }
 
-fn stop(instance: &Instance) -> Result<(), Error> {
+/// Damps and stops every motor of `instance`.
+pub(crate) fn stop(instance: &Instance) -> Result<(), Error> {
     let mut first = FirstWay::send(instance);
     if first.is_confirmed(FIRST_WAY) {
         return Ok(());

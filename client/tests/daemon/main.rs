@@ -5,6 +5,8 @@
 mod claims;
 mod connection;
 mod fake_daemon;
+#[expect(unsafe_code, reason = "no safe crate forks")]
+mod forks;
 mod restarts;
 mod setpoints;
 mod threads;

@@ -1,24 +1,17 @@
 //! A number in a file that counts the published states. Clients sleep on it (`futex(2)`), and may only read it.
-//!
-//! The mapping is the only `unsafe` of this file.
 
 use crate::instance::{Instance, InstanceLock};
 use crate::instance_error::{InstanceError, refused};
+use crate::mapping::{BYTES, Mapping};
 use nix::errno::Errno;
 use nix::fcntl::posix_fallocate;
-use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
+use nix::sys::mman::ProtFlags;
 use nix::sys::stat::{fstat, lstat};
 use rustix::thread::Timespec;
 use rustix::thread::futex::{Flags, wait, wake};
-use std::fs::File;
-use std::num::NonZeroUsize;
-use std::os::fd::AsFd;
 use std::path::PathBuf;
-use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU32, Ordering, fence};
+use std::sync::atomic::{Ordering, fence};
 use std::time::Duration;
-
-const BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU32>()).expect("a number has bytes");
 
 /// The daemon's side.
 #[derive(Debug)]
@@ -106,40 +99,6 @@ impl Waiter {
             Err(rustix::io::Errno::TIMEDOUT) => Ok(Slept::TimedOut),
             Err(error) => Err(Errno::from_raw(error.raw_os_error())),
         }
-    }
-}
-
-/// The first four bytes of a file, shared with every process that maps it.
-#[derive(Debug)]
-struct Mapping(NonNull<AtomicU32>);
-
-// SAFETY: threads share atomic numbers, and the mapping belongs to no thread.
-unsafe impl Send for Mapping {}
-// SAFETY: as above.
-unsafe impl Sync for Mapping {}
-
-impl Mapping {
-    /// `EINVAL` when the file is shorter.
-    fn of(file: &File, protection: ProtFlags) -> Result<Self, Errno> {
-        if usize::try_from(fstat(file)?.st_size).is_ok_and(|bytes| bytes < BYTES.get()) {
-            return Err(Errno::EINVAL);
-        }
-        // SAFETY: the kernel chooses the address, so nothing of ours is mapped over.
-        let address = unsafe { mmap(None, BYTES, protection, MapFlags::MAP_SHARED, file.as_fd(), 0) }?;
-        Ok(Self(address.cast()))
-    }
-
-    fn word(&self) -> &AtomicU32 {
-        // SAFETY: a mapping is aligned to a page and lives as long as `self`; any bits are a
-        // number. The file's owner is trusted not to shorten it.
-        unsafe { self.0.as_ref() }
-    }
-}
-
-impl Drop for Mapping {
-    fn drop(&mut self) {
-        // SAFETY: no borrow of the number is left, and the whole mapping is removed.
-        let _never_refused = unsafe { munmap(self.0.cast(), BYTES.get()) };
     }
 }
 

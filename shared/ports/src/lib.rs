@@ -11,13 +11,14 @@
 //! - [`peer`]: users whose processes may answer on these sockets, and hold the locks.
 //! - [`injection`]: faults for simulated buses.
 //! - [`permission`]: advice for a user without permission.
+//! - [`ForkGuard`]: a value that a forked process neither uses nor drops.
 //! - [`clock`]: the clock of every time stamp.
 
 mod client;
 pub mod clock;
 mod daemon;
 mod directory;
-#[allow(unsafe_code, reason = "no safe crate maps a number that other processes write")]
+mod fork;
 mod futex;
 mod housekeeper;
 #[allow(unsafe_code, reason = "iceoryx2 has no other way")]
@@ -29,6 +30,11 @@ mod instance_error;
 mod leftovers;
 pub mod liveness;
 mod lock_file;
+#[allow(
+    unsafe_code,
+    reason = "no safe crate maps a number that other processes write, or that a fork clears"
+)]
+mod mapping;
 mod mutex;
 pub mod peer;
 pub mod permission;
@@ -41,6 +47,7 @@ pub mod stop_socket;
 
 pub use client::{ClientPorts, Question, RecordPort, SetpointPort};
 pub use daemon::{DaemonPorts, Request};
+pub use fork::{Creator, ForkGuard, Forked};
 pub use housekeeper::Housekeeper;
 pub use iceoryx::Payload;
 pub use imu::{ImuReceiver, ImuSender};

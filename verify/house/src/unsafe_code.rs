@@ -12,12 +12,13 @@ const UNSAFE: &[&str] = &[
     "client/c/src/abi/state.rs",
     "client/c/src/handle.rs",
     "client/c/tests/misuse.rs",
+    "client/tests/daemon/forks.rs",
     "daemon/deadman/src/kernel.rs",
     "daemon/realtime/src/kernel.rs",
     "motors/bus/src/kernel.rs",
     "motors/bus/tests/socketcan/counting.rs",
-    "shared/ports/src/futex.rs",
     "shared/ports/src/iceoryx.rs",
+    "shared/ports/src/mapping.rs",
 ];
 
 /// Returns whether the code has the keyword. Comments, strings and names of lints do not count.
