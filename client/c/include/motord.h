@@ -7,6 +7,11 @@
  * Several threads may use a client; one at a time a state and a claim: a second one gets MOTORD_STATUS_BUSY. Do not use a pointer after
  * you freed it: the library finds some of these mistakes, and returns MOTORD_STATUS_BAD_ARGUMENT.
  *
+ * Clients, states, claims and publishers belong to the process that created them. In a forked process each call with one returns
+ * MOTORD_STATUS_FORKED, or the value of an object that is none, and a function that frees does nothing. Only the two emergency stops of
+ * a client work there too. The check makes no system call. It does not detect a child that shares the memory, one of vfork or of clone
+ * with CLONE_VM: such a child may only call execve or _exit.
+ *
  * After the first cycles `motord_wait`, `motord_wait_cycles`, `motord_spin`, `motord_newest`, `motord_read`, `motord_state_group`,
  * `motord_state_imu`, `motord_must_be_active`, `motord_send` and `motord_commit` allocate nothing while they succeed, wait for no
  * other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other functions may allocate.
@@ -95,6 +100,10 @@ typedef enum motord_status {
    * A defect of this library.
    */
   MOTORD_STATUS_DEFECT = 16,
+  /**
+   * This process was forked from the one that created the object: connect again.
+   */
+  MOTORD_STATUS_FORKED = 17,
 } motord_status;
 
 /**
@@ -370,7 +379,8 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Claims a group. Free the claim with `motord_claim_free`. The claim ends with its process; a forked process cannot use it.
+ * Claims a group. Free the claim with `motord_claim_free`. The claim ends with its process; in a forked process calls with it return
+ * `MOTORD_STATUS_FORKED`.
  *
  * # Safety
  * `client` is a client, `group` a text that ends with a null byte; `claim` leads to a place for a pointer.
@@ -606,7 +616,8 @@ enum motord_status motord_limits(struct motord_client *client,
 enum motord_status motord_emergency_stop(const char *instance);
 
 /**
- * Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does.
+ * Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does. It works in a forked process too, over a
+ * connection of its own.
  *
  * # Safety
  * `client` is a client.
@@ -616,7 +627,8 @@ enum motord_status motord_client_emergency_stop(struct motord_client *client);
 /**
  * Damps and stops every motor of the robot of a client, from a signal handler too: async-signal-safe. It allocates nothing, takes no
  * lock, keeps `errno`, sets no message, and uses the stack and system calls of signal-safety(7) only. It needs one free file descriptor.
- * Any thread may call it, at any time between `motord_connect` and `motord_client_free`; no other call delays it.
+ * Any thread may call it, at any time between `motord_connect` and `motord_client_free`, and so may a forked process; no other call
+ * delays it.
  *
  * Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
  * It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers

@@ -3,6 +3,9 @@
 ///
 /// An object frees its resources; a claim that ends releases its group, and the daemon damps an active one. Failures are exceptions with the
 /// sentences of the daemon. For a loop that may not throw, every call has a `try_` variant that returns a motord_status.
+///
+/// An object belongs to the process that created it. In a forked process its calls throw Forked, except emergency stops, and its end does
+/// nothing.
 
 #ifndef MOTORD_HPP
 #define MOTORD_HPP
@@ -63,6 +66,11 @@ class ClaimLost : public Error {
     using Error::Error;
 };
 
+/// This process was forked from the one that created the object: connect again.
+class Forked : public Error {
+    using Error::Error;
+};
+
 namespace detail {
 
 inline void check(motord_status status) {
@@ -75,6 +83,7 @@ inline void check(motord_status status) {
     case MOTORD_STATUS_RESTARTED: throw Restarted(status, message);
     case MOTORD_STATUS_NOT_RUNNING: throw NotRunning(status, message);
     case MOTORD_STATUS_CLAIM_LOST: throw ClaimLost(status, message);
+    case MOTORD_STATUS_FORKED: throw Forked(status, message);
     default: throw Error(status, message);
     }
 }

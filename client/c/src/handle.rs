@@ -1,7 +1,7 @@
 //! The objects behind the pointers of a caller.
 
 use crate::status::{Failure, Status, fail};
-use motord_client::{Claim, Client, ImuPublisher, State};
+use motord_client::{Claim, Client, Creator, Error, ImuPublisher, State};
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -11,6 +11,7 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 #[repr(C)]
 struct Marked<T> {
     mark: AtomicU32,
+    creator: Creator,
     body: T,
 }
 
@@ -60,7 +61,8 @@ impl Handle for PublisherHandle {
 
 /// Moves an object to the caller.
 pub(crate) fn give<T: Handle>(body: T) -> *mut T {
-    let marked = Box::into_raw(Box::new(Marked { mark: AtomicU32::new(T::MARK), body }));
+    let marked =
+        Box::into_raw(Box::new(Marked { mark: AtomicU32::new(T::MARK), creator: Creator::this(), body }));
     // SAFETY: a field of a box that was just made.
     unsafe { &raw mut (*marked).body }
 }
@@ -70,15 +72,19 @@ pub(crate) fn give<T: Handle>(body: T) -> *mut T {
 enum Mistake {
     Null,
     Freed,
+    Forked,
 }
 
 impl Mistake {
     fn explained<T: Handle>(self) -> Failure {
         let name = T::NAME;
-        Failure::bad_argument(match self {
-            Self::Null => format!("this {name} is a null pointer, or no pointer to one"),
-            Self::Freed => format!("this {name} was freed, or is no {name}"),
-        })
+        match self {
+            Self::Null => {
+                Failure::bad_argument(format!("this {name} is a null pointer, or no pointer to one"))
+            }
+            Self::Freed => Failure::bad_argument(format!("this {name} was freed, or is no {name}")),
+            Self::Forked => Error::Forked.into(),
+        }
     }
 }
 
@@ -92,7 +98,15 @@ fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Mistake> {
     if mark == T::MARK { Ok(marked) } else { Err(Mistake::Freed) }
 }
 
-/// Returns the object of the caller; `None` for a pointer that leads to none. Async-signal-safe.
+/// Returns an object of the calling process.
+fn own<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Mistake> {
+    let marked = marked(pointer)?;
+    // SAFETY: it has the mark of its kind.
+    let creator = unsafe { (*marked).creator };
+    creator.check().map_or(Err(Mistake::Forked), |()| Ok(marked))
+}
+
+/// Returns the object of the caller, also of one in a forked process; `None` for a pointer that leads to none. Async-signal-safe.
 ///
 /// # Safety
 ///
@@ -102,29 +116,30 @@ pub(crate) unsafe fn found<'a, T: Handle>(pointer: *mut T) -> Option<&'a T> {
     marked(pointer).ok().map(|marked| unsafe { &(*marked).body })
 }
 
-/// Returns the object of the caller.
+/// Returns the object of the caller. In a forked process it is an error: a lock of the object may be held by a thread of the parent.
 ///
 /// # Safety
 ///
 /// The pointer is null, or was given by [`give`] and is freed by no other thread during `'a`. A freed pointer is an error where
 /// its memory was not used again.
 pub(crate) unsafe fn borrow<'a, T: Handle>(pointer: *mut T) -> Result<&'a T, Failure> {
-    let marked = marked(pointer).map_err(Mistake::explained::<T>)?;
+    let marked = own(pointer).map_err(Mistake::explained::<T>)?;
     // SAFETY: it has the mark of its kind.
     Ok(unsafe { &(*marked).body })
 }
 
-/// Frees the object of the caller; null is no error.
+/// Frees the object of the caller; null is no error. In a forked process it does nothing. A panic does not reach the caller.
 ///
 /// # Safety
 ///
 /// As [`borrow`], and no other thread uses it now or later.
 pub(crate) unsafe fn free<T: Handle>(pointer: *mut T) {
-    if let Ok(marked) = marked(pointer) {
+    if let Ok(marked) = own(pointer) {
         // SAFETY: it has the mark of its kind.
         unsafe { (*marked).mark.store(0, Ordering::Relaxed) };
         // SAFETY: `give` made it of a box.
-        drop(unsafe { Box::from_raw(marked) });
+        let marked = unsafe { Box::from_raw(marked) };
+        guarded_or((), || drop(marked));
     }
 }
 
@@ -214,6 +229,11 @@ pub(crate) fn guarded(call: impl FnOnce() -> Result<(), Failure>) -> Status {
             message: "a defect of libmotord: please report it".into(),
         }),
     }
+}
+
+/// Runs a function of the library that returns no status. A panic does not reach the caller, and gives `otherwise`.
+pub(crate) fn guarded_or<T>(otherwise: T, call: impl FnOnce() -> T) -> T {
+    catch_unwind(AssertUnwindSafe(call)).unwrap_or(otherwise)
 }
 
 /// Returns the content of a handle that one thread uses at a time. Never waits for another thread.

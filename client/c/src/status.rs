@@ -42,6 +42,8 @@ pub enum Status {
     Busy = 15,
     /// A defect of this library.
     Defect = 16,
+    /// This process was forked from the one that created the object: connect again.
+    Forked = 17,
 }
 
 /// The reason of a failure.
@@ -93,6 +95,7 @@ impl Status {
                 _ => Self::Unavailable,
             },
             Error::Instance(_) => Self::Unavailable,
+            Error::Forked => Self::Forked,
             _ => Self::BadArgument,
         }
     }

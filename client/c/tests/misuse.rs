@@ -4,8 +4,14 @@
 
 use motord_c::abi::*;
 use motord_c::status::Status;
-use std::ffi::{CStr, c_char};
+use std::ffi::{CStr, c_char, c_int};
 use std::ptr;
+
+unsafe extern "C" {
+    fn fork() -> c_int;
+    fn waitpid(child: c_int, status: *mut c_int, options: c_int) -> c_int;
+    fn _exit(status: c_int) -> !;
+}
 
 /// The sentence of the last failure.
 fn sentence() -> String {
@@ -77,6 +83,28 @@ fn handle_of_another_kind_is_refused() {
         assert_refused(motord_commit(state.cast()), "was freed, or is no motord_claim");
         assert_refused(motord_wait(state.cast(), 0, state), "was freed, or is no motord_client");
         motord_client_free(state.cast());
+        motord_state_free(state);
+    }
+}
+
+#[test]
+fn forked_process_is_refused_and_frees_nothing() {
+    let state = motord_state_new();
+    // SAFETY: live objects of this library; the child ends by `_exit`.
+    unsafe {
+        let mut cycle = std::mem::zeroed();
+        let child = fork();
+        if child == 0 {
+            let refused = motord_state_cycle(state, &mut cycle);
+            let told = refused == Status::Forked && sentence().contains("connect again");
+            motord_state_free(state);
+            motord_state_free(state);
+            let own = motord_state_cycle(motord_state_new(), &mut cycle);
+            _exit(c_int::from(!told || own != Status::BadArgument));
+        }
+        let mut status = -1;
+        assert_eq!((waitpid(child, &mut status, 0), status), (child, 0));
+        assert_refused(motord_state_cycle(state, &mut cycle), "is empty: wait for the first state");
         motord_state_free(state);
     }
 }

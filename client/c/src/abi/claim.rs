@@ -2,7 +2,7 @@
 
 use crate::arrays::{Number, Setpoints, check_count, numbered};
 use crate::handle::{
-    ClaimHandle, ClientHandle, StateHandle, array, array_mut, borrow, guarded, put_new, text,
+    ClaimHandle, ClientHandle, StateHandle, array, array_mut, borrow, guarded, guarded_or, put_new, text,
 };
 use crate::status::Status;
 use motord_client::Phase;
@@ -10,7 +10,8 @@ use std::ffi::c_char;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Claims a group. Free the claim with `motord_claim_free`. The claim ends with its process; a forked process cannot use it.
+/// Claims a group. Free the claim with `motord_claim_free`. The claim ends with its process; in a forked process calls with it return
+/// `MOTORD_STATUS_FORKED`.
 ///
 /// # Safety
 /// `client` is a client, `group` a text that ends with a null byte; `claim` leads to a place for a pointer.
@@ -60,7 +61,7 @@ pub unsafe extern "C" fn motord_release(claim: *mut ClaimHandle) -> Status {
 pub unsafe extern "C" fn motord_claim_count(claim: *mut ClaimHandle) -> usize {
     // SAFETY: by the contract of this function.
     let claim = unsafe { borrow(claim) };
-    claim.and_then(|claim| claim.with(|claim| Ok(claim.joints().len()))).unwrap_or(0)
+    guarded_or(0, || claim.and_then(|claim| claim.with(|claim| Ok(claim.joints().len()))).unwrap_or(0))
 }
 
 /// Reads the indices in the robot of the joints of a claim, in its order.

@@ -1,7 +1,7 @@
 //! Connections, names, limits and emergency stops.
 
 use crate::arrays::numbered;
-use crate::handle::{ClientHandle, borrow, found, guarded, put, put_new, text};
+use crate::handle::{ClientHandle, borrow, found, guarded, guarded_or, put, put_new, text};
 use crate::status::{Failure, Status, message};
 use motord_client::{Client, emergency_stop};
 use std::ffi::{CStr, CString, c_char, c_int};
@@ -171,7 +171,7 @@ pub unsafe extern "C" fn motord_find(
 pub unsafe extern "C" fn motord_rate_hz(client: *mut ClientHandle) -> f64 {
     // SAFETY: by the contract of this function.
     let client = unsafe { borrow(client) };
-    client.map_or(f64::NAN, |client| client.client.description().rate_hz)
+    guarded_or(f64::NAN, || client.map_or(f64::NAN, |client| client.client.description().rate_hz))
 }
 
 /// Reads the limits of the setpoints of a joint, by its index in the robot.
@@ -211,7 +211,8 @@ pub unsafe extern "C" fn motord_emergency_stop(instance: *const c_char) -> Statu
     })
 }
 
-/// Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does.
+/// Damps and stops every motor of the robot of a client, as `motord_emergency_stop` does. It works in a forked process too, over a
+/// connection of its own.
 ///
 /// # Safety
 /// `client` is a client.
@@ -219,13 +220,18 @@ pub unsafe extern "C" fn motord_emergency_stop(instance: *const c_char) -> Statu
 pub unsafe extern "C" fn motord_client_emergency_stop(client: *mut ClientHandle) -> Status {
     guarded(|| {
         // SAFETY: by the contract of this function.
-        Ok(unsafe { borrow(client) }?.client.emergency_stop()?)
+        match unsafe { found(client) } {
+            Some(client) => Ok(client.client.emergency_stop()?),
+            // SAFETY: by the contract of this function.
+            None => unsafe { borrow(client) }.map(|_| ()),
+        }
     })
 }
 
 /// Damps and stops every motor of the robot of a client, from a signal handler too: async-signal-safe. It allocates nothing, takes no
 /// lock, keeps `errno`, sets no message, and uses the stack and system calls of signal-safety(7) only. It needs one free file descriptor.
-/// Any thread may call it, at any time between `motord_connect` and `motord_client_free`; no other call delays it.
+/// Any thread may call it, at any time between `motord_connect` and `motord_client_free`, and so may a forked process; no other call
+/// delays it.
 ///
 /// Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
 /// It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers

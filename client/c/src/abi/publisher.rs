@@ -1,6 +1,6 @@
 //! Publishing the samples of an external IMU.
 
-use crate::handle::{ClientHandle, PublisherHandle, array, borrow, guarded, put_new, text};
+use crate::handle::{ClientHandle, PublisherHandle, array, borrow, guarded, guarded_or, put_new, text};
 use crate::status::{Failure, Status};
 use motord_client::ImuSample;
 use std::ffi::c_char;
@@ -94,5 +94,6 @@ pub unsafe extern "C" fn motord_imu_publisher_send(
 pub unsafe extern "C" fn motord_imu_publisher_is_used(publisher: *mut PublisherHandle) -> bool {
     // SAFETY: by the contract of this function.
     let publisher = unsafe { borrow(publisher) };
-    publisher.and_then(|publisher| publisher.with(|publisher| Ok(publisher.is_used()))).unwrap_or(false)
+    let is_used = || publisher.and_then(|publisher| publisher.with(|publisher| Ok(publisher.is_used())));
+    guarded_or(false, || is_used().unwrap_or(false))
 }
