@@ -1,9 +1,12 @@
 //! Values of a caller: one number for all joints, or one for each; and times.
+//!
+//! Reading a value may run code of the caller, and the handler of a signal. An exception of these passes on: `KeyboardInterrupt` too.
 
 use numpy::PyReadonlyArray1;
-use pyo3::exceptions::PyValueError;
+use pyo3::PyTypeInfo;
+use pyo3::exceptions::{PyKeyError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyMapping};
+use pyo3::types::{PyDict, PyList, PyString};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -41,53 +44,109 @@ pub(crate) fn setpoints(given: [Option<&Bound<'_, PyAny>>; 5], count: usize) -> 
 
 /// Reads the position of each joint: a number, an array, or a mapping that names each joint.
 pub(crate) fn pose(value: &Bound<'_, PyAny>, names: &[String]) -> PyResult<Values> {
-    let Ok(mapping) = value.cast::<PyMapping>().cloned() else {
+    if !is_mapping(value)? {
         return values("pose", Some(value), names.len());
-    };
-    if let Some(other) = mapping.keys()?.iter().map(|key| key.to_string()).find(|key| !names.contains(key)) {
-        return Err(PyValueError::new_err(format!("pose has {other:?}; there are {}", names.join(", "))));
+    }
+    for key in value.call_method0("keys")?.try_iter()? {
+        // `to_string` would ignore an exception.
+        let key = key?.str()?.to_string_lossy().into_owned();
+        if !names.contains(&key) {
+            let known = names.join(", ");
+            return Err(PyValueError::new_err(format!("pose has {key:?}; there are {known}")));
+        }
     }
     let mut listed = Vec::new();
     for name in names {
         let lacks = || PyValueError::new_err(format!("pose lacks {name}: give a position for each joint"));
-        let position = mapping.get_item(name).map_err(|_| lacks())?;
-        listed.push(
-            position
-                .extract::<f64>()
-                .map_err(|_| PyValueError::new_err(format!("pose[{name:?}] is no number")))?,
-        );
+        let position = without::<PyKeyError, _>(value.py(), value.get_item(name))?.ok_or_else(lacks)?;
+        let no_number = || PyValueError::new_err(format!("pose[{name:?}] is no number"));
+        listed.push(number(&position)?.ok_or_else(no_number)?);
     }
     values("pose", Some(&PyList::new(value.py(), listed)?.into_any()), names.len())
+}
+
+/// A cast to `PyMapping` would ignore an exception of the check.
+fn is_mapping(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let is_dict = value.is_instance_of::<PyDict>();
+    Ok(is_dict || value.is_instance(&value.py().import("collections.abc")?.getattr("Mapping")?)?)
+}
+
+/// Returns `None` for an exception of the kind `E`. Another one passes on: that of a signal's handler, or of the caller's code.
+fn without<E: PyTypeInfo, T>(py: Python<'_>, outcome: PyResult<T>) -> PyResult<Option<T>> {
+    match outcome {
+        Err(error) if error.is_instance_of::<E>(py) => Ok(None),
+        outcome => outcome.map(Some),
+    }
+}
+
+/// Reads a number; `None` for a value of another type. An integer that is too large is infinite.
+fn number(value: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    let read = without::<PyTypeError, _>(value.py(), value.extract::<f64>());
+    Ok(without::<PyOverflowError, _>(value.py(), read)?.unwrap_or(Some(f64::INFINITY)))
 }
 
 /// Nothing is 0, a number is that of every joint, an array has one for each.
 fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Values> {
     let mut values = [0.0; JOINTS_MAX];
     let Some(value) = value.filter(|value| !value.is_none()) else { return Ok(values) };
-    if let Ok(number) = value.extract::<f64>() {
+    if let Some(number) = number(value)? {
         values[..count.min(JOINTS_MAX)].fill(number as f32);
         return Ok(values);
     }
-    if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f64>>() {
-        fill(
-            name,
-            &mut values,
-            count,
-            array.as_array().len(),
-            array.as_array().iter().map(|value| *value as f32),
-        )?;
-    } else if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f32>>() {
-        fill(name, &mut values, count, array.as_array().len(), array.as_array().iter().copied())?;
+    let py = value.py();
+    if let Some(array) = without::<PyTypeError, _>(py, value.extract::<PyReadonlyArray1<'_, f64>>())? {
+        let array = array.as_array();
+        fill(name, &mut values, count, array.len(), array.iter().map(|value| *value as f32))?;
+    } else if let Some(array) = without::<PyTypeError, _>(py, value.extract::<PyReadonlyArray1<'_, f32>>())? {
+        let array = array.as_array();
+        fill(name, &mut values, count, array.len(), array.iter().copied())?;
     } else {
-        let listed = value.extract::<Vec<f64>>().map_err(|_| {
-            let found = value.get_type().to_string();
-            PyValueError::new_err(format!(
-                "{name} is {found}: give a number, or a one-dimensional array of {count}"
-            ))
-        })?;
-        fill(name, &mut values, count, listed.len(), listed.iter().map(|value| *value as f32))?;
+        let (listed, received) = listed(name, value, count)?;
+        fill(name, &mut values, count, received, listed.into_iter().map(|value| value as f32))?;
     }
     Ok(values)
+}
+
+/// Reads the numbers of a sequence, at most one more than `count`. Returns them and their number in the sequence.
+fn listed(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<(Vec<f64>, usize)> {
+    let py = value.py();
+    let Some(length) = without::<PyTypeError, _>(py, value.len())? else {
+        return Err(no_array(name, value, count));
+    };
+    let Some(items) = without::<PyTypeError, _>(py, value.try_iter())? else {
+        return Err(no_array(name, value, count));
+    };
+    let mut listed = Vec::new();
+    for item in items.take(count + 1) {
+        listed.push(number(&item?)?.ok_or_else(|| no_array(name, value, count))?);
+    }
+    let received = if listed.len() > count { length.max(listed.len()) } else { listed.len() };
+    Ok((listed, received))
+}
+
+fn no_array(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyErr {
+    match value.get_type().repr() {
+        Ok(found) => PyValueError::new_err(format!(
+            "{name} is {}: give a number, or a one-dimensional array of {count}",
+            found.to_string_lossy()
+        )),
+        Err(raised) => raised,
+    }
+}
+
+/// Names of a caller, in their order. A conversion to `Vec` would ignore an exception of `__len__`.
+pub(crate) struct Names(pub(crate) Vec<String>);
+
+impl<'py> FromPyObject<'_, 'py> for Names {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if value.is_instance_of::<PyString>() || value.is_instance_of::<PyDict>() {
+            return Err(PyTypeError::new_err("give a list of names"));
+        }
+        let name = |at| value.get_item(at)?.extract::<String>();
+        (0..value.len()?).map(name).collect::<PyResult<_>>().map(Self)
+    }
 }
 
 fn fill(

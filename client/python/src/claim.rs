@@ -1,7 +1,7 @@
 //! The ownership of a group, and its loop.
 
 use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
-use crate::errors::{self, raised};
+use crate::errors::{self, caught, raised};
 use crate::interpreter::{unused, without_lock};
 use crate::motion::Begun;
 use crate::state::{Order, State};
@@ -158,7 +158,7 @@ impl Claim {
     /// Releases the group.
     fn release(&self, py: Python<'_>) -> PyResult<()> {
         let Some(claim) = self.owned()?.claim.take() else { return Ok(()) };
-        py.detach(|| claim.release()).map_err(|error| raised(&error))
+        py.detach(|| caught(|| claim.release()))?.map_err(|error| raised(&error))
     }
 
     /// Sends a setpoint for each joint. Each argument is a number for all of them, or an array in the order of the claim. The
@@ -182,7 +182,7 @@ impl Claim {
             setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
         }
         self.with(|claim| {
-            let sent = claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count]));
+            let sent = caught(|| claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])))?;
             sent.map_err(|error| raised(&error))
         })
     }
@@ -246,15 +246,16 @@ impl Claim {
         _kind: &Bound<'_, PyAny>,
         _value: &Bound<'_, PyAny>,
         _trace: &Bound<'_, PyAny>,
-    ) -> bool {
-        py.detach(|| {
+    ) -> PyResult<bool> {
+        let end = || {
             let taken = self.owned.lock().unwrap_or_else(PoisonError::into_inner).claim.take();
             let Some(mut claim) = taken else { return };
             // A group that cannot be disabled is stopped by its release, or by the daemon after its last setpoint.
             let _stopped = claim.disable().and_then(|()| claim.wait_for(Phase::Disarmed, CHANGE));
             let _released = claim.release();
-        });
-        false
+        };
+        py.detach(|| caught(end))?;
+        Ok(false)
     }
 
     fn __repr__(&self) -> String {

@@ -4,6 +4,7 @@ use motord_client::{Error as ClientError, Refusal, Stop};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 create_exception!(motord, Error, PyRuntimeError, "A call failed. Its text says what to do.");
 create_exception!(
@@ -70,13 +71,20 @@ fn joint_of(stop: &Stop) -> Option<String> {
 }
 
 /// Adds attributes to an exception.
-fn with(error: PyErr, attributes: &[(&str, Option<String>)]) -> PyErr {
+fn with<T: Clone + for<'py> IntoPyObject<'py>>(error: PyErr, attributes: &[(&str, T)]) -> PyErr {
     Python::attach(|py| {
         let value = error.value(py);
-        for (name, text) in attributes {
-            // An exception that takes no attributes is raised without them.
-            let _ignored = value.setattr(*name, text.clone());
+        for (name, attribute) in attributes {
+            if let Err(raised) = value.setattr(*name, attribute.clone()) {
+                return raised;
+            }
         }
-    });
-    error
+        error
+    })
+}
+
+/// Calls the client library. A panic becomes an `Error`: Python's `PanicException` passes each `except Exception`.
+pub(crate) fn caught<T>(call: impl FnOnce() -> T) -> PyResult<T> {
+    catch_unwind(AssertUnwindSafe(call))
+        .map_err(|_| PyErr::new::<Error, _>("a defect of motord: please report it, with standard error"))
 }

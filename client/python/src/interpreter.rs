@@ -1,5 +1,7 @@
 //! The interpreter's lock: waiting without it, and the time that it takes to get it back.
 
+use crate::errors::caught;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
 use std::ffi::CString;
@@ -19,14 +21,25 @@ const GOOD_INTERVAL: f64 = 0.001;
 static WAITS: AtomicU32 = AtomicU32::new(0);
 static IS_WARNED: AtomicBool = AtomicBool::new(false);
 
+/// Loads what arrays and mappings need. Later, the exception of a signal's handler in an import would be a panic.
+///
+/// # Errors
+/// numpy cannot be imported.
+pub(crate) fn prepare(py: Python<'_>) -> PyResult<()> {
+    py.import("numpy")?;
+    py.import("collections.abc")?;
+    PyArray1::<f64>::zeros(py, 1, false).try_readonly()?;
+    Ok(())
+}
+
 /// Calls without the interpreter's lock. Warns once when other threads keep the lock too long.
 ///
 /// # Errors
-/// The warning, where the program turns warnings into exceptions.
+/// The warning, where the program turns warnings into exceptions; an `Error` after a panic.
 pub(crate) fn without_lock<T: Send>(py: Python<'_>, call: impl Send + FnOnce() -> T) -> PyResult<T> {
-    let (value, ended) = py.detach(|| (call(), Instant::now()));
+    let (value, ended) = py.detach(|| (caught(call), Instant::now()));
     note(py, ended.elapsed())?;
-    Ok(value)
+    value
 }
 
 /// Returns the content where no other thread uses it. Never waits: the other thread may need the interpreter's lock to continue.

@@ -38,4 +38,10 @@ mod _motord {
     use crate::state::{Imu, Imus, State};
     #[pymodule_export]
     use crate::twin::{Engine, describe};
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::interpreter::prepare(module.py())
+    }
 }

@@ -1,8 +1,8 @@
 //! A connection.
 
-use crate::arrays::duration;
+use crate::arrays::{Names, duration};
 use crate::claim::Claim;
-use crate::errors::raised;
+use crate::errors::{caught, raised};
 use crate::interpreter::{probe, without_lock};
 use crate::state::{Order, State};
 use motord_client::{
@@ -51,10 +51,10 @@ fn parsed<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound
 
 impl Robot {
     /// The joints of `names`; all joints of the robot without names.
-    fn order(&self, names: Option<Vec<String>>) -> PyResult<Arc<Order>> {
+    fn order(&self, names: Option<Names>) -> PyResult<Arc<Order>> {
         let robot = self.client.description();
         let all = || robot.joints.iter().map(|joint| joint.name.clone()).collect();
-        let names: Vec<String> = names.unwrap_or_else(all);
+        let names: Vec<String> = names.map_or_else(all, |names| names.0);
         let index = |name: &String| self.client.joint_named(name).map_err(|error| raised(&error));
         Ok(Arc::new(Order {
             joints: names.iter().map(index).collect::<PyResult<_>>()?,
@@ -116,7 +116,7 @@ impl Robot {
 
     /// Sleeps until a new state arrives, with all joints of the robot, or those of `names`.
     #[pyo3(signature = (timeout = 1.0, *, names = None))]
-    fn wait(&self, py: Python<'_>, timeout: f64, names: Option<Vec<String>>) -> PyResult<State> {
+    fn wait(&self, py: Python<'_>, timeout: f64, names: Option<Names>) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
         let state = self.call(py, |client| client.wait(timeout))?;
         Ok(State { state, order: self.order(names)? })
@@ -124,24 +124,24 @@ impl Robot {
 
     /// The newest state; `None` when the previous call, or one of another thread, returned it. Does not wait.
     #[pyo3(signature = (*, names = None))]
-    fn newest(&self, names: Option<Vec<String>>) -> PyResult<Option<State>> {
-        let Some(state) = self.client.newest().map_err(|error| raised(&error))? else { return Ok(None) };
-        Ok(Some(State { state, order: self.order(names)? }))
+    fn newest(&self, names: Option<Names>) -> PyResult<Option<State>> {
+        let newest = caught(|| self.client.newest())?.map_err(|error| raised(&error))?;
+        newest.map(|state| Ok(State { state, order: self.order(names)? })).transpose()
     }
 
     /// A file descriptor that becomes readable with each state; it belongs to this object.
     fn fileno(&self) -> PyResult<i32> {
-        let descriptor = self.client.file_descriptor().map_err(|error| raised(&error))?;
+        let descriptor = caught(|| self.client.file_descriptor())?.map_err(|error| raised(&error))?;
         Ok(descriptor.as_raw_fd())
     }
 
     #[pyo3(signature = (group, *, names = None))]
-    fn claim(&self, py: Python<'_>, group: &str, names: Option<Vec<String>>) -> PyResult<Claim> {
+    fn claim(&self, py: Python<'_>, group: &str, names: Option<Names>) -> PyResult<Claim> {
         let claim = self.call(py, |client| client.claim(group))?;
-        Claim::new(Arc::clone(&self.client), claim, names)
+        Claim::new(Arc::clone(&self.client), claim, names.map(|names| names.0))
     }
 
-    /// Damps and stops every motor. No exception means confirmed.
+    /// Damps and stops every motor. No exception means that each motor answered after the stop.
     fn estop(&self, py: Python<'_>) -> PyResult<()> {
         self.call(py, Client::emergency_stop)
     }
@@ -193,7 +193,7 @@ impl ImuPublisher {
             temperature: temperature.map(|value| value as f32),
             time_ns,
         };
-        self.0.send(&sample).map_err(|error| raised(&error))
+        caught(|| self.0.send(&sample))?.map_err(|error| raised(&error))
     }
 
     /// The daemon used a sample of this publisher last.

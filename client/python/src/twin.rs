@@ -1,7 +1,7 @@
 //! A robot on virtual time: the engine below `motord.sim.Twin`.
 
 use crate::arrays::{JOINTS_MAX, duration, setpoints};
-use crate::errors::{raised, refused};
+use crate::errors::{caught, raised, refused};
 use crate::interpreter::unused;
 use crate::state::{Order, State};
 use motord_client::{Error as ClientError, Operation, State as ClientState};
@@ -47,11 +47,11 @@ impl Mechanics for PyMechanics {
                 self.arrays.each_ref().map(|array| array.bind(py));
             let pairs = [(of_torques, torques), (of_positions, &*positions), (of_velocities, &*velocities)];
             for (array, values) in pairs {
-                array.readwrite().as_slice_mut()?.copy_from_slice(values);
+                array.try_readwrite()?.as_slice_mut()?.copy_from_slice(values);
             }
             self.step.call1(py, (of_torques, seconds, of_positions, of_velocities))?;
             for (array, values) in [(of_positions, positions), (of_velocities, velocities)] {
-                let moved = array.readonly();
+                let moved = array.try_readonly()?;
                 let moved = moved.as_slice()?;
                 if let Some(joint) = moved.iter().position(|value| !value.is_finite()) {
                     return Err(PyValueError::new_err(format!(
@@ -158,8 +158,10 @@ impl Engine {
         let body =
             measure.map(|measure| Box::new(PyBody { measure, raised: Arc::clone(&raised) }) as Box<dyn Body>);
         let options = Options { seed, compute: duration("compute", compute)? };
-        let twin = Twin::new(settings, options, mechanics, body).map_err(refuse)?;
-        Ok(Self { clock: twin.clock(), twin: Mutex::new(twin), raised, description })
+        let twin = caught(|| Twin::new(settings, options, mechanics, body))?.map_err(refuse)?;
+        let engine = Self { clock: twin.clock(), twin: Mutex::new(twin), raised, description };
+        engine.checked(())?;
+        Ok(engine)
     }
 
     /// Virtual time since the first tick, s. The plant and other threads may read it.
@@ -172,7 +174,7 @@ impl Engine {
     fn step(&self, cycles: u32) -> PyResult<()> {
         let mut twin = self.twin()?;
         for _ in 0..cycles {
-            twin.step();
+            caught(|| twin.step())?;
             self.checked(())?;
         }
         Ok(())
@@ -217,14 +219,17 @@ impl Engine {
         if horizon > most {
             return Err(raised(&ClientError::HorizonTooLong { horizon, most }));
         }
-        self.twin()?.send(group, &joints[..count], horizon).map_err(refused)
+        let mut twin = self.twin()?;
+        caught(|| twin.send(group, &joints[..count], horizon))?.map_err(refused)
     }
 
     /// Sends a request, and runs cycles until it is answered.
     fn ask(&self, operation: &str, group: usize) -> PyResult<()> {
         let operation = Operation::ALL.iter().find(|known| known.name() == operation);
         let operation = *operation.ok_or_else(|| PyValueError::new_err("no such operation"))?;
-        let outcome = self.twin()?.ask(operation, group);
+        let mut twin = self.twin()?;
+        let outcome = caught(|| twin.ask(operation, group))?;
+        drop(twin);
         self.checked(())?;
         outcome.map(|_| ()).map_err(refused)
     }
