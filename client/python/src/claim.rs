@@ -75,6 +75,8 @@ impl Claim {
     }
 
     fn owned(&self) -> PyResult<MutexGuard<'_, Owned>> {
+        // First: in a forked process a thread that does not exist may hold the lock.
+        self.client.check_process().map_err(|error| raised(&error))?;
         unused(&self.owned).ok_or_else(|| {
             let group = &self.group;
             let text = format!("another thread uses the claim of {group}: one thread controls a group");
@@ -239,7 +241,8 @@ impl Claim {
         slf
     }
 
-    /// Damps and stops the motors, and releases the group, whether an exception came or not. Waits for another thread's call.
+    /// Damps and stops the motors, and releases the group, whether an exception came or not. Waits for another thread's call. In a
+    /// forked process it does nothing: the group belongs to the parent.
     fn __exit__(
         &self,
         py: Python<'_>,
@@ -247,6 +250,9 @@ impl Claim {
         _value: &Bound<'_, PyAny>,
         _trace: &Bound<'_, PyAny>,
     ) -> PyResult<bool> {
+        if self.client.check_process().is_err() {
+            return Ok(false);
+        }
         let end = || {
             let taken = self.owned.lock().unwrap_or_else(PoisonError::into_inner).claim.take();
             let Some(mut claim) = taken else { return };

@@ -23,6 +23,12 @@ create_exception!(
 );
 create_exception!(motord, ClaimLost, Error, "The claim no longer owns its group: claim again.");
 create_exception!(motord, TimedOut, Error, "No state arrived in time, or a phase was not reached.");
+create_exception!(
+    motord,
+    Forked,
+    Error,
+    "This process was forked from the one that created the object: connect again."
+);
 
 /// Converts an error of the client library. Mistakes of the caller are a `ValueError`.
 pub(crate) fn raised(error: &ClientError) -> PyErr {
@@ -37,6 +43,7 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         ClientError::Restarted => PyErr::new::<Restarted, _>(text),
         ClientError::NotRunning { .. } | ClientError::Silent { .. } => PyErr::new::<NotRunning, _>(text),
         ClientError::ClaimLost { .. } => PyErr::new::<ClaimLost, _>(text),
+        ClientError::Forked => PyErr::new::<Forked, _>(text),
         ClientError::Timeout { .. } | ClientError::NotReached { .. } => PyErr::new::<TimedOut, _>(text),
         ClientError::UnknownGroup { .. }
         | ClientError::UnknownJoint { .. }

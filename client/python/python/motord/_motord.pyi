@@ -37,6 +37,9 @@ class ClaimLost(Error):
 class TimedOut(Error):
     """No state arrived in time, or a phase was not reached."""
 
+class Forked(Error):
+    """This process was forked from the one that created the object: connect again."""
+
 class _Applied(TypedDict):
     q: _Array
     dq: _Array
@@ -227,7 +230,7 @@ class Claim:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> Literal[False]:
-        """Damps and stops the motors, and releases the group."""
+        """Damps and stops the motors, and releases the group. In a forked process it does nothing."""
 
 @final
 class ImuPublisher:
@@ -249,7 +252,10 @@ class ImuPublisher:
 
 @final
 class Robot:
-    """A connection to a daemon. Threads may share it; one of those that wait gets each state."""
+    """A connection to a daemon. Threads may share it; one of those that wait gets each state.
+
+    It belongs to the process that created it, as do its claims and publishers: elsewhere each call but estop raises Forked.
+    """
 
     @property
     def instance(self) -> str: ...
