@@ -4,13 +4,13 @@ use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
 use crate::publisher::{ImuPublisher, imu_of};
 use crate::records::Records;
-use crate::stop::{FIRST_WAY, FirstWay, stop};
-use crate::view::{View, nanos};
+use crate::stop::{FIRST_WAY, FirstWay, stop_and_check};
+use crate::view::View;
 use crate::{Error, State};
 use motord_ports::instance::Attachment;
 use motord_ports::service::ServiceError;
 use motord_ports::stop_socket::StopError;
-use motord_ports::{ClientPorts, Instance, clock};
+use motord_ports::{ClientPorts, Instance};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::limits::HISTOGRAMS_MAX;
 use motord_shared::message::ALL_GROUPS;
@@ -331,31 +331,17 @@ impl Client {
 
     /// Returns the joints of `group`, or of all groups, whose motors do not answer after this call, within `timeout`. After a stop
     /// these motors may not have received it: cut their power. Excluded joints are not among them. Returns as soon as all
-    /// have answered.
+    /// have answered. Takes no state from a thread that waits for one.
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`] and those of [`wait`](Self::wait).
+    /// [`Error::UnknownGroup`]; without states [`Error::NotRunning`], [`Error::Silent`], [`Error::Timeout`];
+    /// [`Error::Restarted`].
     pub fn offline_joints(&self, group: Option<&str>, timeout: Duration) -> Result<Vec<String>, Error> {
         let robot = self.description();
         let index = group.map(|group| group_of(&robot, group)).transpose()?;
-        let members = index.map(|index| &robot.groups[index].joints);
-        let (asked, end_ns) = (clock::now_ns(), clock::now_ns().saturating_add(nanos(timeout)));
-        let mut silent: Vec<usize> = (0..robot.joints.len()).collect();
-        silent.retain(|joint| members.is_none_or(|members| members.contains(joint)));
-        let mut is_known = false;
-        loop {
-            match self.wait(Duration::from_nanos(end_ns.saturating_sub(clock::now_ns()))) {
-                Ok(state) => silent.retain(|joint| {
-                    state.joint(*joint).is_some_and(|joint| !joint.is_excluded() && joint.receive_ns <= asked)
-                }),
-                Err(Error::Timeout { .. }) if is_known => {}
-                Err(error) => return Err(error),
-            }
-            is_known = true;
-            if silent.is_empty() || clock::now_ns() >= end_ns {
-                return Ok(silent.iter().map(|joint| robot.joints[*joint].name.clone()).collect());
-            }
-        }
+        self.link.refresh()?;
+        self.must_be(robot.boot_id)?;
+        self.link.offline_joints(index, timeout)
     }
 
     /// Takes `group` from its owner.
@@ -371,13 +357,21 @@ impl Client {
     /// connection. The function [`emergency_stop`](crate::emergency_stop) needs no connection. In a
     /// forked process it works too, over a connection of its own.
     ///
+    /// After the confirmation it checks that each motor answers, for 0.3 s at most, and takes no state
+    /// from a thread that waits for one.
+    ///
     /// # Errors
-    /// The stop is unconfirmed: [`Error::NotRunning`], [`Error::Permission`],
-    /// [`Error::NotStopped`].
+    /// Those of [`emergency_stop`](crate::emergency_stop): the stop is unconfirmed, or motors may not
+    /// have received it, as [`Error::MotorsOffline`] with their names.
     pub fn emergency_stop(&self) -> Result<(), Error> {
         if self.check_process().is_err() {
-            return stop(self.link.instance());
+            return stop_and_check(self.link.instance());
         }
+        self.confirm_stop()?;
+        self.link.check_answers()
+    }
+
+    fn confirm_stop(&self) -> Result<(), Error> {
         let mut first = FirstWay::send(self.link.instance());
         if first.is_confirmed_soon() {
             return Ok(());
@@ -396,6 +390,9 @@ impl Client {
     ///
     /// It sends the request through the daemon's socket for emergency stops alone. [`emergency_stop`](Self::emergency_stop) has a
     /// second path, over which it stops a robot whose socket fails.
+    ///
+    /// `Ok` means that the daemon sent the commands. Whether each motor received them is not known: a motor without power or
+    /// bus does not answer. After the handler [`offline_joints`](Self::offline_joints) names these motors.
     ///
     /// # Errors
     /// The stop is unconfirmed, and motors may still move.

@@ -217,6 +217,24 @@ pub enum Error {
         /// The failure of the services. `None` when they did not answer.
         services: Option<Box<Error>>,
     },
+    /// The daemon confirmed the emergency stop, but these motors did not answer after it. They may
+    /// not have received it: cut their power.
+    #[error(
+        "the emergency stop is confirmed, but these motors do not answer and may still move, so cut the power: {}",
+        joints.join(", ")
+    )]
+    MotorsOffline {
+        /// The joints of these motors, without excluded ones.
+        joints: Vec<String>,
+    },
+    /// The daemon confirmed the emergency stop, but whether each motor answered is not known.
+    #[error(
+        "the emergency stop is confirmed, but whether each motor answers was not checked, so watch the robot: {reason}"
+    )]
+    MotorsUnchecked {
+        /// The failure of the check.
+        reason: Box<Error>,
+    },
     /// This client cannot decode the daemon's answer.
     #[error(
         "this client cannot decode motord's answer to {operation}: install the same version of client and daemon"
@@ -269,7 +287,8 @@ fn without_answer(operation: Operation) -> &'static str {
 
 impl Error {
     /// Returns the exit status for a process that ends because of this error, after `sysexits.h`:
-    /// 64 usage, 69 unavailable, 76 protocol, 77 permission.
+    /// 64 usage, 69 unavailable, 76 protocol, 77 permission; and 80 for motors that do not answer
+    /// after a stop.
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
@@ -288,6 +307,7 @@ impl Error {
             Self::Permission { .. }
             | Self::Instance(InstanceError::NotPrivate { .. } | InstanceError::NotOurs { .. }) => 77,
             Self::Version { .. } | Self::NotUnderstood { .. } => 76,
+            Self::MotorsOffline { .. } => 80,
             _ => 69,
         }
     }
@@ -327,6 +347,8 @@ impl Error {
             | Self::HorizonTooLong { .. }
             | Self::OtherClaim
             | Self::NotUnderstood { .. }
+            | Self::MotorsOffline { .. }
+            | Self::MotorsUnchecked { .. }
             | Self::Forked => false,
         }
     }

@@ -143,6 +143,7 @@
 
 #![forbid(unsafe_code)]
 
+mod answers;
 mod claim;
 mod client;
 mod error;

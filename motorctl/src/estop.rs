@@ -23,13 +23,21 @@ pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
     if all {
         return stop_all();
     }
-    match emergency_stop(instance) {
+    match confirmed(emergency_stop(instance)) {
         Ok(()) => tell(None, &motorctl(instance), status::connect(instance)),
         // The motors of a daemon that died may still move: the stop of another one is no success.
         Err(error @ Error::NotRunning { died: None, .. }) => {
             elsewhere(instance).map_or(Err(Failure::NotStopped(error)), |only| stop(&only))
         }
         Err(error) => Err(Failure::NotStopped(error)),
+    }
+}
+
+/// Returns success for each confirmed stop: [`tell`] names the motors that do not answer.
+fn confirmed(stopped: Result<(), Error>) -> Result<(), Error> {
+    match stopped {
+        Err(Error::MotorsOffline { .. } | Error::MotorsUnchecked { .. }) => Ok(()),
+        stopped => stopped,
     }
 }
 
@@ -68,7 +76,7 @@ fn stop_all() -> Result<(), Failure> {
 
 fn stop(running: &RunningInstance) -> Result<(), Failure> {
     let RunningInstance { name, runtime, pid, uid } = running;
-    emergency_stop_in(runtime, name).map_err(Failure::NotStopped)?;
+    confirmed(emergency_stop_in(runtime, name)).map_err(Failure::NotStopped)?;
     let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
     tell(Some(&who), &line(running), Client::connect_in(runtime, name))
 }

@@ -88,7 +88,8 @@ impl FakeDaemon {
             let (position, flags) = if is_heard { (0.5 + place as f32, JOINT_VALID) } else { (f32::NAN, 0) };
             let is_excluded = place == 1 && self.excluded.load(Ordering::Relaxed);
             let mode = if is_excluded { MotorMode::Excluded } else { MotorMode::Idle }.code();
-            *joint = JointState { position, flags, mode, ..JointState::default() };
+            let receive_ns = if is_heard { clock::now_ns() } else { 0 };
+            *joint = JointState { position, flags, mode, receive_ns, ..JointState::default() };
         }
         state.groups[0] = GroupState {
             lease: self.owner,

@@ -9,6 +9,7 @@ mod fake_daemon;
 mod forks;
 mod restarts;
 mod setpoints;
+mod stops;
 mod threads;
 
 use fake_daemon::Running;

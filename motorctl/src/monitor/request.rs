@@ -75,16 +75,15 @@ impl Requests {
 /// Stops the robot over the daemon's socket or the open connection. After a failure it opens a new
 /// connection.
 fn stop_robot(client: &Client, instance: Option<&str>) -> StopOutcome {
-    let first = client.emergency_stop();
-    let stopped = match (first, instance) {
-        (Err(_), Some(instance)) => motord_client::emergency_stop(instance),
-        (first, _) => first,
-    };
-    match stopped.map(|()| client.offline_joints(None, CONFIRMED_MAX)) {
-        Ok(Ok(offline)) if offline.is_empty() => StopOutcome::Confirmed,
-        Ok(Ok(offline)) => StopOutcome::NotHeard(offline),
-        Ok(Err(error)) => StopOutcome::NotChecked(error.to_string()),
+    let outcome = |stopped: Result<(), Error>| match stopped {
+        Ok(()) => StopOutcome::Confirmed,
+        Err(Error::MotorsOffline { joints }) => StopOutcome::NotHeard(joints),
+        Err(Error::MotorsUnchecked { reason }) => StopOutcome::NotChecked(reason.to_string()),
         Err(error) => StopOutcome::NotConfirmed(error.to_string()),
+    };
+    match (outcome(client.emergency_stop()), instance) {
+        (StopOutcome::NotConfirmed(_), Some(instance)) => outcome(motord_client::emergency_stop(instance)),
+        (first, _) => first,
     }
 }
 
