@@ -104,6 +104,14 @@ typedef enum motord_status {
    * This process was forked from the one that created the object: connect again.
    */
   MOTORD_STATUS_FORKED = 17,
+  /**
+   * An emergency stop was confirmed, but motors do not answer and may still move: cut the power. `motord_error_joint` names them.
+   */
+  MOTORD_STATUS_MOTORS_OFFLINE = 18,
+  /**
+   * An emergency stop was confirmed, but whether each motor answers was not checked: watch the robot.
+   */
+  MOTORD_STATUS_MOTORS_UNCHECKED = 19,
 } motord_status;
 
 /**
@@ -532,6 +540,13 @@ const char *motord_version(void);
 const char *motord_error_message(void);
 
 /**
+ * Returns the name of a joint of the last failure of this thread, in UTF-8; null for an index beyond the last. After
+ * `MOTORD_STATUS_MOTORS_OFFLINE` these are the joints whose motors do not answer; other failures name none. Valid until the next
+ * failure of this thread.
+ */
+const char *motord_error_joint(size_t index);
+
+/**
  * Connects to the daemon of `instance`. Takes milliseconds. Free the client with `motord_client_free`.
  *
  * # Safety
@@ -607,8 +622,10 @@ enum motord_status motord_limits(struct motord_client *client,
 
 /**
  * Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
- * Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
- * move, so cut the power. It is not async-signal-safe: see `motord_emergency_stop_signal_safe`.
+ * Usually takes some cycles, 0.3 s longer while motors do not answer, and at most little more than two seconds. `MOTORD_STATUS_OK`
+ * means that each motor answered after the stop: otherwise motors may still move, so cut the power. After
+ * `MOTORD_STATUS_MOTORS_OFFLINE` `motord_error_joint` names the silent ones. It is not async-signal-safe: see
+ * `motord_emergency_stop_signal_safe`.
  *
  * # Safety
  * `instance` is a text that ends with a null byte.
@@ -630,8 +647,9 @@ enum motord_status motord_client_emergency_stop(struct motord_client *client);
  * Any thread may call it, at any time between `motord_connect` and `motord_client_free`, and so may a forked process; no other call
  * delays it.
  *
- * Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
- * It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
+ * Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means that the daemon sent the commands: otherwise motors may still
+ * move, so cut the power. It cannot know whether each motor received them: one without power or bus does not answer. Call
+ * `motord_client_emergency_stop` after the handler, which names these motors. It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
  * `motord_client_emergency_stop` tries a second one.
  *
  * # Safety

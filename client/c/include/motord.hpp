@@ -21,6 +21,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace motord {
@@ -71,7 +72,29 @@ class Forked : public Error {
     using Error::Error;
 };
 
+/// An emergency stop was confirmed, but motors do not answer and may still move: cut the power.
+class MotorsOffline : public Error {
+public:
+    /// A failure with the joints of these motors.
+    MotorsOffline(motord_status status, const char *message, std::vector<std::string> joints)
+        : Error(status, message), joints_(std::move(joints)) {}
+
+    /// The joints whose motors do not answer.
+    const std::vector<std::string> &joints() const noexcept { return joints_; }
+
+private:
+    std::vector<std::string> joints_;
+};
+
 namespace detail {
+
+/// The joints of the last failure of this thread.
+inline std::vector<std::string> joints() {
+    std::vector<std::string> joints;
+    while (const char *joint = motord_error_joint(joints.size()))
+        joints.emplace_back(joint);
+    return joints;
+}
 
 inline void check(motord_status status) {
     if (status == MOTORD_STATUS_OK)
@@ -84,6 +107,7 @@ inline void check(motord_status status) {
     case MOTORD_STATUS_NOT_RUNNING: throw NotRunning(status, message);
     case MOTORD_STATUS_CLAIM_LOST: throw ClaimLost(status, message);
     case MOTORD_STATUS_FORKED: throw Forked(status, message);
+    case MOTORD_STATUS_MOTORS_OFFLINE: throw MotorsOffline(status, message, joints());
     default: throw Error(status, message);
     }
 }
@@ -217,13 +241,15 @@ public:
         return motord_spin(get(), detail::nanoseconds(timeout), state.get());
     }
 
-    /// Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power.
+    /// Damps and stops every motor. No exception means that each motor answered after the stop; otherwise motors may still move, so cut
+    /// the power. MotorsOffline names the silent ones.
     void emergency_stop() const { detail::check(try_emergency_stop()); }
     /// As `emergency_stop`, with a status instead of exceptions.
     motord_status try_emergency_stop() const noexcept { return motord_client_emergency_stop(get()); }
 
-    /// Damps and stops every motor, from a signal handler too: async-signal-safe, sets no message. MOTORD_STATUS_OK means confirmed;
-    /// otherwise motors may still move, so cut the power. At most 0.2 s.
+    /// Damps and stops every motor, from a signal handler too: async-signal-safe, sets no message. At most 0.2 s. MOTORD_STATUS_OK means
+    /// that the daemon sent the commands; otherwise motors may still move, so cut the power. It cannot know whether each motor received
+    /// them: emergency_stop, after the handler, names those that do not answer.
     motord_status emergency_stop_signal_safe() const noexcept { return motord_emergency_stop_signal_safe(get()); }
 
     /// Stores the newest state if this client has not returned it before, and returns whether there is one. Does not wait.
@@ -274,7 +300,7 @@ private:
     std::unique_ptr<motord_imu_publisher, detail::FreePublisher<motord_imu_publisher_free>> handle_;
 };
 
-/// Damps and stops every motor of an instance, from any thread, over a connection of its own.
+/// Damps and stops every motor of an instance, from any thread, over a connection of its own. Throws as Client::emergency_stop.
 inline void emergency_stop(const std::string &instance) { detail::check(motord_emergency_stop(instance.c_str())); }
 
 /// The setpoints of a group, in the order of its claim. A missing array is 0 for every joint.

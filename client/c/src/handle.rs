@@ -224,10 +224,7 @@ pub(crate) fn guarded(call: impl FnOnce() -> Result<(), Failure>) -> Status {
     match catch_unwind(AssertUnwindSafe(call)) {
         Ok(Ok(())) => Status::Ok,
         Ok(Err(failure)) => fail(failure),
-        Err(_) => fail(Failure {
-            status: Status::Defect,
-            message: "a defect of libmotord: please report it".into(),
-        }),
+        Err(_) => fail(Failure::new(Status::Defect, "a defect of libmotord: please report it")),
     }
 }
 
@@ -242,7 +239,7 @@ fn locked<'a, T>(content: &'a Mutex<Option<T>>, name: &str) -> Result<MutexGuard
         Ok(content) => Ok(content),
         Err(TryLockError::Poisoned(content)) => Ok(content.into_inner()),
         Err(TryLockError::WouldBlock) => {
-            Err(Failure { status: Status::Busy, message: format!("another thread uses this {name}") })
+            Err(Failure::new(Status::Busy, format!("another thread uses this {name}")))
         }
     }
 }

@@ -44,6 +44,10 @@ pub enum Status {
     Defect = 16,
     /// This process was forked from the one that created the object: connect again.
     Forked = 17,
+    /// An emergency stop was confirmed, but motors do not answer and may still move: cut the power. `motord_error_joint` names them.
+    MotorsOffline = 18,
+    /// An emergency stop was confirmed, but whether each motor answers was not checked: watch the robot.
+    MotorsUnchecked = 19,
 }
 
 /// The reason of a failure.
@@ -53,18 +57,29 @@ pub struct Failure {
     pub status: Status,
     /// A sentence for people.
     pub message: String,
+    /// Joints whose motors do not answer.
+    pub joints: Vec<String>,
 }
 
 impl Failure {
     /// Returns the failure of an argument.
     pub fn bad_argument(message: impl Into<String>) -> Self {
-        Self { status: Status::BadArgument, message: message.into() }
+        Self::new(Status::BadArgument, message)
+    }
+
+    /// Returns a failure that names no joints.
+    pub fn new(status: Status, message: impl Into<String>) -> Self {
+        Self { status, message: message.into(), joints: Vec::new() }
     }
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { status: Status::of(&error), message: error.to_string() }
+        let (status, message) = (Status::of(&error), error.to_string());
+        match error {
+            Error::MotorsOffline { joints } => Self { status, message, joints },
+            _ => Self::new(status, message),
+        }
     }
 }
 
@@ -96,6 +111,8 @@ impl Status {
             },
             Error::Instance(_) => Self::Unavailable,
             Error::Forked => Self::Forked,
+            Error::MotorsOffline { .. } => Self::MotorsOffline,
+            Error::MotorsUnchecked { .. } => Self::MotorsUnchecked,
             _ => Self::BadArgument,
         }
     }
@@ -111,22 +128,38 @@ impl From<StopError> for Status {
     }
 }
 
-thread_local! {
-    static MESSAGE: RefCell<CString> = RefCell::default();
+/// The texts of the last failure.
+#[derive(Default)]
+struct Last {
+    message: CString,
+    joints: Vec<CString>,
 }
 
-/// Stores the message of a failure for this thread. Returns its kind.
+thread_local! {
+    static LAST: RefCell<Last> = RefCell::default();
+}
+
+/// Names come from other processes: a null byte would end the text.
+fn text(text: &str) -> CString {
+    CString::new(text.replace('\0', "?")).unwrap_or_default()
+}
+
+/// Stores the texts of a failure for this thread. Returns its kind.
 pub fn fail(failure: Failure) -> Status {
-    let Failure { status, message } = failure;
-    // Names come from other processes: a null byte would end the message.
-    let message = CString::new(message.replace('\0', "?")).unwrap_or_default();
+    let Failure { status, message, joints } = failure;
+    let last = Last { message: text(&message), joints: joints.iter().map(|joint| text(joint)).collect() };
     // The status alone, once the thread ends: exit handlers and destructors of static objects may still call.
-    let _stored = MESSAGE.try_with(|kept| *kept.borrow_mut() = message);
+    let _stored = LAST.try_with(|kept| *kept.borrow_mut() = last);
     status
 }
 
 /// Passes the message of the last failure of this thread. It is empty before the first failure, and while the thread ends. It is valid
 /// until the next failure.
 pub fn message<T>(read: impl Fn(&CStr) -> T) -> T {
-    MESSAGE.try_with(|kept| read(&kept.borrow())).unwrap_or_else(|_| read(c""))
+    LAST.try_with(|kept| read(&kept.borrow().message)).unwrap_or_else(|_| read(c""))
+}
+
+/// Passes a joint of the last failure of this thread, if there is one with this index. It is valid until the next failure.
+pub fn joint<T>(index: usize, read: impl Fn(&CStr) -> T) -> Option<T> {
+    LAST.try_with(|kept| kept.borrow().joints.get(index).map(|joint| read(joint))).ok().flatten()
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::numbered;
 use crate::handle::{ClientHandle, borrow, found, guarded, guarded_or, put, put_new, text};
-use crate::status::{Failure, Status, message};
+use crate::status::{Failure, Status, joint, message};
 use motord_client::{Client, emergency_stop};
 use std::ffi::{CStr, CString, c_char, c_int};
 use std::os::fd::AsRawFd;
@@ -43,6 +43,14 @@ pub extern "C" fn motord_version() -> *const c_char {
 #[unsafe(no_mangle)]
 pub extern "C" fn motord_error_message() -> *const c_char {
     message(CStr::as_ptr)
+}
+
+/// Returns the name of a joint of the last failure of this thread, in UTF-8; null for an index beyond the last. After
+/// `MOTORD_STATUS_MOTORS_OFFLINE` these are the joints whose motors do not answer; other failures name none. Valid until the next
+/// failure of this thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_error_joint(index: usize) -> *const c_char {
+    joint(index, CStr::as_ptr).unwrap_or(ptr::null())
 }
 
 /// Connects to the daemon of `instance`. Takes milliseconds. Free the client with `motord_client_free`.
@@ -187,8 +195,7 @@ pub unsafe extern "C" fn motord_limits(
     guarded(|| {
         // SAFETY: by the contract of this function.
         let robot = unsafe { borrow(client) }?.client.description();
-        let unknown =
-            || Failure { status: Status::Unknown, message: format!("there is no joint with index {joint}") };
+        let unknown = || Failure::new(Status::Unknown, format!("there is no joint with index {joint}"));
         let known = &robot.joints.get(joint).ok_or_else(unknown)?.limits;
         let [position_min, position_max] = known.position.map(f64::from);
         let [velocity, torque, kp, kd] = [known.velocity, known.torque, known.kp, known.kd].map(f64::from);
@@ -198,8 +205,10 @@ pub unsafe extern "C" fn motord_limits(
 }
 
 /// Damps and stops every motor of `instance`, over a connection of its own. Any thread may call it; no other call delays it.
-/// Usually takes a cycle or two, at most little more than a second. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still
-/// move, so cut the power. It is not async-signal-safe: see `motord_emergency_stop_signal_safe`.
+/// Usually takes some cycles, 0.3 s longer while motors do not answer, and at most little more than two seconds. `MOTORD_STATUS_OK`
+/// means that each motor answered after the stop: otherwise motors may still move, so cut the power. After
+/// `MOTORD_STATUS_MOTORS_OFFLINE` `motord_error_joint` names the silent ones. It is not async-signal-safe: see
+/// `motord_emergency_stop_signal_safe`.
 ///
 /// # Safety
 /// `instance` is a text that ends with a null byte.
@@ -233,8 +242,9 @@ pub unsafe extern "C" fn motord_client_emergency_stop(client: *mut ClientHandle)
 /// Any thread may call it, at any time between `motord_connect` and `motord_client_free`, and so may a forked process; no other call
 /// delays it.
 ///
-/// Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means confirmed: otherwise motors may still move, so cut the power.
-/// It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
+/// Usually takes a cycle or two, at most 0.2 s. `MOTORD_STATUS_OK` means that the daemon sent the commands: otherwise motors may still
+/// move, so cut the power. It cannot know whether each motor received them: one without power or bus does not answer. Call
+/// `motord_client_emergency_stop` after the handler, which names these motors. It sends the request over one path, the daemon's socket for emergency stops; outside of signal handlers
 /// `motord_client_emergency_stop` tries a second one.
 ///
 /// # Safety

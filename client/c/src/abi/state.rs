@@ -292,8 +292,7 @@ pub unsafe extern "C" fn motord_state_imu(
     imu: *mut ImuValues,
 ) -> Status {
     guarded(|| {
-        let unknown =
-            || Failure { status: Status::Unknown, message: format!("there is no IMU with index {index}") };
+        let unknown = || Failure::new(Status::Unknown, format!("there is no IMU with index {index}"));
         // SAFETY: by the contract of this function.
         let values = unsafe { borrow(state) }?
             .with(|state| Ok(ImuValues::from(&state.imu(index).ok_or_else(unknown)?)))?;
