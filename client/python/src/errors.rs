@@ -25,6 +25,12 @@ create_exception!(motord, ClaimLost, Error, "The claim no longer owns its group:
 create_exception!(motord, TimedOut, Error, "No state arrived in time, or a phase was not reached.");
 create_exception!(
     motord,
+    MotorsOffline,
+    Error,
+    "An emergency stop was confirmed, but motors do not answer and may still move: cut the power. Attribute: joints."
+);
+create_exception!(
+    motord,
     Forked,
     Error,
     "This process was forked from the one that created the object: connect again."
@@ -43,6 +49,9 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         ClientError::Restarted => PyErr::new::<Restarted, _>(text),
         ClientError::NotRunning { .. } | ClientError::Silent { .. } => PyErr::new::<NotRunning, _>(text),
         ClientError::ClaimLost { .. } => PyErr::new::<ClaimLost, _>(text),
+        ClientError::MotorsOffline { joints } => {
+            with(PyErr::new::<MotorsOffline, _>(text), &[("joints", joints.clone())])
+        }
         ClientError::Forked => PyErr::new::<Forked, _>(text),
         ClientError::Timeout { .. } | ClientError::NotReached { .. } => PyErr::new::<TimedOut, _>(text),
         ClientError::UnknownGroup { .. }

@@ -29,7 +29,9 @@ mod _motord {
     #[pymodule_export]
     use crate::claim::{Claim, Cycles, every};
     #[pymodule_export]
-    use crate::errors::{ClaimLost, Error, Forked, NotRunning, Refused, Restarted, Stopped, TimedOut};
+    use crate::errors::{
+        ClaimLost, Error, Forked, MotorsOffline, NotRunning, Refused, Restarted, Stopped, TimedOut,
+    };
     #[pymodule_export]
     use crate::motion::Motion;
     #[pymodule_export]

@@ -291,6 +291,26 @@ def test_removed_owner_has_lost_its_claim(daemon: Daemon, robot: motord.Robot) -
                 pass
 
 
+def test_stop_names_motors_that_do_not_answer(daemon: Daemon, robot: motord.Robot) -> None:
+    def stop_anew() -> None:
+        motord.estop("demo", runtime=daemon.runtime)
+
+    daemon.motorctl("sim", "fl-knee", "off")
+    try:
+        for stop in (robot.estop, stop_anew):
+            with pytest.raises(motord.MotorsOffline, match="so cut the power: fl-knee$") as stopped:
+                stop()
+            assert stopped.value.joints == ["fl-knee"]
+    finally:
+        daemon.motorctl("sim", "fl-knee", "ok")
+    for _ in range(100):
+        with suppress(motord.MotorsOffline):
+            robot.estop()
+            break
+    else:
+        raise AssertionError("the motor does not answer again")
+
+
 def test_stop_needs_no_connection(daemon: Daemon, robot: motord.Robot) -> None:
     with robot.claim("legs") as legs:
         legs.enable()

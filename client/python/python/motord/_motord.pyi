@@ -37,6 +37,11 @@ class ClaimLost(Error):
 class TimedOut(Error):
     """No state arrived in time, or a phase was not reached."""
 
+class MotorsOffline(Error):
+    """An emergency stop was confirmed, but motors do not answer and may still move: cut the power."""
+
+    joints: list[str]
+
 class Forked(Error):
     """This process was forked from the one that created the object: connect again."""
 
@@ -287,7 +292,10 @@ class Robot:
     def claim(self, group: str, *, names: Sequence[str] | None = None) -> Claim:
         """Becomes the owner of a group. names is the order of its joints in each array; it names each of them."""
     def estop(self) -> None:
-        """Damps and stops every motor. No exception means confirmed; otherwise motors may still move, so cut the power."""
+        """Damps and stops every motor. No exception means that each motor answered after the stop.
+
+        Otherwise motors may still move, so cut the power. MotorsOffline names those that do not answer.
+        """
     def disable(self, group: str) -> None:
         """Damps and stops the motors of a group, whoever owns it."""
     def reset(self, group: str) -> None:
@@ -301,7 +309,7 @@ def connect(instance: str = "robot", *, runtime: str | PathLike[str] | None = No
     """Connects to the daemon of an instance. runtime is its runtime directory; the default is that of the environment."""
 
 def estop(instance: str = "robot", *, runtime: str | PathLike[str] | None = None) -> None:
-    """Damps and stops every motor of an instance, over a connection of its own. No exception means confirmed."""
+    """Damps and stops every motor of an instance, over a connection of its own. Raises as Robot.estop."""
 
 def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, int, int]:
     """The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints."""
