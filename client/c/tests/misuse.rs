@@ -96,11 +96,11 @@ fn forked_process_is_refused_and_frees_nothing() {
         let child = fork();
         if child == 0 {
             let refused = motord_state_cycle(state, &mut cycle);
-            let told = refused == Status::Forked && sentence().contains("connect again");
+            let is_refused = refused == Status::Forked && sentence().contains("connect again");
             motord_state_free(state);
             motord_state_free(state);
             let own = motord_state_cycle(motord_state_new(), &mut cycle);
-            _exit(c_int::from(!told || own != Status::BadArgument));
+            _exit(c_int::from(!is_refused || own != Status::BadArgument));
         }
         let mut status = -1;
         assert_eq!((waitpid(child, &mut status, 0), status), (child, 0));

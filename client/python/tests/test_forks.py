@@ -74,8 +74,8 @@ os._exit(0)
 
 def test_calls_of_child_raise_forked(daemon: Daemon, robot: motord.Robot) -> None:
     output, errors = run(daemon, CALLS)
-    told, held = output.splitlines()
-    found, has_names, has_state = json.loads(told)
+    outcomes, held = output.splitlines()
+    found, has_names, has_state = json.loads(outcomes)
     assert set(found.values()) == {"Forked"}, found
     assert has_names and has_state and held == "held active" and errors == ""
     assert issubclass(motord.Forked, motord.Error)
