@@ -127,7 +127,7 @@ fn settings() -> Settings {
             fault_poll_hz: 10.0,
             deadman: milliseconds(7),
             require_deadman: false,
-            stop_on_foreign_master: false,
+            stop_on_foreign_master: true,
             error_feedback: true,
         },
         buses: vec![BusSettings {

@@ -112,7 +112,7 @@ codes! {
         OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
         SwitchLost = 29 "switch-lost" "The dead man's switch was missing or hung, and the configuration requires it.",
-        ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor, and the configuration stops for that.",
+        ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor of the group.",
         ImuLost = 34 "imu-lost" "An IMU delivered no sample for too long, and the configuration stops for that.",
         TemperatureSensor = 35 "temperature-sensor" "A motor reported a temperature that no motor can have, for a second.",
     }

@@ -138,8 +138,8 @@ sections! {
             "The dead man's switch acts when the heartbeat stalls for this time. When the daemon dies it acts immediately. At least 2 cycles. A warning below the default: the switch would act on a daemon that is only late.";
         "require-deadman" require_deadman: bool, "" = is(false),
             "Stop every group while the dead man's switch is missing or hangs (`switch-lost`), and enable none. A robot without a bus of this machine needs no switch.";
-        "stop-on-foreign-master" stop_on_foreign_master: bool, "" = is(false),
-            "Stop the group of a motor that receives 5 or more frames a second with its command id from another program or device (`foreign-master`). `false`: motord logs it. In both cases it enables no group with such a motor. CAN only.";
+        "stop-on-foreign-master" stop_on_foreign_master: bool, "" = is(true),
+            "Stop the group of a motor that receives 5 or more frames a second with its command id from another program or device (`foreign-master`). `false`: motord only logs it, and the motor obeys both senders. In both cases it enables no group with such a motor. An excluded motor stops no group. CAN only.";
         "error-feedback" error_feedback: bool, "" = is(true),
             "Carry the rounding error of the torque from cycle to cycle. This makes the mean torque exact.";
     }

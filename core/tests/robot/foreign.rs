@@ -1,6 +1,7 @@
 //! Another sender commands a motor.
 
 use motord_core::control::Event;
+use motord_core::settings::Settings;
 use motord_harness::robot::{self, Robot};
 use motord_shared::{Cause, Operation, Phase, Refusal};
 
@@ -39,22 +40,79 @@ fn group_with_foreign_master_is_not_enabled() {
     assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::ForeignMaster);
 }
 
-#[test]
-fn foreign_master_stops_group_by_setting() {
-    for stops in [true, false] {
-        let mut settings = robot::three_motors();
-        settings.safety.stop_on_foreign_master = stops;
-        let mut robot = Robot::new(settings, 1);
-        let joints = robot.activate();
-        for frame in 0..5 {
-            assert_eq!(robot.phase(), Phase::Active, "{frame}");
-            robot.hear(0, 0x001, HEARTBEAT);
-            robot.follow(&joints);
-        }
+/// Whether 5 frames of another master stop the active group of `settings`, and the cause.
+fn stops(settings: Settings) -> bool {
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    for frame in 0..5 {
+        assert_eq!(robot.phase(), Phase::Active, "{frame}");
+        robot.hear(0, 0x001, HEARTBEAT);
         robot.follow(&joints);
-        let cause = robot.state().groups[0].cause;
-        assert_eq!(Cause::try_from(cause) == Ok(Cause::ForeignMaster), stops, "{cause}");
     }
+    robot.follow(&joints);
+    Cause::try_from(robot.state().groups[0].cause) == Ok(Cause::ForeignMaster)
+}
+
+#[test]
+fn foreign_master_stops_group_by_default() {
+    assert!(stops(robot::three_motors()));
+}
+
+#[test]
+fn setting_lets_group_run_beside_foreign_master() {
+    let mut settings = robot::three_motors();
+    settings.safety.stop_on_foreign_master = false;
+    assert!(!stops(settings));
+}
+
+/// Some adapters return the frames that they send, in the same cycle or in the next one.
+#[test]
+fn echoes_of_own_frames_are_no_foreign_master() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    robot.take_events();
+    robot.take_sent();
+    for _ in 0..2000 {
+        robot.follow(&joints);
+        for sent in robot.take_sent() {
+            robot.hear(sent.bus, sent.id, &sent.bytes);
+        }
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    assert_eq!([0, 1, 2].map(|joint| robot.joint(joint).foreign_commands), [0; 3]);
+}
+
+/// A person tries an excluded motor with the vendor's tool.
+#[test]
+fn excluded_motor_of_foreign_master_stops_no_group() {
+    let mut settings = robot::three_motors();
+    settings.motors[0].may_be_excluded = true;
+    settings.motors[0].excluded = true;
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    for _ in 0..50 {
+        robot.hear(0, 0x001, HEARTBEAT);
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.phase(), robot.joint(0).foreign_commands), (Phase::Active, 50));
+}
+
+/// A person replays the recorded frames of another robot onto the bus.
+#[test]
+fn replayed_log_is_a_foreign_master() {
+    let mut other = Robot::new(robot::three_motors(), 1);
+    let joints = other.activate();
+    other.take_sent();
+    (0..10).for_each(|_| other.follow(&joints));
+    let log = other.take_sent();
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let other_place = robot.hold(20.0, 1.0);
+    robot.activate();
+    for sent in log {
+        robot.hear(sent.bus, sent.id, &sent.bytes);
+        robot.follow(&other_place);
+    }
+    assert_eq!(robot.cause(), Some(Cause::ForeignMaster));
 }
 
 /// The dead man's switch sends such frames while this process is frozen.

@@ -11,27 +11,56 @@ pub(crate) struct ForeignCommands {
     /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive after this process was
     /// frozen.
     safe: BusFrames,
+    /// The frames of the last batches, the latest first: an adapter may return them. Empty on a line.
+    sent: Vec<Vec<Frame>>,
     is_any: bool,
 }
+
+/// Number of batches whose echoes are recognised: those of at least one cycle, which sends commands and at most one batch of
+/// questions.
+const BATCHES: usize = 4;
 
 impl ForeignCommands {
     /// Counts on the CAN bus with this index. Allocates; nothing after it does.
     pub(super) fn new(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
         let commands = motors.map(|(motor, settings)| (settings.command_id(), motor, 0));
-        Self { commands: commands.collect(), safe: BusFrames::of(settings, bus), is_any: false }
+        Self {
+            commands: commands.collect(),
+            safe: BusFrames::of(settings, bus),
+            sent: Vec::new(),
+            is_any: false,
+        }
     }
 
     /// Counts nothing: no other sender is visible on a serial line.
     pub(super) fn none() -> Self {
-        Self { commands: Vec::new(), safe: BusFrames::default(), is_any: false }
+        Self { commands: Vec::new(), safe: BusFrames::default(), sent: Vec::new(), is_any: false }
     }
 
-    /// Counts `frame`, which no motor sends, if it commands one. Bounded by the motors of the bus.
+    /// Prepares for batches in buffers like `frames`. Allocates.
+    pub(super) fn expect_batches(&mut self, frames: &[Frame]) {
+        let batches = if self.commands.is_empty() { 0 } else { BATCHES };
+        self.sent = vec![frames.to_vec(); batches];
+    }
+
+    /// Keeps the buffer of a batch that was sent, and replaces it by that of an old one. Constant time.
+    #[inline]
+    pub(super) fn keep_batch(&mut self, frames: &mut Vec<Frame>) {
+        if let Some(oldest) = self.sent.last_mut() {
+            core::mem::swap(oldest, frames);
+            self.sent.rotate_right(1);
+        }
+    }
+
+    /// Counts `frame`, which no motor sends, if it commands one and is no echo. Bounded by the motors of the bus.
     #[cold]
     pub(super) fn note(&mut self, frame: &Frame) {
-        let Self { commands, safe, is_any } = self;
+        let Self { commands, safe, sent, is_any } = self;
         let Some((.., frames)) = commands.iter_mut().find(|(id, ..)| *id == frame.id()) else { return };
+        if sent.iter().any(|batch| batch.contains(frame)) {
+            return;
+        }
         if !safe.damp.contains(frame) && !safe.stop.contains(frame) {
             *frames = frames.wrapping_add(1);
             *is_any = true;

@@ -49,12 +49,14 @@ impl Wire {
     pub(super) fn new(
         bus: Box<dyn Bus>,
         routes: Vec<(FrameId, usize)>,
-        foreign: ForeignCommands,
+        mut foreign: ForeignCommands,
         sensors: Sensors,
     ) -> Self {
+        let frames = vec![Frame::EMPTY; routes.len() + sensors.frames_max()];
+        foreign.expect_batches(&frames);
         Self {
             bus,
-            frames: vec![Frame::EMPTY; routes.len() + sensors.frames_max()],
+            frames,
             senders: Vec::with_capacity(routes.len()),
             requests: 0,
             sensors,
@@ -122,7 +124,11 @@ impl Wire {
             BusCondition::Off | BusCondition::Gone | BusCondition::Exchanged => {
                 Sent { accepted: 0, refusal: None }
             }
-            _ => self.bus.send(now, &self.frames[..self.senders.len() + self.requests]),
+            _ => {
+                let sent = self.bus.send(now, &self.frames[..self.senders.len() + self.requests]);
+                self.foreign.keep_batch(&mut self.frames);
+                sent
+            }
         };
         match sent.refusal {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
