@@ -57,6 +57,8 @@ pub enum Reported {
     State(Measured<JointSide>, Duration, Status),
     /// Its fault bits.
     Fault(Faults),
+    /// Perhaps its fault bits, perhaps a late state. Its fault must be asked for again.
+    Ambiguous(Faults),
     /// The value of the indicator with this number, in the unit of that indicator; NaN when the
     /// motor refuses.
     Indicator(u8, f32),

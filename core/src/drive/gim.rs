@@ -154,6 +154,8 @@ impl Gim {
 
     pub(super) fn classify(&self, payload: &[u8]) -> Payload {
         match gim::decode_reply(payload, Pending::Other, &self.scales) {
+            // A reply names its command, so a report cannot be a state.
+            Ok(reply @ Reply::Fault(_)) if reply.answers(&self.asked) => Payload::Report,
             Ok(reply) if reply.answers(&self.asked) => Payload::Plain,
             Ok(_) | Err(_) => Payload::Unreadable,
         }

@@ -8,7 +8,7 @@ use crate::joint::{Impedance, Measured, MotorSide, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{Field, Profile, Scales};
+use motord_protocol::{Faults, Field, Profile, Scales, register};
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -22,6 +22,8 @@ pub(super) struct Mit {
     last: Option<Last>,
     /// A state had a status since the motor was silent: one without is that of a motor that is off.
     has_status: bool,
+    /// The last answer to a fault request, if it may be a late state.
+    ambiguous: Option<Ambiguous>,
 }
 
 /// After a longer silence no reply answers an earlier request.
@@ -38,6 +40,16 @@ struct Last {
     /// rad/s.
     velocity: f32,
     at: Instant,
+}
+
+/// A payload that may be a fault report or a state. The faults count when the next answer to a fault request has the same ones,
+/// and until then no reply is late and no state continues this one.
+#[derive(Debug, Clone, Copy)]
+struct Ambiguous {
+    /// Read as a fault report.
+    faults: Faults,
+    /// Read as a state.
+    state: Option<Last>,
 }
 
 /// Follows a position whose code wraps round. The turns are counted from accepted states only.
@@ -89,6 +101,7 @@ impl Mit {
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
             last: None,
             has_status: false,
+            ambiguous: None,
         }
     }
 
@@ -168,16 +181,25 @@ impl Mit {
         codes.ok()
     }
 
+    /// Returns whether the payload answers a request for a register: another program, or this one before its first cycle, sent it.
+    #[inline(always)]
+    fn answers_register(&self, payload: &[u8]) -> bool {
+        self.profile.has_registers && register::is_answer(self.id, payload)
+    }
+
     /// Returns whether the payload, read as a state, continues the motion.
     #[cold]
     fn may_continue(&self, payload: &[u8], at: Instant) -> bool {
         self.profile.decode_state(payload, &self.scales).is_ok_and(|state| self.continues(&state, at))
     }
 
-    /// Returns whether the motor can have reached `state` since its last accepted state. False
-    /// after a long silence.
+    /// Returns whether the motor can have reached `state` since its last accepted state.
     fn continues(&self, state: &State, at: Instant) -> bool {
-        let Some(last) = self.last else { return false };
+        self.last.is_some_and(|last| self.follows(last, state, at))
+    }
+
+    /// Returns whether the motor can have reached `state` since `last`. False after a long silence.
+    fn follows(&self, last: Last, state: &State, at: Instant) -> bool {
         let silence = at.since(last.at);
         let reach = self.scales.velocity.max() as f32 * silence.as_secs_f32() + POSITION_MARGIN;
         silence <= SILENCE_MAX
@@ -189,6 +211,9 @@ impl Mit {
     #[inline(always)]
     fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
         self.last = Some(Last { position: state.position, velocity: state.velocity, at });
+        if self.ambiguous.is_some() {
+            self.compare_ambiguous(state, at);
+        }
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
         let status = Status {
@@ -218,7 +243,7 @@ impl Mit {
         if self.profile.is_fault_report(payload) {
             return Payload::Report;
         }
-        if !self.profile.fits_state(payload) {
+        if !self.profile.fits_state(payload) || self.answers_register(payload) {
             return Payload::Unreadable;
         }
         match open == Some(Question::Fault) && self.may_continue(payload, at) {
@@ -240,11 +265,46 @@ impl Mit {
                 Ok(state) => self.state(&state, at, latency),
                 Err(_) => Reported::Alive,
             },
-            Question::Fault => match self.profile.decode(payload, Asked::Fault, &self.scales) {
-                Ok(Reply::Fault { faults, .. }) => Reported::Fault(faults),
-                _ => Reported::Alive,
-            },
+            Question::Fault => {
+                self.refute();
+                self.faults_in(payload).map_or(Reported::Alive, Reported::Fault)
+            }
             Question::Clear => Reported::Cleared,
+        }
+    }
+
+    /// Takes an answer to a fault request that may be a late state: the second one with the same
+    /// faults counts.
+    pub(super) fn accept_ambiguous(&mut self, payload: &[u8], at: Instant) -> Reported {
+        let Some(faults) = self.faults_in(payload) else { return Reported::Alive };
+        if self.ambiguous.take().is_some_and(|before| before.faults == faults) {
+            return Reported::Fault(faults);
+        }
+        let state = self.profile.decode_state(payload, &self.scales).ok();
+        let state = state.map(|state| Last { position: state.position, velocity: state.velocity, at });
+        self.ambiguous = Some(Ambiguous { faults, state });
+        Reported::Ambiguous(faults)
+    }
+
+    /// Forgets an ambiguous answer.
+    pub(super) const fn refute(&mut self) {
+        self.ambiguous = None;
+    }
+
+    /// Forgets an ambiguous answer that `state` continues: it was a state.
+    #[cold]
+    fn compare_ambiguous(&mut self, state: &State, at: Instant) {
+        let before = self.ambiguous.and_then(|ambiguous| ambiguous.state);
+        if before.is_some_and(|before| self.follows(before, state, at)) {
+            self.refute();
+        }
+    }
+
+    /// Returns the faults in a fault report.
+    fn faults_in(&self, payload: &[u8]) -> Option<Faults> {
+        match self.profile.decode(payload, Asked::Fault, &self.scales) {
+            Ok(Reply::Fault { faults, .. }) => Some(faults),
+            _ => None,
         }
     }
 }

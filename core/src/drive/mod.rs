@@ -159,8 +159,15 @@ impl Drive {
         let (question, latency) = match correlator.receive(kind, at) {
             Role::Answer(question, latency) => (question, latency),
             Role::LateReport => (Question::Fault, Duration::ZERO),
-            Role::Late => return Received::Reply(Reported::Late),
-            Role::Duplicate => return Received::Duplicate,
+            Role::Ambiguous => return Received::Reply(dialect.accept_ambiguous(payload, at)),
+            Role::Late => {
+                dialect.refute();
+                return Received::Reply(Reported::Late);
+            }
+            Role::Duplicate => {
+                dialect.refute();
+                return Received::Duplicate;
+            }
             Role::UnexpectedId => return Received::UnexpectedId,
             Role::Malformed => return Received::Malformed,
         };
@@ -177,6 +184,23 @@ impl Dialect {
         match self {
             Self::Mit(mit) => mit.classify(payload, at, open),
             Self::Gim(gim) => gim.classify(payload),
+        }
+    }
+
+    /// Takes a payload that may be a fault report. Only MIT has such replies.
+    #[cold]
+    fn accept_ambiguous(&mut self, payload: &[u8], at: Instant) -> Reported {
+        match self {
+            Self::Mit(mit) => mit.accept_ambiguous(payload, at),
+            Self::Gim(_) => Reported::Alive,
+        }
+    }
+
+    /// Forgets an ambiguous report: replies are late, so it was probably one of them.
+    #[cold]
+    const fn refute(&mut self) {
+        if let Self::Mit(mit) = self {
+            mit.refute();
         }
     }
 

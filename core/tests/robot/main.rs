@@ -1,5 +1,6 @@
 //! The cycle with simulated motors, on virtual time.
 
+mod ambiguous;
 mod busy_poll;
 mod client_fuzz;
 mod cycle;

@@ -107,6 +107,7 @@ impl Group {
         match *reported {
             Reported::State(..) => {}
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
+            Reported::Ambiguous(bits) => motor.report_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),

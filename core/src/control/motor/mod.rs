@@ -2,7 +2,9 @@
 //! request. The module [`mode`] has the diagram of its modes.
 
 mod absence;
+mod ambiguous;
 mod backlog;
+mod faults;
 mod follow;
 mod foreign;
 mod heat;
@@ -28,6 +30,7 @@ use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::{BeyondRange, MotorSettings};
 use absence::Absence;
 use backlog::Backlog;
+use faults::FaultWatch;
 use foreign::Foreign;
 use heat::Heat;
 use mode::{Mode, Start};
@@ -38,8 +41,6 @@ use plausibility::{Credibility, Expectation, Plausibility};
 use replies::Replies;
 use service::{ServiceRequest, ZERO_PAUSE, ZERO_TOLERANCE};
 
-/// A motor that has been silent for this many turns is asked for its faults instead.
-const SILENT_TURNS: u32 = 5;
 /// A joint at rest whose torque is more than this share of the rated torque bears a load.
 const LOAD_SHARE: f32 = 0.1;
 /// Number of consecutive states with "off" that stop the group of an active motor.
@@ -74,22 +75,6 @@ pub(super) struct Motor {
     foreign: Foreign,
     absence: Absence,
     backlog: Backlog,
-}
-
-/// The faults of a motor, and when it is asked for them.
-#[derive(Debug, Clone, Copy, Default)]
-struct FaultWatch {
-    /// The faults that it reported last.
-    reported: Faults,
-    /// When it should be asked next.
-    poll_at: Instant,
-    /// The motor refused a command, or reports a fault without its name: it is asked in the next
-    /// cycle.
-    is_urgent: bool,
-    /// Its last state reports a fault without its name.
-    is_unnamed: bool,
-    /// It answered a question for its faults since the first such state.
-    is_answered: bool,
 }
 
 impl Motor {
@@ -306,19 +291,6 @@ impl Motor {
         }
     }
 
-    /// Returns whether a question for faults replaces the command. A motor in fault may answer
-    /// nothing else (GIM document 3.2.16), so a silent motor is asked at intervals. Never in two
-    /// consecutive turns: a moving motor needs its commands.
-    const fn doubts(&mut self) -> bool {
-        if self.replies.asked_fault {
-            return false;
-        }
-        let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
-        let urgent = core::mem::replace(&mut self.faults.is_urgent, false);
-        let doubts = (urgent || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
-        doubts && self.settings.capabilities.answers_fault_question
-    }
-
     /// Takes its state, which arrived `latency` after the command. `runs` is `None` where states do
     /// not contain it. Counts an implausible state, and does not use it.
     ///
@@ -464,7 +436,7 @@ impl Motor {
 
     /// Takes its fault bits.
     pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
-        self.faults.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        self.faults.postpone(at, cx);
         self.faults.is_answered = true;
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });
         if fault != self.faults.reported && !(fault.is_none() && was_in_fault) {

@@ -34,14 +34,14 @@ struct Request {
 /// The state of the correlation: five independent parts.
 ///
 /// ```text
-///   open             ┌──────── answer, withdrawal ◀────────┐
+///   open             ┌── answer, ambiguous, withdrawal ◀───┐
 ///                    ▼                                     │
 ///                 Nothing ──── request ──▶ State | Fault | Clear ──┐
 ///                                                  ▲               │ request: the one before is owed,
 ///                                                  └───────────────┘ if it is younger than 50 ms
 ///
-///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1)
-///                    ▲                              │
+///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open, or an ambiguous answer
+///                    ▲                              │     (n + 1)
 ///                    └── request, 50 ms later ◀─────┘
 ///
 ///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
@@ -54,7 +54,7 @@ struct Request {
 ///   reports          Unseen(n) ── an unambiguous report ──▶ Seen(0)
 ///                       ▲                                   │
 ///                       └─────── n = DOUBTED_AFTER ── Seen(n)
-///                      n + 1: request while Fault is open;  0: a fault request was answered
+///                      n + 1: request while Fault is open
 /// ```
 ///
 /// | open | payload | trusted | distrusted |
@@ -70,9 +70,9 @@ struct Request {
 /// | Fault | report | answer | given up |
 /// | Fault | continuation, once a report was seen, or while replies are owed or n < 3 | late | late |
 /// | Fault | plain, once a report was seen | late | late |
-/// | Fault | any other | answer | given up |
+/// | Fault | any other | ambiguous | given up |
 ///
-/// *Unasked* is late while replies are owed or unpaid, otherwise a duplicate. *Given up* is unasked, and
+/// *Ambiguous*: the report may still be on its way behind this late state, so it is owed. *Unasked* is late while replies are owed or unpaid, otherwise a duplicate. *Given up* is unasked, and
 /// closes the request: otherwise each fault request would be distrusted because of the previous
 /// one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -179,8 +179,21 @@ impl Correlator {
                 self.reports = Reports::Seen(0);
                 self.answer(open, at)
             }
+            (Question::Fault, _) => self.ambiguous(at),
             _ => self.answer(open, at),
         }
+    }
+
+    /// Takes the payload as an answer that may be the late one to an earlier request, unless the next
+    /// reply is distrusted.
+    fn ambiguous(&mut self, at: Instant) -> Role {
+        self.open = None;
+        if at < self.distrusted_until {
+            return self.unasked();
+        }
+        self.owed = self.owed.saturating_add(1);
+        self.owed_since = at;
+        Role::Ambiguous
     }
 
     /// Takes the payload as the answer to the open request, unless the next reply is distrusted.
@@ -191,9 +204,6 @@ impl Correlator {
             return self.unasked();
         }
         self.open = None;
-        if is_fault && matches!(self.reports, Reports::Unseen(_)) {
-            self.reports = Reports::Unseen(0);
-        }
         Role::Answer(open.question, at.since(open.sent_at))
     }
 
@@ -218,7 +228,7 @@ impl Correlator {
         Role::Duplicate
     }
 
-    /// Returns whether an ambiguous answer to a fault request is more likely a late state.
+    /// Returns whether an answer to a fault request is certainly, or more likely, a late state.
     const fn is_rather_a_state(&self, payload: Payload) -> bool {
         match self.reports {
             Reports::Seen(_) => true,

@@ -23,7 +23,7 @@ pub(crate) enum Payload {
     Unreadable,
     /// An unambiguous fault report: no state has its shape.
     Report,
-    /// Read as a state, it continues the last state. It may be a fault report by chance.
+    /// Read as a state, it continues the last state. It may be an ambiguous fault report.
     Continuation,
     /// Any other reply.
     Plain,
@@ -34,6 +34,8 @@ pub(crate) enum Payload {
 pub(crate) enum Role {
     /// The answer to the open request, and the time since that was sent.
     Answer(Question, Duration),
+    /// An answer to the open fault request that may be a late state instead of a report.
+    Ambiguous,
     /// A fault report, which answers an earlier fault request.
     LateReport,
     /// Answers an earlier request. Its content is unknown or outdated.
