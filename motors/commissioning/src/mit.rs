@@ -5,7 +5,7 @@ use crate::link::{Heard, Link};
 use motord_bus::{Duration, FrameId};
 use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Faults, Profile, Scales};
+use motord_protocol::{Faults, Profile, Scales, register};
 
 /// Attempts for a request that may be repeated.
 const ATTEMPTS: usize = 3;
@@ -67,19 +67,33 @@ impl<'l> Mit<'l> {
         }
     }
 
-    /// Reads the faults of the motor. Only for motors that are known to support the request: others
+    /// Reads the faults of the motor. An answer that may be a late state counts when it is repeated. Only for motors that are known to support the request: others
     /// read it as a control frame of full stiffness.
     pub fn fault(&mut self) -> Result<Faults, Error> {
         if !self.profile.is_asked_for_faults() {
             let state = self.stop()?;
             return Ok(self.profile.faults_of(&state).unwrap_or(Faults::NONE));
         }
+        let mut ambiguous = None;
         for _ in 0..ATTEMPTS {
-            if let Some(Reply::Fault { faults, .. }) = self.ask(&Command::GetFault, Asked::Fault)? {
+            let Some((faults, is_certain)) = self.fault_answer()? else { continue };
+            if is_certain || ambiguous == Some(faults) {
                 return Ok(faults);
             }
+            // Another late state, or the report behind it, must not answer the next request.
+            ambiguous = Some(faults);
+            self.link.pause(self.link.patience());
         }
         Err(self.silent("get fault"))
+    }
+
+    /// Asks for the faults once. The second value is false when the answer may be a late state.
+    fn fault_answer(&mut self) -> Result<Option<(Faults, bool)>, Error> {
+        let (profile, scales) = (self.profile, self.scales);
+        self.ask_payload(&Command::GetFault, |payload| match profile.decode(payload, Asked::Fault, &scales) {
+            Ok(Reply::Fault { faults, .. }) => Some((faults, profile.is_fault_report(payload))),
+            _ => None,
+        })
     }
 
     /// Clears the fault. Only [`fault`](Self::fault) reports the result.
@@ -100,14 +114,31 @@ impl<'l> Mit<'l> {
     }
 
     fn ask(&mut self, command: &Command, asked: Asked) -> Result<Option<Reply>, Error> {
+        let (id, profile, scales) = (self.id, self.profile, self.scales);
+        // A late report or the answer for a register is no state.
+        let is_other = move |payload: &[u8]| {
+            profile.is_fault_report(payload) || profile.has_registers && register::is_answer(id, payload)
+        };
+        self.ask_payload(command, |payload| {
+            let fits = asked != Asked::State || !is_other(payload);
+            fits.then(|| profile.decode(payload, asked, &scales).ok()).flatten()
+        })
+    }
+
+    /// Sends `command`, and passes the answers of the motor to `read` until it returns a value.
+    fn ask_payload<T>(
+        &mut self,
+        command: &Command,
+        mut read: impl FnMut(&[u8]) -> Option<T>,
+    ) -> Result<Option<T>, Error> {
         let reason = "a value of the command is not a finite number";
         let payload = command.encode(&self.scales).map_err(|_| Error::Protocol { id: self.id, reason })?;
-        let (id, host_id, profile, scales) = (self.id, self.host_id, self.profile, self.scales);
+        let (id, host_id, profile) = (self.id, self.host_id, self.profile);
         let patience = self.link.patience();
         self.link.ask(id, payload, patience, |heard| match heard {
             Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
                 let payload = frame.payload();
-                profile.is_from(id, payload).then(|| profile.decode(payload, asked, &scales).ok()).flatten()
+                if profile.is_from(id, payload) { read(payload) } else { None }
             }
             Heard::Frame(_) | Heard::NotRead | Heard::Collision => None,
         })

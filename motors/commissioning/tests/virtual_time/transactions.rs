@@ -279,3 +279,26 @@ fn damiao_motor_reports_ends_of_its_codes() {
     assert_eq!(ends(&mut link, 4, host_id(0x104)), Ok(None), "a motor without registers");
     assert_eq!(bus.lock().motors()[0].mode(), Mode::Stopped);
 }
+
+/// Goal: `motorctl fault` reports no fault for a state that is late. Method: each answer is later than the link waits, so the one to a
+/// stop arrives after the question for the fault.
+#[test]
+fn late_state_is_no_fault() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Mit)]);
+    let mut link = link(&bus, BusKind::Can);
+    inject(&bus, &link, "knee delayed 30ms");
+    let mut knee = Mit::new(&mut link, 3, None, Scales::WITHOUT_CONSTANTS);
+    knee.stop().unwrap();
+    assert_eq!(knee.fault(), Ok(Faults::NONE));
+}
+
+#[test]
+fn fault_of_motor_with_filled_reports_is_read() {
+    let mut knee = motor("knee", 3, Dialect::Mit);
+    knee.behaviour.stale_bytes = true;
+    let bus = bus(BusKind::Can, vec![knee]);
+    let mut link = link(&bus, BusKind::Can);
+    inject(&bus, &link, "knee fault 0x40");
+    let mut knee = Mit::new(&mut link, 3, None, Scales::WITHOUT_CONSTANTS);
+    assert_eq!(knee.fault().map(|faults| faults.0), Ok(0x40));
+}
