@@ -8,9 +8,10 @@ use motord_bus::{Duration, Instant, Readiness, Ready};
 use motord_shared::limits::BUSES_MAX;
 
 /// Most system calls for waiting and receiving in a cycle, without those of busy polling: this many
-/// per CAN bus, plus [`CALLS_MORE`].
+/// per CAN bus, plus [`CALLS_MORE`]. After the first sleep and a read of each of n buses without a
+/// reply, they permit a wait, a read of each, and the same again at the deadline: 2n + 2.
 const CALLS_PER_BUS: usize = 3;
-const CALLS_MORE: usize = 2;
+const CALLS_MORE: usize = 3;
 /// Most reads of the open buses, or of the clock in one wait, if the clock does not advance.
 const READS_MAX: usize = 1000;
 /// This long after the expected reply time of a bus nearly all late replies have arrived.

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | sleep until the tick | 2 |
 //! | send | 1 per bus |
-//! | wait and receive | 3 per CAN bus plus 2 |
+//! | wait and receive | 3 per CAN bus plus 3 |
 //! | read before the decisions | 1 per line, and per bus with an open request of an earlier cycle |
 //! | busy polling, where configured | 1, and the reads that [`Polled`] counts |
 //! | questions | 1 send per bus that is asked, and the calls for its reply |
