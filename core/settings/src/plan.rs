@@ -43,10 +43,6 @@ pub struct BusPlan {
     pub unstuffed_utilisation: f64,
     /// The worst case with a fault request to one motor.
     pub fault_poll_utilisation: f64,
-    /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
-    pub expected: Duration,
-    /// The same of a cycle that also asks IMUs.
-    pub expected_with_imus: Duration,
     /// Least wire time of one command and its reply.
     pub transaction_least: Duration,
     /// Most wire time of one command and its reply.
@@ -113,7 +109,6 @@ impl BusPlan {
             unstuffed_utilisation: self.unstuffed_utilisation
                 + part(imus.asked_unstuffed, imus.sent_unstuffed),
             fault_poll_utilisation: self.fault_poll_utilisation + worst,
-            expected_with_imus: self.expected + wire_time(imus.asked_unstuffed, bitrate),
             imu_time: last_reply.saturating_sub(self.last_reply),
             last_reply,
             rate_hz_max,
@@ -140,8 +135,6 @@ impl BusPlan {
             worst_case_utilisation: utilisation(worst_case, rate_hz, bitrate),
             unstuffed_utilisation: utilisation(unstuffed, rate_hz, bitrate),
             fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
-            expected: wire_time(unstuffed, bitrate),
-            expected_with_imus: wire_time(unstuffed, bitrate),
             imu_time: Duration::ZERO,
             transaction_least: wire_time(least, bitrate),
             transaction_worst: wire_time(fault_poll, bitrate),
@@ -164,8 +157,6 @@ impl BusPlan {
             worst_case_utilisation: share(motors, turn),
             unstuffed_utilisation: share(motors, wire),
             fault_poll_utilisation: share(turns, turn),
-            expected: turn,
-            expected_with_imus: turn,
             imu_time: Duration::ZERO,
             transaction_least: wire,
             transaction_worst: turn,
@@ -233,13 +224,13 @@ mod tests {
         let plan = BusPlan::of_turns(&[mit(0), mit(0), mit(0)], 1_000_000, 1000.0, 0.8);
         assert_eq!((plan.worst_case_utilisation, plan.unstuffed_utilisation), (0.75, 0.618));
         assert_eq!(plan.fault_poll_utilisation, 1.0);
-        assert_eq!(plan.expected, Duration::from_micros(618));
+        assert_eq!(plan.transaction_least, Duration::from_micros(206));
     }
 
     #[test]
     fn a_bus_without_motors_needs_nothing() {
         let plan = BusPlan::of_turns(&[], 1_000_000, 1000.0, 0.8);
-        assert_eq!((plan.fault_poll_utilisation, plan.expected), (0.0, Duration::ZERO));
+        assert_eq!((plan.fault_poll_utilisation, plan.transaction_least), (0.0, Duration::ZERO));
     }
 
     #[test]

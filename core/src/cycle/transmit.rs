@@ -36,10 +36,8 @@ impl Cycle {
         channel.wire_mut().queue_each(write);
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
-        } else if !channel.wire_mut().sensors().is_empty()
-            && let Some(channel) = channel.can_mut()
-        {
-            channel.queue_requests(wake.cycle, now);
+        } else if !channel.wire_mut().sensors().is_empty() {
+            channel.wire_mut().queue_requests(wake.cycle, now);
         }
         let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];

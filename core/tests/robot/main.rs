@@ -17,6 +17,7 @@ mod imu;
 mod imu_can;
 mod late;
 mod mixed;
+mod publication;
 mod reads;
 mod replay;
 mod transitions;

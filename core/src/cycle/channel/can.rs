@@ -20,26 +20,30 @@ pub(crate) struct CanChannel {
     owes: bool,
     sent_at: Instant,
     batch: Batch,
-    /// By [`Batch`].
-    expected: [ReplyTime; 3],
+    /// Index of the last batch in `expected`.
+    slot: usize,
+    /// Separate for batches with different numbers of frames: a probed, an excluded or a waiting motor makes a difference of a
+    /// command and its reply. The first is that of questions.
+    expected: Vec<ReplyTime>,
     /// Longest time of a question and its reply on the wire.
     question_time: Duration,
 }
 
-/// The kind of frames that are sent together. Each kind has a separate expected reply time.
+/// The kind of frames that are sent together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Batch {
-    /// One command per motor. Most are answered with a state.
+    /// At most one command per motor, and requests to IMUs. Most are answered.
     Commands,
     /// A question to one motor, for its faults or an indicator.
     Question,
-    /// Commands, and requests to IMUs.
-    Samples,
 }
 
 impl CanChannel {
+    /// Allocates; nothing after it does.
     pub(super) fn new(wire: Wire, takes_all: bool, plan: &BusPlan) -> Self {
+        let least = |frames: usize| ReplyTime::new(plan.transaction_least * frames as u32);
         Self {
+            expected: wire.batches().map(|frames| least(frames.max(1))).collect(),
             wire,
             takes_all,
             awaited: 0,
@@ -48,7 +52,7 @@ impl CanChannel {
             owes: false,
             sent_at: Instant::ZERO,
             batch: Batch::Commands,
-            expected: [plan.expected, plan.transaction_least, plan.expected_with_imus].map(ReplyTime::new),
+            slot: 0,
             question_time: plan.transaction_worst,
         }
     }
@@ -59,13 +63,6 @@ impl CanChannel {
         self.give_up(now);
         self.batch = batch;
         self.wire.clear();
-    }
-
-    /// Queues the requests to the IMUs in the cycle with this number, after the commands. Bounded by IMUs.
-    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) {
-        if self.wire.queue_requests(cycle, now) {
-            self.batch = Batch::Samples;
-        }
     }
 
     /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
@@ -81,6 +78,7 @@ impl CanChannel {
     #[inline]
     pub(crate) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
+        self.slot = if self.batch == Batch::Question { 0 } else { self.wire.batch() };
         let accepted = self.wire.send(now, unsent);
         self.awaited = accepted.awaited;
         accepted.took_all
@@ -93,19 +91,19 @@ impl CanChannel {
     /// Returns when all replies to this batch are expected to have arrived.
     #[inline]
     pub(crate) fn expected(&self) -> Instant {
-        self.sent_at + self.expected[self.batch as usize].latest()
+        self.sent_at + self.expected[self.slot].latest()
     }
 
     /// Returns the time before which the last reply to this batch rarely arrives.
     pub(crate) fn earliest(&self) -> Instant {
-        self.sent_at + self.expected[self.batch as usize].earliest()
+        self.sent_at + self.expected[self.slot].earliest()
     }
 
     /// Records that every reply to this batch has arrived, and adapts the expected reply time.
     #[inline]
     pub(crate) fn complete(&mut self) {
         if !self.wire.is_idle() {
-            self.expected[self.batch as usize].observe(self.wire.replied_at().since(self.sent_at));
+            self.expected[self.slot].observe(self.wire.replied_at().since(self.sent_at));
         }
     }
 

@@ -83,15 +83,26 @@ impl Wire {
         self.requests = 0;
     }
 
-    /// Queues the requests to the IMUs in the cycle with this number, after the frames of the motors. Returns whether there are
-    /// any. Bounded by IMUs.
-    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) -> bool {
+    /// Returns the number of frames of each possible [`batch`](Self::batch).
+    pub(super) fn batches(&self) -> impl Iterator<Item = usize> {
+        let motors = self.routes.len();
+        (0..=self.frames.len() - motors)
+            .flat_map(move |requests| (0..=motors).map(move |sent| requests + sent))
+    }
+
+    /// Returns the number of the batch among all that differ in their numbers of motors or requests; 0 without a frame.
+    #[inline]
+    pub(super) fn batch(&self) -> usize {
+        self.senders.len() + self.requests * (self.routes.len() + 1)
+    }
+
+    /// Queues the requests to the IMUs in the cycle with this number, after the frames of the motors. Bounded by IMUs.
+    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) {
         if matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive) {
             self.sensors.reconnect();
         }
         let Self { frames, senders, sensors, .. } = self;
         self.requests = sensors.ask(cycle, now, &mut frames[senders.len()..]);
-        self.requests > 0
     }
 
     /// Queues a frame for each motor that `write` writes one for.
