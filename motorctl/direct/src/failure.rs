@@ -129,7 +129,9 @@ impl DirectFailure {
             }
             Self::OtherFormat { source, .. } => source.status(),
             Self::Serial(source) => match source {
-                serial::OpenError::Permission { .. } => exit_status::PERMISSION,
+                serial::OpenError::Permission { .. } | serial::OpenError::Rules { .. } => {
+                    exit_status::PERMISSION
+                }
                 serial::OpenError::Held { .. } => exit_status::BUSY,
                 _ => exit_status::UNAVAILABLE,
             },

@@ -54,6 +54,22 @@ pub struct Robot {
     pub devices: Vec<String>,
     /// The lines of IMUs.
     pub imus: Vec<ImuLine>,
+    /// The units of systemd that read the configuration: daemon and dead man's switch.
+    pub units: Vec<String>,
+}
+
+/// Returns the units that read this configuration; none if it is not in `/etc/motord`.
+fn units(configuration: &Path) -> Vec<String> {
+    let instance = match configuration.parent() == Path::new(DEFAULT_CONFIG).parent() {
+        true => configuration.file_name().and_then(|name| name.to_str()?.strip_suffix(".toml")),
+        false => None,
+    };
+    let suffix = match instance {
+        None => return Vec::new(),
+        Some("motord") => String::new(),
+        Some(instance) => format!("@{instance}"),
+    };
+    ["motord", "motord-deadman"].map(|name| format!("{name}{suffix}.service")).into()
 }
 
 /// Returns the requests to the IMUs of a bus in a cycle.
@@ -73,6 +89,7 @@ impl Robot {
             interfaces: Vec::new(),
             devices: Vec::new(),
             imus: Vec::new(),
+            units: Vec::new(),
         };
         for (index, BusSettings { kind, .. }) in settings.buses.iter().enumerate() {
             match kind {
@@ -108,6 +125,7 @@ impl Robot {
             interfaces: names.filter(is_can).map(interface).collect(),
             devices: Vec::new(),
             imus: Vec::new(),
+            units: Vec::new(),
         }
     }
 
@@ -122,7 +140,10 @@ impl Robot {
         }
         let shown = path.display();
         match configuration::load(path) {
-            Ok(loaded) => (Self::of(&loaded.settings), Finding::good("configuration", shown.to_string())),
+            Ok(loaded) => {
+                let robot = Self { units: units(path), ..Self::of(&loaded.settings) };
+                (robot, Finding::good("configuration", shown.to_string()))
+            }
             Err(error) => {
                 let why = "motord refuses it; the checks below are those of a configuration of defaults";
                 let finding = Finding::bad("configuration", error.to_string(), why)
@@ -140,5 +161,22 @@ impl Robot {
     /// Returns the priority of the cycle.
     pub(crate) fn priority(&self) -> u8 {
         self.request.priority.unwrap_or(PRIORITY)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_of_a_configuration_have_its_name() {
+        assert_eq!(units(Path::new("/etc/motord/motord.toml")), ["motord.service", "motord-deadman.service"]);
+        assert_eq!(
+            units(Path::new("/etc/motord/arm.toml")),
+            ["motord@arm.service", "motord-deadman@arm.service"]
+        );
+        for other in ["robot.toml", "/etc/motord/arm", "/etc/motord.toml", "/", ""] {
+            assert_eq!(units(Path::new(other)), [""; 0], "{other}");
+        }
     }
 }

@@ -241,6 +241,7 @@ mod tests {
             interfaces: Vec::new(),
             devices: Vec::new(),
             imus: Vec::new(),
+            units: Vec::new(),
         };
         let measurement = Measurement::start(&robot).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(100));

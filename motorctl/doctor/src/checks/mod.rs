@@ -1,5 +1,6 @@
 //! The checks. Each is a function of the files in a tree and of answers of the kernel.
 
+mod devices;
 mod interface;
 mod limits;
 mod owners;
@@ -39,6 +40,7 @@ pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
     }
     for device in &robot.devices {
         findings.extend(serial::device(tree, device, daemon));
+        findings.extend(devices::rules(tree, &robot.units, device));
     }
     findings.extend(robot.imus.iter().map(serial::imu));
     findings

@@ -47,6 +47,7 @@ fn robot(cpu: Option<usize>) -> Robot {
         interfaces: Vec::new(),
         devices: Vec::new(),
         imus: Vec::new(),
+        units: Vec::new(),
     }
 }
 
@@ -574,10 +575,18 @@ fn arbitrary_file_contents_never_panic_a_check() {
             "sys/devices/system/cpu/isolated",
             "sys/devices/system/cpu/cpu0/cpuidle/state0/latency",
             "etc/os-release",
+            "dev/ttyS0",
+            "sys/class/tty/ttyS0/dev",
+            "proc/devices",
+            "etc/systemd/system/motord.service",
         ];
         let fixture = Fixture::new(&paths.map(|path| (path, text)));
-        let everything =
-            Robot { interfaces: vec![can0()], devices: vec!["/dev/x".to_owned()], ..robot(None) };
+        let everything = Robot {
+            interfaces: vec![can0()],
+            devices: vec!["/dev/x".to_owned(), "/dev/ttyS0".to_owned()],
+            units: vec!["motord.service".to_owned()],
+            ..robot(None)
+        };
         assert!(all(&fixture.tree(), &everything).len() > 10);
     }
 }

@@ -10,6 +10,7 @@
 //! - [`framing`]: the bytes of a frame, and finding frames in a stream of bytes.
 //! - `line`: matching of bytes to the open request.
 //! - `port`: the device.
+//! - `unit`: the rules of systemd for devices.
 
 #[cfg(feature = "linux")]
 mod bus;
@@ -20,6 +21,8 @@ mod line;
 mod port;
 #[cfg(feature = "linux")]
 mod stream;
+#[cfg(feature = "linux")]
+mod unit;
 
 use crate::time::Duration;
 

@@ -20,6 +20,7 @@ use rustix::termios::{
 };
 
 use super::stream::ByteStream;
+use super::unit;
 use crate::Readiness;
 use crate::kernel::{self, errno};
 use crate::time::Duration;
@@ -48,6 +49,14 @@ pub enum OpenError {
     Permission {
         /// The device.
         device: String,
+    },
+    /// The control group of this process has no rule for the device.
+    #[error("{device}: {remedy}")]
+    Rules {
+        /// The device.
+        device: String,
+        /// The lines that permit it.
+        remedy: String,
     },
     /// A file of another kind.
     #[error("{device} is not a serial port")]
@@ -218,8 +227,23 @@ fn refused(device: &str, errno: Errno) -> OpenError {
     let device = device.to_owned();
     match errno {
         Errno::ENOENT | Errno::ENODEV | Errno::ENXIO | Errno::EIO => OpenError::Missing { device },
-        Errno::EACCES | Errno::EPERM => OpenError::Permission { device },
+        Errno::EACCES => OpenError::Permission { device },
+        Errno::EPERM => OpenError::Rules { remedy: unit::remedy(&device), device },
         Errno::EBUSY => OpenError::Held { device },
         errno => OpenError::System { device, errno },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rule_of_unit_differs_from_permission() {
+        let rule = refused("/dev/ttyTHS1", Errno::EPERM);
+        assert!(matches!(rule, OpenError::Rules { .. }), "{rule:?}");
+        assert!(!rule.to_string().contains("dialout"), "{rule}");
+        let permission = refused("/dev/ttyTHS1", Errno::EACCES).to_string();
+        assert!(permission.contains("dialout"), "{permission}");
     }
 }
