@@ -11,7 +11,8 @@ use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_core::joint::Transmission;
 use motord_core::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
-    LimitSettings, MotorSettings, SafeStop, SafetySettings, Settings, WindingSettings,
+    LimitSettings, MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
+    WindingSettings,
 };
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{MotorProtocol, Profile};
@@ -163,6 +164,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
         capabilities: profile.capabilities(MotorProtocol::Mit, &scales),
+        registers: [RegisterRange::ANY; REGISTERS_MAX],
         duration: ExecutionTime::default(),
         may_be_excluded: false,
         excluded: false,

@@ -2,11 +2,12 @@
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
 //! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).
-//! A motor that does not answer yet is offline, and is judged by the lock file only.
+//! A motor that does not answer yet is offline, and is judged by the lock file only. The cycle reads registers itself, at a motor's
+//! first answer and after each silence (`core/src/control/motor/registers.rs`).
 
 use motord_bus::{Bus, Duration, Monotonic};
-use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, ends, survey};
-use motord_configuration::lock::{Finding, Lock, LockError, Verdict, end_findings, findings, mismatches};
+use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
+use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
 use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_protocol::MotorProtocol;
 use std::path::Path;
@@ -19,7 +20,7 @@ pub type Judged = (Vec<Box<dyn Bus>>, Vec<usize>);
 
 /// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
 /// difference with its cure. Returns the buses, and the indices of these motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
-/// read requests to native ones and to those with registers.
+/// read requests to native ones.
 ///
 /// # Errors
 ///
@@ -52,10 +53,6 @@ fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus
             Ok(Some(survey)) => {
                 let reported = survey.reported(&motor.name, &settings.buses[index].name);
                 found.extend(findings(settings, motor, Some(&reported)));
-                match ask_ends(motor, &mut link) {
-                    Ok(ends) => found.extend(ends.into_iter().flat_map(|ends| end_findings(motor, ends))),
-                    Err(error) => tracing::warn!("{}: {error}", motor.name),
-                }
             }
             Ok(None) => {}
             // The others would not be reached either.
@@ -65,11 +62,6 @@ fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus
     }
     found.retain(|finding| finding.verdict == Verdict::Differs);
     (link.into_bus(), found)
-}
-
-/// The ends of the motor's codes, if it has registers and answers.
-fn ask_ends(motor: &MotorSettings, link: &mut Link) -> Result<Option<[f32; 3]>, Error> {
-    if motor.profile.has_registers { ends(link, motor.id, motor.host_id) } else { Ok(None) }
 }
 
 /// A motor's words, if it answers.

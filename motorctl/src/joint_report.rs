@@ -103,7 +103,9 @@ impl JointReport {
         } else if !self.faults.is_empty() {
             Some(format!("{name} reports {}.", self.faults.join(", ")))
         } else if self.mismatch {
-            Some(format!("{name} differs from its configuration, and is not enabled."))
+            Some(format!(
+                "{name} differs from its configuration, or has not reported its registers, and is not enabled."
+            ))
         } else {
             (self.mode == MotorMode::Fault.name()).then(|| format!("{name} reports a fault."))
         }

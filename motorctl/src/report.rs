@@ -331,8 +331,8 @@ fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDe
     }
     if joint.mismatch {
         return Some(format!(
-            "{name} differs from its configuration, and its group is not enabled: the daemon's log names the difference; \
-             `{motorctl} explain mismatch`"
+            "{name} differs from its configuration, or has not reported its registers, and its group is not enabled: the daemon's \
+             log names the difference; `{motorctl} explain mismatch`"
         ));
     }
     let position = joint.position_rad.filter(|_| joint.outside_limits)?;

@@ -250,6 +250,7 @@ codes! {
         TurnLost = 29 "turn-lost" "The position of a joint differs by whole turns of its motor from the one before it was silent: switch the motor off, turn the joint to within half a turn of its zero, and switch it on; or confirm the position with `motorctl fault clear JOINT`.",
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
         ImuLost = 34 "imu-lost" "An IMU delivers no samples, and the configuration stops for that: the daemon's log names it.",
+        Unread = 35 "unread" "A motor of the group has not reported its registers since it answered first or again: try again; the daemon's log names a motor that does not report them.",
     }
 }
 
@@ -316,6 +317,7 @@ impl Refusal {
             | Self::TooSoon
             | Self::TurnLost
             | Self::Mismatch
+            | Self::Unread
             | Self::Excluded => Detail::Joint,
             Self::NotOwner
             | Self::NoOwner
@@ -349,6 +351,7 @@ impl Refusal {
             | Self::TooSoon
             | Self::ForeignMaster
             | Self::ImuLost
+            | Self::Unread
             | Self::Moving => true,
             Self::UnknownOperation
             | Self::UnknownGroup

@@ -15,7 +15,7 @@ pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v5";
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// [`JointState::flags`]: position, velocity and torque have been received at least once since the motor came online.
 pub const JOINT_VALID: u32 = 1 << 1;
-/// [`JointState::flags`]: the motor differs from its configuration. Its group is not enabled.
+/// [`JointState::flags`]: the motor differs from its configuration, or has not reported its registers. Its group is not enabled.
 pub const JOINT_MISMATCH: u32 = 1 << 2;
 
 plain! {

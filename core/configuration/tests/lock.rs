@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_configuration::lock::{
-    Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, findings, mismatches,
+    Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, end_lines, findings, mismatches,
 };
 use motord_configuration::{Machine, parse};
 use motord_settings::settings::Settings;
@@ -209,12 +209,30 @@ fn motor_with_other_ends_is_named() {
         differs.map(|finding| finding.to_string()).collect::<Vec<_>>()
     };
     assert_eq!(differing([12.5, 30.0, 10.0]), [""; 0]);
-    let other = differing([12.5, 24.0, 10.0]);
+    assert_eq!(differing([12.5, 50.0, 20.0]), [""; 0], "the ends of the motor are used");
+    // The default limit of the velocity is the model's 20.9 rad/s.
+    let other = differing([12.5, 20.0, 10.0]);
     assert_eq!(other.len(), 1);
     assert!(
-        other[0].contains("VMAX is 24 in the motor, 30 in the configuration")
+        other[0].contains("VMAX is 20.0 in the motor, at least 21.005 by the limits in the configuration")
             && other[0].contains("register 22"),
         "{other:?}"
     );
     assert_eq!(differing([f32::NAN, f32::INFINITY, -10.0]).len(), 3);
+}
+
+#[test]
+fn written_ends_must_be_those_of_the_motor() {
+    let text = ROBOT.to_owned() + "velocity-end-rad-s = 50.0\n";
+    let settings = parse(Path::new("robot.toml"), text.as_bytes(), &Machine::here()).unwrap().settings;
+    let foot = settings.motors.iter().find(|motor| motor.name == "foot").unwrap();
+    let vmax = |reported| end_findings(foot, [12.5, reported, 10.0])[1].clone();
+    assert_eq!([vmax(50.0), vmax(50.01)].map(|finding| finding.verdict), [Verdict::Agrees; 2]);
+    let wrong = vmax(30.0);
+    assert_eq!(wrong.verdict, Verdict::Differs);
+    assert!(wrong.cure.contains("write velocity-end-rad-s = 30.0"), "{wrong}");
+    assert_eq!(end_lines(foot, [12.5, 50.0, 10.0]), None);
+    let lines = "position-end-rad = 12.5\nvelocity-end-rad-s = 30.0\ntorque-end-nm = 10.0";
+    assert_eq!(end_lines(foot, [12.5, 30.0, 10.0]).as_deref(), Some(lines));
+    assert_eq!(end_lines(foot, [f32::NAN, 30.0, 10.0]), None);
 }

@@ -284,6 +284,8 @@ pub struct MotorSettings {
     pub transmission: Transmission,
     /// The abilities of the motor that decisions depend on.
     pub capabilities: Capabilities,
+    /// The values of its registers with which its group may start.
+    pub registers: [RegisterRange; REGISTERS_MAX],
     /// Duration of each control command, for a motor whose commands have one. The effect of 0 is
     /// not documented.
     pub duration: ExecutionTime,
@@ -315,6 +317,29 @@ impl MotorSettings {
     #[inline]
     pub fn takes(&self, mode: SetpointMode) -> bool {
         !self.capabilities.impedance || mode == SetpointMode::Impedance
+    }
+}
+
+/// Most registers that are read from a motor before its group may start.
+pub const REGISTERS_MAX: usize = 3;
+
+/// The values of a register with which the group of its motor may start, in the unit of the register.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RegisterRange {
+    /// The least.
+    pub least: f32,
+    /// The largest.
+    pub most: f32,
+}
+
+impl RegisterRange {
+    /// Every finite number.
+    pub const ANY: Self = Self { least: f32::MIN, most: f32::MAX };
+
+    /// Returns whether the group may start with this `value`; never for NaN and infinity.
+    #[must_use]
+    pub fn contains(&self, value: f32) -> bool {
+        (self.least..=self.most).contains(&value)
     }
 }
 

@@ -203,6 +203,8 @@ impl Control {
             MotorMode::Offline => Err(Refused::joint(Refusal::MotorOffline, joint)),
             MotorMode::Fault => Err(Refused::joint(Refusal::MotorFault, joint)),
             _ if motor.request.is_some() => Err(Refused::joint(Refusal::Busy, joint)),
+            _ if motor.has_wrong_register() => Err(Refused::joint(Refusal::Mismatch, joint)),
+            _ if !motor.is_read() => Err(Refused::joint(Refusal::Unread, joint)),
             _ if motor.is_doubled() => Err(Refused::joint(Refusal::DuplicateId, joint)),
             _ if motor.is_commanded_elsewhere(self.context.now) => {
                 Err(Refused::joint(Refusal::ForeignMaster, joint))
@@ -295,6 +297,7 @@ impl Control {
             (MotorMode::Offline, _) => Err(Refused::joint(Refusal::MotorOffline, joint)),
             (MotorMode::Excluded, _) => Err(Refused::joint(Refusal::Excluded, joint)),
             (MotorMode::Fault, Kind::SetZero) => Err(Refused::joint(Refusal::MotorFault, joint)),
+            (_, Kind::SetZero) if !motor.is_read() => Err(Refused::joint(Refusal::Unread, joint)),
             // The next state of a moving joint would not confirm its zero.
             (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {
                 Err(Refused::joint(Refusal::Moving, joint))

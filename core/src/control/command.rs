@@ -23,6 +23,8 @@ pub enum Command {
     GetFault,
     /// Report the indicator with this number.
     GetIndicator(u8),
+    /// Report the register with this number, in place of the state.
+    GetRegister(u8),
     /// Acknowledge the fault.
     ClearFault,
     /// Follow this setpoint.
@@ -33,8 +35,8 @@ impl Command {
     /// Returns whether the motor answers with its state.
     #[must_use]
     pub const fn is_answered_by_state(&self) -> bool {
-        use Command::{ClearFault, GetFault, GetIndicator, Nothing, Wait};
-        !matches!(self, Nothing | Wait | GetFault | GetIndicator(_) | ClearFault)
+        use Command::{ClearFault, GetFault, GetIndicator, GetRegister, Nothing, Wait};
+        !matches!(self, Nothing | Wait | GetFault | GetIndicator(_) | GetRegister(_) | ClearFault)
     }
 }
 
@@ -62,6 +64,8 @@ pub enum Reported {
     /// The value of the indicator with this number, in the unit of that indicator; NaN when the
     /// motor refuses.
     Indicator(u8, f32),
+    /// The value of the register with this number, in the unit of that register; it may be any number.
+    Register(u8, f32),
     /// It received the request to clear its fault.
     Cleared,
     /// It received the command; the answer has no other content.

@@ -1,10 +1,11 @@
 //! Events of the cycle for the log: codes, never text. The telemetry thread writes the text.
 
+use crate::settings::REGISTERS_MAX;
 use motord_bus::Duration;
 use motord_shared::{BusCondition, Cause, MotorMode, Phase};
 
 /// An event for the log.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// A motor changed its mode.
     Motor {
@@ -42,6 +43,20 @@ pub enum Event {
         turns: u32,
         /// The lateness.
         time: Duration,
+    },
+    /// The registers of a motor were read, for the first time or with other values than before.
+    Registers {
+        /// Its index.
+        motor: usize,
+        /// Their values, by number.
+        values: [f32; REGISTERS_MAX],
+        /// The first with which its group may not start.
+        wrong: Option<u8>,
+    },
+    /// A motor does not report its registers. Reported once in a silence.
+    Unread {
+        /// Its index.
+        motor: usize,
     },
     /// A motor reported fault bits, or that they are cleared.
     Fault {

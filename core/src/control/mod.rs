@@ -130,6 +130,20 @@ impl Control {
         self.groups[group].motors[place].is_mismatched = true;
     }
 
+    /// Returns the ends of the codes that the motor of `joint` reported: position, rad, velocity, rad/s, torque, N·m. `None`
+    /// until they are read, and where the motor does not report them.
+    #[must_use]
+    pub fn reported_ends(&self, joint: usize) -> Option<[f32; 3]> {
+        self.motor(joint).reported_ends()
+    }
+
+    /// Records that `bus` was opened again: its motors may be others. Their registers are read again before they start.
+    /// Bounded by motors.
+    pub fn bus_reopened(&mut self, bus: usize) {
+        let motors = self.groups.iter_mut().flat_map(|group| &mut group.motors);
+        motors.filter(|motor| motor.settings.bus == bus).for_each(Motor::doubt_registers);
+    }
+
     /// Returns the command of a joint in this cycle.
     #[must_use]
     pub fn command(&self, joint: usize) -> &Command {

@@ -3,6 +3,7 @@
 use super::Cycle;
 use super::channel::{Batch, CanChannel};
 use super::link::Polled;
+use crate::control::Reported;
 use crate::drive::Received;
 use motord_bus::{Duration, Instant, Readiness, Ready};
 use motord_shared::limits::BUSES_MAX;
@@ -212,7 +213,14 @@ impl Cycle {
                 None => drive.refuse(),
             };
             match &received {
-                Received::Reply(reported) => control.receive(motor, reported, at),
+                Received::Reply(reported) => {
+                    control.receive(motor, reported, at);
+                    if let Reported::Register(..) = reported
+                        && let Some(ends) = control.reported_ends(motor)
+                    {
+                        drive.use_ends(ends);
+                    }
+                }
                 Received::Duplicate => control.receive_duplicate(motor),
                 Received::UnexpectedId | Received::Malformed => {}
             }

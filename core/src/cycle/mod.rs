@@ -249,6 +249,7 @@ impl Cycle {
         if let Some((index, bus, condition)) = self.link.next_bus() {
             let old = self.channels[index].wire_mut().replace(bus, condition);
             self.link.retire_bus(old);
+            self.control.bus_reopened(index);
         }
     }
 

@@ -37,7 +37,7 @@ impl Confirmed {
     const fn after(self, command: &Command) -> Self {
         match (self, command) {
             (Self::Start, Command::Stop) => Self::Nothing,
-            (Self::Start, _) | (_, Command::Nothing | Command::Wait) => self,
+            (Self::Start, _) | (_, Command::Nothing | Command::Wait | Command::GetRegister(_)) => self,
             (Self::Stop, Command::Stop | Command::GetFault | Command::GetIndicator(_)) => self,
             (Self::Stop | Self::Nothing, _) => Self::Nothing,
         }
@@ -83,12 +83,19 @@ impl Gim {
 
     /// Writes the frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
-        if !matches!(command, Command::Stop | Command::Nothing | Command::Wait | Command::GetIndicator(_)) {
+        if !matches!(
+            command,
+            Command::Stop
+                | Command::Nothing
+                | Command::Wait
+                | Command::GetIndicator(_)
+                | Command::GetRegister(_)
+        ) {
             self.turn = 0;
         }
         self.confirmed = self.confirmed.after(command);
         self.asked = match command {
-            Command::Nothing | Command::Wait => return None,
+            Command::Nothing | Command::Wait | Command::GetRegister(_) => return None,
             Command::Stop => self.stopped(),
             Command::Start => gim::Command::StartMotor,
             Command::GetFault => gim::Command::GetFault,

@@ -8,7 +8,7 @@ use crate::joint::{Impedance, Measured, MotorSide, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{Faults, Field, Profile, Scales, register};
+use motord_protocol::{Ends, Faults, Field, Profile, Scales, register};
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -18,6 +18,8 @@ pub(super) struct Mit {
     transmission: Transmission,
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
+    /// Largest torque of the joint, N·m.
+    torque_max: f32,
     /// The last accepted state.
     last: Option<Last>,
     /// A state had a status since the motor was silent: one without is that of a motor that is off.
@@ -99,6 +101,7 @@ impl Mit {
             transmission: settings.transmission,
             feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scales)),
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
+            torque_max: settings.limits.torque,
             last: None,
             has_status: false,
             ambiguous: None,
@@ -116,6 +119,7 @@ impl Mit {
                 return None;
             }
             Command::Wait | Command::GetIndicator(_) => return None,
+            Command::GetRegister(number) => return self.read_register(*number, frame),
             Command::Stop => mit::Command::Stop,
             Command::Start => mit::Command::Start,
             Command::SetZero => {
@@ -137,6 +141,29 @@ impl Mit {
         }
         frame.set(id, command.encode(&self.scales).ok()?);
         Some(())
+    }
+
+    /// Writes the request for the register with this number; `None` where the motor has none.
+    #[cold]
+    fn read_register(&self, number: u8, frame: &mut Frame) -> Option<()> {
+        let register = register::ENDS.get(usize::from(number)).filter(|_| self.profile.has_registers)?;
+        frame.set(FrameId::new(register::REQUEST_ID)?, register::read(self.id, *register));
+        Some(())
+    }
+
+    /// Uses these ends of the codes from now on. The gains keep theirs, which no register contains.
+    pub(super) fn use_ends(&mut self, [position, velocity, torque]: [f32; 3]) {
+        let [position, velocity, torque] = [position, velocity, torque].map(f64::from);
+        let scales = Scales::of(&Ends { position, velocity, torque, ..self.scales.ends() });
+        if scales == self.scales {
+            return;
+        }
+        self.scales = scales;
+        self.last = None;
+        if let Some(feedback) = &mut self.feedback {
+            *feedback = Feedback::within(self.torque_max, &scales);
+        }
+        self.forget_turns();
     }
 
     /// Returns whether the motor answers a question for its faults. Otherwise its states contain
@@ -179,12 +206,6 @@ impl Mit {
             None => ControlCodes::nearest(&wanted, &self.scales),
         };
         codes.ok()
-    }
-
-    /// Returns whether the payload answers a request for a register: another program, or this one before its first cycle, sent it.
-    #[inline(always)]
-    fn answers_register(&self, payload: &[u8]) -> bool {
-        self.profile.has_registers && register::is_answer(self.id, payload)
     }
 
     /// Returns whether the payload, read as a state, continues the motion.
@@ -240,10 +261,13 @@ impl Mit {
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Payload::OtherId;
         }
+        if self.profile.has_registers && register::is_answer(self.id, payload) {
+            return Payload::Register;
+        }
         if self.profile.is_fault_report(payload) {
             return Payload::Report;
         }
-        if !self.profile.fits_state(payload) || self.answers_register(payload) {
+        if !self.profile.fits_state(payload) {
             return Payload::Unreadable;
         }
         match open == Some(Question::Fault) && self.may_continue(payload, at) {
@@ -269,6 +293,10 @@ impl Mit {
                 self.refute();
                 self.faults_in(payload).map_or(Reported::Alive, Reported::Fault)
             }
+            Question::Register => match register::end_of(self.id, payload) {
+                Some((number, value)) => Reported::Register(number as u8, value),
+                None => Reported::Alive,
+            },
             Question::Clear => Reported::Cleared,
         }
     }

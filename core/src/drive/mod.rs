@@ -125,8 +125,17 @@ impl Drive {
         match (command, &self.dialect) {
             (Command::GetFault, Dialect::Mit(mit)) if !mit.answers_fault_question() => Question::State,
             (Command::GetFault, _) => Question::Fault,
+            (Command::GetRegister(_), Dialect::Mit(_)) => Question::Register,
             (Command::ClearFault, _) => Question::Clear,
             _ => Question::State,
+        }
+    }
+
+    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m. Only for a stopped motor.
+    /// Constant time.
+    pub fn use_ends(&mut self, ends: [f32; 3]) {
+        if let Dialect::Mit(mit) = &mut self.dialect {
+            mit.use_ends(ends);
         }
     }
 

@@ -19,6 +19,7 @@ mod late;
 mod mixed;
 mod publication;
 mod reads;
+mod registers;
 mod replay;
 mod transitions;
 mod turns;

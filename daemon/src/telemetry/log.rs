@@ -13,6 +13,7 @@
 
 use super::asked::Asked;
 use super::askers::Askers;
+use super::registers::RegisterLog;
 use super::unexpected::OtherFormats;
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
@@ -48,6 +49,7 @@ pub(super) struct Log {
     dropped: u64,
     errors: u64,
     setpoint_timeout: Duration,
+    registers: RegisterLog,
 }
 
 /// Returns the advice for a source from which no samples arrive.
@@ -141,6 +143,7 @@ impl Log {
             dropped: 0,
             errors: 0,
             setpoint_timeout: settings.safety.setpoint_timeout,
+            registers: RegisterLog::new(settings),
         }
     }
 
@@ -168,6 +171,8 @@ impl Log {
             ),
             Event::Late { motor, turns, time } => self.log_late(cycle, motor, turns, time),
             Event::LostTurns { motor, milliradians } => self.log_lost_turns(cycle, motor, milliradians),
+            Event::Registers { motor, values, wrong } => self.registers.log(cycle, motor, values, wrong),
+            Event::Unread { motor } => self.registers.log_unread(cycle, motor),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
             Event::SetpointPeriod { group, period, horizon } => {

@@ -17,6 +17,7 @@ mod groups;
 mod log;
 mod measurements;
 mod questions;
+mod registers;
 mod unexpected;
 
 use crate::buses::watch::BusWatch;

@@ -5,6 +5,7 @@ use motord_bus::FrameId;
 use motord_bus::socketcan::{FdReplies, InterfaceName, Link, UnexpectedIds};
 use motord_core::cycle::Counters;
 use motord_core::settings::{MotorSettings, Settings};
+use motord_protocol::register;
 use std::sync::atomic::Ordering;
 
 /// The CAN interfaces of a configuration, with the sockets that count their unexpected ids.
@@ -53,7 +54,10 @@ impl UnexpectedCounts {
             let interface = described.interface()?;
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
             let replies = motors.clone().map(|motor| motor.host_id).collect();
-            let expected = motors.flat_map(ids).collect();
+            // A socket receives what other sockets of this computer send: the requests of the cycle to registers.
+            let requests = motors.clone().filter(|motor| motor.profile.has_registers).take(1);
+            let requests = requests.filter_map(|_| FrameId::new(register::REQUEST_ID));
+            let expected = motors.flat_map(ids).chain(requests).collect();
             let name = interface.parse().ok()?;
             let watch = Watch::Idle;
             Some(Interface { bus, name, expected, unexpected_ids: None, before: 0, replies, watch })

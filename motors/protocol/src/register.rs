@@ -10,6 +10,30 @@ pub const VMAX: u8 = 22;
 /// Largest torque that a code can have, N·m.
 pub const TMAX: u8 = 23;
 
+/// The registers with the ends of the codes.
+pub const ENDS: [u8; 3] = [PMAX, VMAX, TMAX];
+/// The vendor's names of [`ENDS`].
+pub const END_NAMES: [&str; 3] = ["PMAX", "VMAX", "TMAX"];
+/// The largest number of a register.
+const LARGEST: u8 = 81;
+
+/// Returns `true` when `payload` is the answer of the motor `id` to an access to any of its registers, and no state: a state
+/// with these bytes has the position code 0x33, 0x55 or 0xAA and a third of the velocity range backward, in a motor
+/// that is disabled. Real-time: constant time.
+#[must_use]
+#[inline]
+pub const fn is_answer(id: u8, payload: &[u8]) -> bool {
+    matches!(*payload, [first, 0, 0x33 | 0x55 | 0xAA, register, _, _, _, _] if first == id && register <= LARGEST)
+}
+
+/// Returns the index in [`ENDS`] of the register in the answer to [`read`], and its value; `None` for any other payload. The
+/// number may be anything.
+#[must_use]
+pub fn end_of(id: u8, payload: &[u8]) -> Option<(usize, f32)> {
+    let found = |(index, &register)| Some((index, value(id, register, payload)?));
+    ENDS.iter().enumerate().find_map(found)
+}
+
 /// Returns the request for the value of `register` of the motor `id`.
 #[must_use]
 pub const fn read(id: u8, register: u8) -> [u8; 8] {
@@ -24,16 +48,6 @@ pub fn value(id: u8, register: u8, payload: &[u8]) -> Option<f32> {
     is_whole.then(|| f32::from_le_bytes(*rest))
 }
 
-/// Returns `true` when `payload` of the motor `id` answers a request to read, write or save registers. As a state it would be of a
-/// disabled motor within 0.02 rad of the lowest position.
-///
-/// Real-time: does not allocate or block; takes constant time.
-#[must_use]
-#[inline]
-pub fn is_answer(id: u8, payload: &[u8]) -> bool {
-    matches!(payload, [first, 0, 0x33 | 0x55 | 0xAA, _, _, _, _, _] if *first == id)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -46,8 +60,14 @@ mod tests {
         assert_eq!(value(1, PMAX, &answer), Some(12.5));
         assert_eq!(value(2, VMAX, &[0x02, 0x00, 0x33, 0x16, 0x00, 0x00, 0x00, 0x41]), Some(8.0));
         assert_eq!(value(2, PMAX, &answer), None, "another motor");
-        assert!(is_answer(1, &answer) && !is_answer(2, &answer));
         assert_eq!(value(1, VMAX, &answer), None, "another register");
+        assert_eq!((end_of(1, &answer), end_of(2, &answer)), (Some((0, 12.5)), None));
+        assert!(is_answer(1, &answer) && !is_answer(2, &answer) && !is_answer(1, &answer[..7]));
+        assert!(!is_answer(1, &[0x11, 0x00, 0x33, 0x15, 0, 0, 0, 0]), "an enabled motor reports its state");
+        assert!(
+            !is_answer(1, &[0x01, 0x00, 0x33, 0x7F, 0xF7, 0xFF, 25, 25]),
+            "a motor at rest reports its state"
+        );
         for len in 0..8 {
             assert_eq!(value(1, PMAX, &answer[..len]), None);
         }

@@ -59,11 +59,14 @@ pub struct Reply {
     /// never receive a fault request: it would read it as a control frame.
     #[serde(rename = "report-zeros-from")]
     pub report: Option<usize>,
+    /// The motor has registers, which a request to 0x7FF reads (DM_CAN.py, `__send_data`).
+    #[serde(default)]
+    pub registers: bool,
 }
 
 impl Reply {
     /// SteadyWin: the whole first byte is the id, and a reply has six bytes (MIT document 1.1).
-    pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3) };
+    pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3), registers: false };
 
     /// Returns position, rad, and velocity, rad/s, of the reply of motor `id`. `None` for a fault
     /// report, and for other bytes.

@@ -3,8 +3,7 @@
 use crate::codec::{Ranges, Reply};
 use crate::imu::{ImuTable, WiredImu};
 use crate::vendor::Vendor;
-use motord_bus::Duration;
-use motord_bus::FrameId;
+use motord_bus::{Duration, Frame, FrameId};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -26,6 +25,16 @@ pub struct Robot {
 }
 
 impl Robot {
+    /// Returns the motor whose register 21, 22 or 23 the frame reads; `None` for any other frame, such as a write.
+    pub(crate) fn register_reader(&self, bus: usize, frame: &Frame) -> Option<usize> {
+        let [id, 0, 0x33, 21..=23, 0, 0, 0, 0] = *frame.payload() else { return None };
+        let has_registers =
+            |motor: &Motor| matches!(motor.protocol, Protocol::Mit { reply, .. } if reply.registers);
+        let is_it =
+            |motor: &Motor| has_registers(motor) && (motor.bus, motor.id.raw()) == (bus, u32::from(id));
+        if frame.id().raw() == 0x7FF { self.motors.iter().position(is_it) } else { None }
+    }
+
     /// Returns the number of cycles in which every motor of the bus gets a command.
     #[must_use]
     pub fn turn(&self, bus: usize) -> u32 {
@@ -255,7 +264,7 @@ impl Wiring {
                 name: motor.name,
                 id,
                 reply_id,
-                has_registers: vendor.has_registers,
+                has_registers: vendor.reply.registers,
                 answers_question: vendor.reply.report.is_some(),
             }))
         };

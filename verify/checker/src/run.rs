@@ -6,7 +6,7 @@
 //! |    | a native motor receives only control, start, stop and queries, harmless to one in MIT mode |
 //! | I2 | decoded position, velocity, gains, torque, slews and total torque are within the limits |
 //! | I3 | no motion when the owner's newest good setpoint, from the end of its horizon, is older than its timeout |
-//! | I4 | a stopped motor receives only stop and queries, and only an active group moves |
+//! | I4 | a stopped motor receives only stop, queries and reads of registers, and only an active group moves |
 //! | I5 | at most one command per motor, and one fault request per bus, in a cycle |
 //! | I6 | a state is fresh when a reply with it was on the wire in this cycle; otherwise it reports its age: also a state
 //! |    | from a reply of this cycle whose request is older |
@@ -305,9 +305,16 @@ impl Checker {
         let Command { bus, frame, .. } = *command;
         let motors = &self.robot.motors;
         let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id()));
-        let motor = motor.expect("frames go to motors");
-        judge_payload(&motors[motor], frame.payload());
-        let order = Order::of(frame.payload(), &motors[motor]);
+        let (motor, order) = match motor {
+            Some(motor) => {
+                judge_payload(&motors[motor], frame.payload());
+                (motor, Order::of(frame.payload(), &motors[motor]))
+            }
+            None => {
+                let motor = self.robot.register_reader(bus, &frame);
+                (motor.expect("frames go to motors"), Order::GetRegister)
+            }
+        };
         cycle.frames[bus] += 1;
         let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
         assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");
@@ -341,6 +348,15 @@ impl Checker {
         let group = group.expect("every motor is in a group");
         match order {
             Order::Stop | Order::GetFault | Order::GetIndicator => {}
+            Order::GetRegister => {
+                let stopped = |state: &Rc<State>| {
+                    !matches!(state.joints[motor].mode, Mode::Starting | Mode::Active | Mode::Damping)
+                };
+                assert!(
+                    stopped(&cycle.before) && stopped(&cycle.state),
+                    "I4: {order:?} to a motor that moves"
+                );
+            }
             Order::Start => {
                 let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
                 assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);

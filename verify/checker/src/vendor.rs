@@ -15,8 +15,6 @@ pub struct Vendor {
     pub reply_offset: u16,
     /// The form of its replies.
     pub reply: Reply,
-    /// Its motors have registers, which a request to 0x7FF reads (DM_CAN.py, `__send_data`).
-    pub has_registers: bool,
     /// The simulator's command that raises an over-voltage, by the vendor's number.
     pub over_voltage: &'static str,
     /// The simulator's command that raises an over-current, by the vendor's number.
@@ -31,7 +29,6 @@ pub const VENDORS: &[Vendor] = &[
         models: "GIM",
         reply_offset: 0x100,
         reply: Reply::STEADYWIN,
-        has_registers: false,
         over_voltage: "fault 0x02",
         over_current: "fault 0x40",
     },
@@ -41,8 +38,7 @@ pub const VENDORS: &[Vendor] = &[
         name: "damiao",
         models: "DM-",
         reply_offset: 0x10,
-        reply: Reply { id_mask: 0x0F, length: 8, report: None },
-        has_registers: true,
+        reply: Reply { id_mask: 0x0F, length: 8, report: None, registers: true },
         over_voltage: "fault 0x08",
         over_current: "fault 0x0A",
     },
@@ -52,8 +48,7 @@ pub const VENDORS: &[Vendor] = &[
         name: "robstride",
         models: "RS",
         reply_offset: 0x40,
-        reply: Reply { id_mask: 0xFF, length: 8, report: Some(4) },
-        has_registers: false,
+        reply: Reply { id_mask: 0xFF, length: 8, report: Some(4), registers: false },
         over_voltage: "fault 0x08",
         over_current: "fault 0x10000",
     },

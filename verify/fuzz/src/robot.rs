@@ -103,6 +103,7 @@ impl Bus for SharedWire {
 /// A frame to a motor.
 pub(crate) struct Sent {
     pub(crate) motor: &'static MotorSettings,
+    pub(crate) id: FrameId,
     pub(crate) bytes: [u8; 8],
 }
 
@@ -125,8 +126,14 @@ impl Sent {
                 matches!(self.bytes[0], 0x84 | 0x92 | 0xB1 | 0xB2 | 0xB4)
             }
             (MotorProtocol::Gim, _) => matches!(self.bytes[0], 0x92 | 0xB1 | 0xB2 | 0xB4),
-            (MotorProtocol::Mit, _) => false,
+            (MotorProtocol::Mit, _) => self.reads_register(),
         }
+    }
+
+    /// Returns `true` when it reads the end of a code of its motor.
+    fn reads_register(&self) -> bool {
+        let is_read = matches!(self.bytes, [id, 0, 0x33, 21..=23, 0, 0, 0, 0] if id == self.motor.id);
+        is_read && self.id.raw() == 0x7FF && self.motor.profile.has_registers
     }
 
     /// Returns the command as its motor reads it, if that speaks MIT.
@@ -252,8 +259,11 @@ impl Robot {
         let heard = |motor: &'static MotorSettings| {
             let frames = std::mem::take(&mut self.wires[motor.bus].lock().sent);
             frames.into_iter().map(move |frame| {
-                assert_eq!(frame.id(), motor.command_id(), "no other motor is on its bus");
-                Sent { motor, bytes: frame.payload().try_into().expect("every command has eight bytes") }
+                let (id, bytes) =
+                    (frame.id(), frame.payload().try_into().expect("every command has eight bytes"));
+                let sent = Sent { motor, id, bytes };
+                assert!(id == motor.command_id() || sent.reads_register(), "no other motor is on its bus");
+                sent
             })
         };
         self.settings.motors.iter().flat_map(heard).collect()

@@ -119,7 +119,7 @@ fn command(input: &mut Input<'_>) -> Command {
     let mut value = || f32::from(input.any::<i16>()) / 256.0;
     let impedance = Impedance::new(value(), value(), value().abs(), value().abs(), value());
     let control = Command::Control(Setpoint::impedance(impedance));
-    match input.any::<u8>() % 10 {
+    match input.any::<u8>() % 11 {
         0 => Command::Stop,
         1 => Command::Start,
         2 => Command::Neutral,
@@ -129,6 +129,7 @@ fn command(input: &mut Input<'_>) -> Command {
         6 => Command::ClearFault,
         7 => Command::Wait,
         8 => Command::Nothing,
+        9 => Command::GetRegister(input.any()),
         _ => control,
     }
 }

@@ -1,7 +1,8 @@
 //! Compares what a motor reports about itself with its configuration.
 
 use super::{Lock, ReportedMotor, ReportedProtocol};
-use motord_protocol::{DriveConstants, MotorProtocol};
+use motord_protocol::register::{self, END_NAMES};
+use motord_protocol::{DriveConstants, Ends, MotorProtocol};
 use motord_settings::settings::{MotorSettings, Settings};
 use std::fmt::{self, Display};
 
@@ -86,30 +87,59 @@ pub fn findings(
     findings
 }
 
-/// Compares the ends of a motor's codes, rad, rad/s and N·m, with those that it reports. A motor with other ends moves with another
-/// velocity or torque than it is sent, and nothing on the wire shows that.
+/// Keys of the ends that a motor reports, in the order of its registers.
+const END_KEYS: [&str; 3] = ["position-end-rad", "velocity-end-rad-s", "torque-end-nm"];
+
+/// Returns the lines of a configuration for the ends that `motor` reports, rad, rad/s and N·m, if the configuration or the model
+/// has others.
+#[must_use]
+pub fn end_lines(motor: &MotorSettings, reported: [f32; 3]) -> Option<String> {
+    let Ends { position, velocity, torque, .. } = motor.scales.ends();
+    let is_other = |(end, reported): (f64, f32)| (f64::from(reported) / end - 1.0).abs() > 1e-3;
+    let is_usable = reported.iter().all(|end| end.is_finite() && *end > 0.0);
+    let differs = is_usable && [position, velocity, torque].into_iter().zip(reported).any(is_other);
+    let lines = || END_KEYS.iter().zip(reported).map(|(key, end)| format!("{key} = {end:?}"));
+    differs.then(|| lines().collect::<Vec<_>>().join("\n"))
+}
+
+/// Compares the ends of a motor's codes, rad, rad/s and N·m, as it reports them with those that are written, or, if none are, with
+/// the limits of its joint. A motor with other ends moves with another velocity or torque than it is sent, and nothing on the wire
+/// shows that.
 #[must_use]
 pub fn end_findings(motor: &MotorSettings, reported: [f32; 3]) -> Vec<Finding> {
-    /// Single precision, and ends written with few digits, such as 12.566 for 12.57.
-    const TOLERANCE: f64 = 1e-3;
-    let scales = &motor.scales;
-    let ends = [scales.position.max(), scales.velocity.max(), scales.torque.max()];
-    let rows = [("PMAX", 21), ("VMAX", 22), ("TMAX", 23)].into_iter().zip(ends).zip(reported);
-    let finding = |(((value, register), configured), reported): (((&'static str, u8), f64), f32)| {
-        let reported = f64::from(reported);
-        let agrees = (reported / configured - 1.0).abs() <= TOLERANCE;
+    let Ends { position, velocity, torque, .. } = motor.scales.ends();
+    let ends = [position, velocity, torque];
+    let finding = |index: usize| {
+        let (value, register, key) = (END_NAMES[index], register::ENDS[index], END_KEYS[index]);
+        let (range, end, reported) = (motor.registers[index], ends[index], reported[index]);
+        // A range that is narrow was written.
+        let is_written = range.most < 1.1 * range.least;
+        let least = (1000.0 * f64::from(range.least)).ceil() / 1000.0;
+        let (configured, cure) = match is_written {
+            true => (
+                format!("{end}"),
+                format!(
+                    "the motor scales by its register: if it is the right motor, write {key} = {reported:?}; otherwise write {end} \
+                     to register {register} ({value}) with the vendor's tool"
+                ),
+            ),
+            false => (
+                format!("at least {least} by the limits"),
+                format!(
+                    "lower the limits of the joint, or write {end} to register {register} ({value}) with the vendor's tool"
+                ),
+            ),
+        };
         Finding {
             motor: motor.name.clone(),
             value,
-            configured: format!("{configured}"),
-            reported: Some(format!("{reported}")),
-            verdict: if agrees { Verdict::Agrees } else { Verdict::Differs },
-            cure: format!(
-                "write {configured} to register {register} ({value}) with the vendor's tool, or configure the model that it is"
-            ),
+            configured,
+            reported: Some(format!("{reported:?}")),
+            verdict: if range.contains(reported) { Verdict::Agrees } else { Verdict::Differs },
+            cure,
         }
     };
-    rows.map(finding).collect()
+    (0..ends.len()).map(finding).collect()
 }
 
 /// Returns every difference between motors and configuration. Motors without an entry in the lock

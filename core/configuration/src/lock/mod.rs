@@ -5,7 +5,7 @@
 
 mod finding;
 
-pub use finding::{Finding, Verdict, end_findings, findings, mismatches};
+pub use finding::{Finding, Verdict, end_findings, end_lines, findings, mismatches};
 pub use motord_commissioning::{ReportedMotor, ReportedProtocol};
 
 use crate::file::read;

@@ -13,9 +13,9 @@ use crate::problem::{Wrong, line};
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
-const MARGIN: f64 = 0.005;
+pub(super) const MARGIN: f64 = 0.005;
 /// A limit may be beyond what is usable by this fraction: the sum of a position limit and its offset is rounded to `f32`.
-const ROUNDING: f64 = 1e-5;
+pub(super) const ROUNDING: f64 = 1e-5;
 /// Largest position of a motor whose position code wraps round, rad.
 const UNWRAPPED_POSITION: f64 = 1000.0;
 /// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.

@@ -2,6 +2,9 @@
 
 use motord_protocol::profile::PROFILES;
 use motord_protocol::{Ends, Model, MotorProtocol, Profile, Scales};
+use motord_settings::settings::{BeyondRange, LimitSettings, REGISTERS_MAX, RegisterRange};
+
+use super::limits::{Capability, MARGIN, ROUNDING};
 
 use crate::entry::Entry;
 use crate::findings::Findings;
@@ -48,7 +51,7 @@ fn number(name: &str) -> String {
 }
 
 /// Reports ends of codes that are written for a motor whose codes have none.
-pub(super) fn judge_ends(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
+pub(super) fn check_ends(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(Model { name, ends, .. }) = model else { return };
     let entries =
         [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm, &keys.kp_end, &keys.kd_end];
@@ -78,7 +81,7 @@ pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
 }
 
 /// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that is named.
-pub(super) fn judge_reach(
+pub(super) fn check_reach(
     keys: &keys::Motor,
     (model, scales): (Option<&Model>, Option<&Scales>),
     findings: &mut Findings<'_>,
@@ -96,6 +99,34 @@ pub(super) fn judge_reach(
             findings.error(entry.at, wrong);
         }
     }
+}
+
+/// Registers hold single precision, and ends are written with few digits, such as 12.566 for 12.57.
+const REGISTER_TOLERANCE: f64 = 1e-3;
+/// Beyond these values a register holds no end: rad, rad/s, N·m.
+const LARGEST_ENDS: [f64; 3] = [1000.0, 10_000.0, 10_000.0];
+
+/// Returns the ends that the motor may report: those that are written; otherwise all within which the limits are.
+pub(super) fn registers(
+    keys: &keys::Motor,
+    capability: &Capability,
+    limits: &LimitSettings,
+) -> [RegisterRange; REGISTERS_MAX] {
+    let at_motor = limits.position.map(|position| capability.to_motor(position.into()).abs());
+    let position = match capability.beyond_range {
+        BeyondRange::Stop => at_motor[0].max(at_motor[1]),
+        BeyondRange::Wrap => 0.0,
+    };
+    let reaches = [position, limits.velocity.into(), limits.torque.into()];
+    let written = [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm];
+    core::array::from_fn(|index| {
+        let [least, most] = match written[index].value {
+            Some(end) => [end * (1.0 - REGISTER_TOLERANCE), end * (1.0 + REGISTER_TOLERANCE)],
+            // No end is zero.
+            None => [(reaches[index] * (1.0 - ROUNDING) / (1.0 - MARGIN)).max(0.01), LARGEST_ENDS[index]],
+        };
+        RegisterRange { least: least as f32, most: most as f32 }
+    })
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use motord_settings::settings::{
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
-use super::model::{judge_ends, judge_reach, model, scales};
+use super::model::{check_ends, check_reach, model, registers, scales};
 use super::time::micros;
 use crate::document::MotorTables;
 use crate::entry::{self, Entry, degrees};
@@ -55,10 +55,10 @@ fn motor(
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
     judge_constants(keys, model, findings);
-    judge_ends(keys, model, findings);
+    check_ends(keys, model, findings);
     let constants = constants(keys, model);
     let scales = model.and_then(|model| scales(keys, model));
-    judge_reach(keys, (model, scales.as_ref()), findings);
+    check_reach(keys, (model, scales.as_ref()), findings);
     let capability = capability(keys, model, scales, findings);
     let limits = limits::limits(&item.limits, &capability, findings);
     let simulation = simulation(&item.simulation, &capability, limits.position, findings);
@@ -82,6 +82,7 @@ fn motor(
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
         capabilities: profile?.capabilities(protocol, &scales?),
+        registers: registers(keys, &capability, &limits),
         duration: ExecutionTime::from_millis(keys.control_duration_ms.value as u32)?,
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,

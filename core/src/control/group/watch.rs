@@ -109,6 +109,7 @@ impl Group {
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
             Reported::Ambiguous(bits) => motor.report_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
+            Reported::Register(number, value) => motor.report_register(number, value, cx),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),
             Reported::Refused => motor.report_refusal(),

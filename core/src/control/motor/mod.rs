@@ -13,8 +13,11 @@ mod limit;
 mod mode;
 mod orders;
 mod plausibility;
+mod reading;
+mod registers;
 mod replies;
 mod report;
+mod requests;
 mod service;
 mod turn;
 
@@ -23,7 +26,6 @@ pub(super) use orders::Orders;
 pub(super) use service::Kind;
 pub(super) use turn::Turn;
 
-use super::answers::Refused;
 use super::context::Context;
 use super::{Command, Event};
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
@@ -36,10 +38,11 @@ use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
-use motord_shared::{Cause, MotorMode, Refusal};
+use motord_shared::{Cause, MotorMode};
 use plausibility::{Credibility, Expectation, Plausibility};
+use registers::Registers;
 use replies::Replies;
-use service::{ServiceRequest, ZERO_PAUSE, ZERO_TOLERANCE};
+use service::ServiceRequest;
 
 /// A joint at rest whose torque is more than this share of the rated torque bears a load.
 const LOAD_SHARE: f32 = 0.1;
@@ -75,6 +78,7 @@ pub(super) struct Motor {
     foreign: Foreign,
     absence: Absence,
     backlog: Backlog,
+    registers: Registers,
 }
 
 impl Motor {
@@ -99,6 +103,7 @@ impl Motor {
             foreign: Foreign::default(),
             absence: Absence::default(),
             backlog: Backlog::default(),
+            registers: Registers::new(settings),
         }
     }
 
@@ -163,6 +168,7 @@ impl Motor {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
             self.leave();
+            self.registers.forget();
             self.forget_backlog();
             self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
@@ -275,6 +281,8 @@ impl Motor {
             request.command()
         } else if self.doubts() {
             Command::GetFault
+        } else if let Some(number) = self.register_to_read(cx) {
+            Command::GetRegister(number)
         } else {
             self.command_by_mode(orders, cx)
         };
@@ -309,6 +317,10 @@ impl Motor {
             self.confirm_stop(runs);
             return Ok(());
         }
+        if self.is_meaningless() {
+            self.report_meaningless(runs, cx);
+            return Ok(());
+        }
         let is_late = self.backlog.turns() != 0;
         let (at, latency) = if is_late { self.backdated(at, latency, cx) } else { (at, latency) };
         let (measured, cause) = match self.judge(reported, at) {
@@ -323,11 +335,15 @@ impl Motor {
         if cause == Some(Cause::Implausible) {
             // It may have restarted faster than a silence is noticed.
             self.leave();
+            self.doubt_registers();
         }
         if self.measured.is_none() {
             self.compare(measured.position, cx);
         }
         self.take_state(measured, at, latency, runs, cx);
+        if self.off_states == OFF_STATES_MAX {
+            self.doubt_registers();
+        }
         let off = (self.off_states >= OFF_STATES_MAX).then_some(Cause::MotorOff);
         cause.or(off).map_or(Ok(()), Err)
     }
@@ -457,57 +473,6 @@ impl Motor {
         }
     }
 
-    /// Repeats the command of its request, which the bus did not accept.
-    pub(super) const fn resume_request(&mut self) {
-        if let Some(request) = &mut self.request {
-            request.sent = false;
-        }
-    }
-
-    /// Begins a request of an operator.
-    pub(super) fn serve(&mut self, kind: Kind, ticket: u32, now: Instant) {
-        self.request = Some(ServiceRequest::new(kind, ticket, now));
-        if kind == Kind::SetZero {
-            self.zero_requested = Some(now);
-        }
-    }
-
-    /// Returns whether its flash is spared until later: its zero was set a moment ago.
-    pub(super) fn was_zeroed(&self, now: Instant) -> bool {
-        self.zero_requested.is_some_and(|at| now.since(at) < ZERO_PAUSE)
-    }
-
-    /// Refuses a request whose deadline has passed.
-    pub(super) fn watch_request(&mut self, cx: &mut Context) {
-        if let Some(request) = self.request.take_if(|request| cx.now > request.deadline) {
-            cx.answer(request.ticket, Err(Refused::joint(Refusal::NotConfirmed, self.joint)));
-        }
-    }
-
-    fn confirm_zero(&mut self, cx: &mut Context) {
-        let position = self.measured.map_or(f32::NAN, |state| state.position);
-        let at_zero = self.settings.transmission.position_to_motor(position).abs() < ZERO_TOLERANCE;
-        let confirmed = |request: &mut ServiceRequest| request.awaits(Kind::SetZero) && at_zero;
-        if let Some(request) = self.request.take_if(confirmed) {
-            self.absence.confirm();
-            cx.answer(request.ticket, Ok(()));
-        }
-    }
-
-    fn confirm_cleared(&mut self, cx: &mut Context) {
-        if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
-            self.faults.reported = Faults::NONE;
-            // An operator who clears a fault has not compared the position yet.
-            if matches!(self.mode, Mode::Fault { .. }) {
-                self.mode = Mode::Idle;
-            } else {
-                self.absence.confirm();
-            }
-            self.changed(cx);
-            cx.answer(request.ticket, Ok(()));
-        }
-    }
-
     /// Ends its turn. Returns whether the motor is lost.
     #[inline(always)]
     pub(super) fn end_turn(&mut self, cx: &mut Context) -> bool {
@@ -534,6 +499,7 @@ impl Motor {
             self.mode = Mode::OFFLINE;
             self.leave();
             self.forget_backlog();
+            self.registers.forget();
             (self.replies.silent, self.replies.unanswered) = (0, 0);
             self.replies.forget(cx.publications);
         }

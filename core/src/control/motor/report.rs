@@ -10,7 +10,7 @@ impl Motor {
         let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
         let fresh = if self.replies.is_fresh(publications) { message::JOINT_FRESH } else { 0 };
         let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
-        let mismatch = if self.is_mismatched { message::JOINT_MISMATCH } else { 0 };
+        let mismatch = if self.is_mismatched || self.is_unread() { message::JOINT_MISMATCH } else { 0 };
         let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
         JointState {
             position: measured.position,

@@ -36,7 +36,7 @@ struct Request {
 /// ```text
 ///   open             ┌── answer, ambiguous, withdrawal ◀───┐
 ///                    ▼                                     │
-///                 Nothing ──── request ──▶ State | Fault | Clear ──┐
+///                 Nothing ── request ──▶ State | Fault | Clear | Register ──┐
 ///                                                  ▲               │ request: the one before is owed,
 ///                                                  └───────────────┘ if it is younger than 50 ms
 ///
@@ -62,6 +62,9 @@ struct Request {
 /// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
 /// | nothing, or sent too short ago | any other | unasked | unasked |
 /// | any | unreadable | malformed | malformed |
+/// | any but Register, or sent too short ago | register | late while replies are owed or unpaid, otherwise malformed | the same |
+/// | Register | register | answer | unasked |
+/// | Register | report, continuation, plain | unasked | unasked |
 /// | State | report, while replies are owed | late report | late report |
 /// | State | report | malformed | late report |
 /// | State | continuation, plain | answer | unasked |
@@ -153,12 +156,26 @@ impl Correlator {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match payload {
             Payload::OtherId => Role::UnexpectedId,
+            Payload::Register if !self.awaits_register(at) => self.unasked_register(),
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
             _ => match self.open {
                 Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
                 _ => self.unasked(),
             },
         }
+    }
+
+    /// Returns whether a register that arrived at `at` may answer the open request.
+    #[cold]
+    fn awaits_register(&self, at: Instant) -> bool {
+        self.open.is_some_and(|open| open.question == Question::Register && self.may_answer(open, at))
+    }
+
+    /// Judges a register that answers no open request. It is late, or another program asked for it: no sign of a second
+    /// motor.
+    #[cold]
+    const fn unasked_register(&mut self) -> Role {
+        if self.owed > 0 || self.unpaid > 0 { self.late() } else { Role::Malformed }
     }
 
     /// Returns whether a payload that arrived at `at` can have been sent after the request.
@@ -172,6 +189,7 @@ impl Correlator {
         match (open.question, payload) {
             (Question::State, Payload::Report) if self.owed > 0 => self.late_report(),
             (_, Payload::Unreadable) | (Question::State, Payload::Report) => Role::Malformed,
+            (Question::Register, Payload::Report | Payload::Continuation | Payload::Plain) => self.unasked(),
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
             }

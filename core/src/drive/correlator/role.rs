@@ -10,6 +10,8 @@ pub(crate) enum Question {
     State,
     /// The fault bits.
     Fault,
+    /// The value of a register.
+    Register,
     /// The confirmation that the motor received the request to clear its fault.
     Clear,
 }
@@ -21,6 +23,8 @@ pub(crate) enum Payload {
     OtherId,
     /// It is no reply, or it names another request than the open one.
     Unreadable,
+    /// The answer to an access to a register, of this program or of another one.
+    Register,
     /// An unambiguous fault report: no state has its shape.
     Report,
     /// Read as a state, it continues the last state. It may be an ambiguous fault report.

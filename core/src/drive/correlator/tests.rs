@@ -36,8 +36,10 @@ enum Outcome {
     Mal,
     /// Ambiguous: closes the request, whose report is owed.
     Amb,
+    /// Late while replies are owed, else malformed. Late, it ends distrust.
+    Reg,
 }
-use Outcome::{Amb, Ans, Giv, Lat, Mal, Rep, Una};
+use Outcome::{Amb, Ans, Giv, Lat, Mal, Reg, Rep, Una};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Time {
@@ -53,40 +55,44 @@ const SEEN: Reports = Reports::Seen(0);
 
 /// Which states and times, as (open, reports, owed, distrusted, time), where `ANY…` is every one; then what becomes of each
 /// kind of payload.
-type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 4]);
+type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 5]);
 const ANY: &[Reports] = &[FEW, MANY, SEEN];
 const ANY_OWED: &[u32] = &[0, 1, 2];
 const ANY_TIME: &[Time] = &[Soon, Timely];
-const PAYLOADS: [Payload; 4] = [Unreadable, Report, Continuation, Plain];
+const PAYLOADS: [Payload; 5] = [Unreadable, Report, Continuation, Plain, Payload::Register];
 #[rustfmt::skip]
-const TABLE: [Row; 21] = [
-    // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain
-    (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una]),
-    (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una]),
-    (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
-    (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
-    (Some(State),   ANY,      &[0],     false,      &[Timely], [Mal,       Mal,    Ans,          Ans]),
-    (Some(State),   ANY,      &[1, 2],  false,      &[Timely], [Mal,       Rep,    Ans,          Ans]),
-    (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
-    (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
-    (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
-    (Some(Clear),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Ans,    Ans,          Ans]),
-    (Some(Clear),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
-    (Some(Fault),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
-    (Some(Fault),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Una,    Una,          Una]),
-    (Some(Fault),   &[FEW],   ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Amb]),
-    (Some(Fault),   &[FEW],   ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
-    (Some(Fault),   &[MANY],  &[0],     false,      &[Timely], [Mal,       Ans,    Amb,          Amb]),
-    (Some(Fault),   &[MANY],  &[0],     true,       &[Timely], [Mal,       Giv,    Giv,          Giv]),
-    (Some(Fault),   &[MANY],  &[1, 2],  false,      &[Timely], [Mal,       Ans,    Lat,          Amb]),
-    (Some(Fault),   &[MANY],  &[1, 2],  true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
-    (Some(Fault),   &[SEEN],  ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Lat]),
-    (Some(Fault),   &[SEEN],  ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Lat]),
+const TABLE: [Row; 25] = [
+    // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain, register
+    (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una, Reg]),
+    (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una, Reg]),
+    (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    (Some(State),   ANY,      &[0],     false,      &[Timely], [Mal,       Mal,    Ans,          Ans, Reg]),
+    (Some(State),   ANY,      &[1, 2],  false,      &[Timely], [Mal,       Rep,    Ans,          Ans, Reg]),
+    (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Ans,    Ans,          Ans, Reg]),
+    (Some(Clear),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
+    (Some(Fault),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Fault),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Fault),   &[FEW],   ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Amb, Reg]),
+    (Some(Fault),   &[FEW],   ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Giv, Reg]),
+    (Some(Fault),   &[MANY],  &[0],     false,      &[Timely], [Mal,       Ans,    Amb,          Amb, Reg]),
+    (Some(Fault),   &[MANY],  &[0],     true,       &[Timely], [Mal,       Giv,    Giv,          Giv, Reg]),
+    (Some(Fault),   &[MANY],  &[1, 2],  false,      &[Timely], [Mal,       Ans,    Lat,          Amb, Reg]),
+    (Some(Fault),   &[MANY],  &[1, 2],  true,       &[Timely], [Mal,       Giv,    Lat,          Giv, Reg]),
+    (Some(Fault),   &[SEEN],  ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Lat, Reg]),
+    (Some(Fault),   &[SEEN],  ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Lat, Reg]),
+    (Some(Question::Register), ANY, ANY_OWED, false, &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Question::Register), ANY, ANY_OWED, true,  &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    (Some(Question::Register), ANY, ANY_OWED, false, &[Timely], [Mal,       Una,    Una,          Una, Ans]),
+    (Some(Question::Register), ANY, ANY_OWED, true,  &[Timely], [Mal,       Rep,    Una,          Una, Una]),
 ];
 
 /// Every state that the table distinguishes, each with both times.
 fn every_state() -> impl Iterator<Item = (Correlator, Time)> {
-    let opens = [None, Some(State), Some(Clear), Some(Fault)];
+    let opens = [None, Some(State), Some(Clear), Some(Fault), Some(Question::Register)];
     let open_reports = opens.into_iter().flat_map(|open| ANY.iter().map(move |&reports| (open, reports)));
     let owed = open_reports.flat_map(|state| ANY_OWED.iter().map(move |&owed| (state, owed)));
     let trust = owed.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
@@ -134,6 +140,8 @@ fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, R
         Lat => late(Role::Late),
         Rep => late(Role::LateReport),
         Una => unasked(),
+        Reg if before.owed > 0 || before.unpaid > 0 => late(Role::Late),
+        Reg => (before, Role::Malformed),
         Giv => closed(unasked()),
         Amb => closed((Correlator { owed: before.owed + 1, owed_since: at, ..before }, Role::Ambiguous)),
         Ans => {

@@ -2,6 +2,7 @@
 
 use super::Profile;
 use crate::gim::INDICATORS;
+use crate::register::ENDS;
 use crate::scale::Scales;
 
 /// Protocol that a motor is configured for.
@@ -41,6 +42,10 @@ pub struct Capabilities {
     pub answers_fault_question: bool,
     /// Number of indicators that the motor reports on request. Their numbers start at 0.
     pub indicators: u8,
+    /// Number of registers that the motor reports on request, and without which it must not start. Their numbers start at 0.
+    pub registers: u8,
+    /// The registers are the ends of the codes of position, velocity and torque: no state has a meaning without them.
+    pub scales_by_registers: bool,
     /// A state that answers a stop confirms the stop, unless the state reports that the motor runs. Otherwise the motor
     /// confirms a stop by a separate message.
     pub state_confirms_stop: bool,
@@ -60,6 +65,8 @@ impl Profile {
                 velocity_end: Some(scales.velocity.max() as f32),
                 answers_fault_question: self.is_asked_for_faults(),
                 indicators: 0,
+                registers: if self.has_registers { ENDS.len() as u8 } else { 0 },
+                scales_by_registers: self.has_registers,
                 state_confirms_stop: true,
                 reply_bytes: self.reply.lengths[0] as u32,
             },
@@ -69,6 +76,8 @@ impl Profile {
                 velocity_end: None,
                 answers_fault_question: true,
                 indicators: INDICATORS.len() as u8,
+                registers: 0,
+                scales_by_registers: false,
                 state_confirms_stop: false,
                 reply_bytes: 8,
             },

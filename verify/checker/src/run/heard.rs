@@ -18,6 +18,8 @@ pub(super) enum Order {
     GetFault,
     ClearFault,
     GetIndicator,
+    /// A read of one of the registers 21 to 23, in place of the command.
+    GetRegister,
     /// MIT: an impedance. Velocity and torque are `neutral` when both stand for zero, which lies
     /// between two codes.
     Impedance {
@@ -105,7 +107,9 @@ impl Heard {
     pub(super) fn of(order: Order, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
         let (brakes, pulls, is_safe) = match order {
-            Order::Stop | Order::GetFault | Order::ClearFault | Order::GetIndicator => (false, false, true),
+            Order::Stop | Order::GetFault | Order::ClearFault | Order::GetIndicator | Order::GetRegister => {
+                (false, false, true)
+            }
             Order::Start | Order::SetZero | Order::Other(_) => (false, false, false),
             Order::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
             Order::Position(_) => (true, true, false),

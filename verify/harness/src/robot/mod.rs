@@ -23,7 +23,8 @@ pub use motord_checker::run::Reply;
 use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
-use motord_core::settings::Settings;
+use motord_core::settings::{MotorSettings as MotorConfig, Settings};
+use motord_protocol::register;
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, Lease, MotorMode,
     Operation, Phase, Refusal, SetpointMessage, StateMessage,
@@ -46,7 +47,7 @@ pub struct Sent {
     pub at: Instant,
     /// Index of the bus.
     pub bus: usize,
-    /// Arbitration id, which names the motor.
+    /// Arbitration id, which names the motor; 0x7FF of a request to a register.
     pub id: u16,
     /// Payload.
     pub bytes: [u8; 8],
@@ -197,6 +198,13 @@ impl Robot {
             }
             let mut motors = self.settings.motors.iter();
             let motor = motors.find(|motor| (motor.bus, motor.command_id()) == (bus, frame.id()));
+            // A request to a register names its motor in the payload.
+            let named = |motor: &&MotorConfig| {
+                motor.bus == bus && frame.payload().first() == Some(&motor.id) && motor.profile.has_registers
+            };
+            let is_register = frame.id().raw() == u32::from(register::REQUEST_ID);
+            let motor =
+                motor.or_else(|| self.settings.motors.iter().find(|motor| is_register && named(motor)));
             let motor = motor.expect("frames go to motors of the bus");
             let ranges = ranges::ranges(motor);
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
@@ -204,7 +212,7 @@ impl Robot {
                 ready: recorded.ready,
                 at,
                 bus,
-                id: motor.id.into(),
+                id: u16::try_from(frame.id().raw()).expect("an id has eleven bits"),
                 bytes,
                 meaning: Meaning::of(bytes, &ranges),
             });
