@@ -215,6 +215,7 @@ impl<'s> Jogged<'s> {
     pub(crate) fn start(&mut self) -> Result<f64, Error> {
         let position = match self.session.protocol {
             Protocol::Mit => {
+                self.session.read_ends()?;
                 let mut motor = self.session.mit();
                 let at = motor.stop()?.position;
                 motor.control(Impedance { position: at, ..Impedance::default() })?;

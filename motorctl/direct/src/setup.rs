@@ -5,9 +5,11 @@ use crate::failure::DirectFailure;
 use crate::memory::outcome_of;
 use crate::output::print_line;
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
-use motord_commissioning::{Error, LISTEN, Native, Question, survey};
+use motord_commissioning::{Error, LISTEN, Native, Question, ends, survey};
 use motord_configuration as config;
-use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
+use motord_configuration::lock::{
+    Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, end_lines, findings,
+};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_settings::settings::{BusKind, MotorSettings, Settings};
 use motord_terminal::{Cell, Colour, Interrupt, Palette, Table, json};
@@ -75,6 +77,8 @@ struct ComparedMotor<'s> {
     motor: &'s MotorSettings,
     reported: Option<ReportedMotor>,
     findings: Vec<Finding>,
+    /// Lines for its table in the configuration: the ends of codes that it reports, where they are not the configured ones.
+    lines: Option<String>,
 }
 
 impl ComparedMotor<'_> {
@@ -123,8 +127,12 @@ fn ask<'s>(
 ) -> Result<ComparedMotor<'s>, DirectFailure> {
     let survey = survey(&mut line.link, motor.id, Question::Both, &CONFIGURATION)?;
     let reported = survey.map(|survey| survey.reported(&motor.name, bus));
-    let findings = findings(settings, motor, reported.as_ref());
-    Ok(ComparedMotor { motor, reported, findings })
+    let mut findings = findings(settings, motor, reported.as_ref());
+    let has_registers = motor.profile.has_registers && reported.is_some();
+    let ends = if has_registers { ends(&mut line.link, motor.id, motor.host_id)? } else { None };
+    findings.extend(ends.into_iter().flat_map(|ends| end_findings(motor, ends)));
+    let lines = ends.and_then(|ends| end_lines(motor, ends));
+    Ok(ComparedMotor { motor, reported, findings, lines })
 }
 
 /// Writes the differing constants after consent, and asks the motor again.
@@ -252,6 +260,12 @@ fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), 
     table.write(out, Palette::of_stdout())?;
     for finding in asked.iter().flat_map(ComparedMotor::open_findings) {
         print_line(&format!("{finding}"))?;
+    }
+    for (name, lines) in asked.iter().filter_map(|asked| Some((&asked.motor.name, asked.lines.as_ref()?))) {
+        print_line(&format!(
+            "{name}: its codes end elsewhere than its model's, and the daemon uses the ends that it reports. To accept only a motor \
+             with these, write in its [[motor]]:\n{lines}"
+        ))?;
     }
     print_silent(asked)?;
     print_line(&format!(

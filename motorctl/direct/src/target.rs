@@ -4,9 +4,9 @@ use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
-use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, identify};
+use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify};
 use motord_configuration as config;
-use motord_protocol::{MotorProtocol, Scales};
+use motord_protocol::{Ends, MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -242,6 +242,16 @@ impl Target {
     }
 }
 
+/// Returns the scales of a motor by the ends that it reports; its configured ones where it has no registers.
+fn reported_scales(link: &mut Link, motor: &MotorSettings) -> Result<Scales, Error> {
+    if !motor.profile.has_registers {
+        return Ok(motor.scales);
+    }
+    let silent = Error::Silent { id: motor.id, request: "registers PMAX, VMAX and TMAX" };
+    let [position, velocity, torque] = ends(link, motor.id, motor.host_id)?.ok_or(silent)?.map(f64::from);
+    Ok(Scales::of(&Ends { position, velocity, torque, ..motor.scales.ends() }))
+}
+
 /// The bus and the ids of a motor.
 struct MotorAddress {
     bus: String,
@@ -265,6 +275,18 @@ impl Session {
             None => (Scales::WITHOUT_CONSTANTS, &motord_protocol::profile::STEADYWIN),
         };
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
+    }
+
+    /// Uses the ends of its codes that the motor reports, where it has registers, in place of those of its model.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Silent`] when it does not report them.
+    pub fn read_ends(&mut self) -> Result<(), Error> {
+        if let Some(settings) = &mut self.settings {
+            settings.scales = reported_scales(&mut self.line.link, settings)?;
+        }
+        Ok(())
     }
 
     /// Describes the motor for messages.
@@ -338,5 +360,36 @@ impl Session {
             }
             _ => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_bus::{Instant, VirtualClock};
+    use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SimulatedBus};
+
+    /// A jog by the ends of the model would turn four times as far as it says.
+    #[test]
+    fn scales_of_motor_follow_its_registers() {
+        let text = "[[bus]]\nname = 'arm'\ntype = 'socketcan'\ninterface = 'can0'\n[[motor]]\nname = 'hip'\nbus = 'arm'\nid = 1\n\
+                    protocol = 'mit'\nmodel = 'DM-J4310-2EC'\n";
+        let loaded = config::parse(Path::new("robot.toml"), text.as_bytes(), &config::Machine::here());
+        let motor = &loaded.unwrap().settings.motors[0];
+        let hip = |ends| Simulated {
+            id: 1,
+            host_id: 0x11,
+            dialect: Dialect::Mit,
+            vendor: "damiao",
+            ends,
+            ..Default::default()
+        };
+        let scales = |ends| {
+            let bus = SimulatedBus::new(BusSettings::default(), vec![hip(ends)], 1);
+            reported_scales(&mut Link::can(bus, VirtualClock::new(Instant::ZERO)), motor)
+        };
+        let ends = scales(Some([3.125, 30.0, 20.0])).unwrap().ends();
+        assert_eq!(ends, Ends::new(3.125, 30.0, 20.0));
+        assert!(matches!(scales(None), Err(Error::Silent { id: 1, .. })));
     }
 }

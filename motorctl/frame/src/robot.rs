@@ -9,7 +9,7 @@ use crate::scale::Scale;
 use motord_bus::{Frame, FrameId};
 use motord_configuration::Problem;
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Profile, ScaleError, register};
+use motord_protocol::{Ends, Model, Profile, ScaleError, register};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +64,24 @@ struct MotorConfig {
     model: String,
     torque_constant_nm_per_a: Option<f64>,
     gear_ratio: Option<f64>,
+    position_end_rad: Option<f64>,
+    velocity_end_rad_s: Option<f64>,
+    torque_end_nm: Option<f64>,
+    kp_end: Option<f64>,
+    kd_end: Option<f64>,
+}
+
+impl MotorConfig {
+    /// Returns the ends of the codes: as written, or those of the model.
+    fn ends(&self, model: Ends) -> Ends {
+        Ends {
+            position: self.position_end_rad.unwrap_or(model.position),
+            velocity: self.velocity_end_rad_s.unwrap_or(model.velocity),
+            torque: self.torque_end_nm.unwrap_or(model.torque),
+            kp: self.kp_end.unwrap_or(model.kp),
+            kd: self.kd_end.unwrap_or(model.kd),
+        }
+    }
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -173,6 +191,7 @@ impl LoggedMotor {
             config.torque_constant_nm_per_a.or(model.map(|model| f64::from(model.torque_constant)));
         let ratio = config.gear_ratio.or(model.map(|model| f64::from(model.gear_ratio)));
         let scale = constant.zip(ratio).map(|(constant, ratio)| match model {
+            Some(Model { ends: Some(ends), .. }) => Ok(Scale::of_ends(&config.ends(*ends))),
             Some(model) => Scale::of_model(model, constant, ratio),
             None => Scale::new(constant, ratio),
         });
