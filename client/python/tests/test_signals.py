@@ -26,8 +26,8 @@ def raises(*_: object) -> Any:
     raise Interrupt
 
 
-def of(base: type, **methods: Callable[..., Any]) -> Any:
-    return type("Raises", (base,), dict(methods))
+def of(base: type, **members: Any) -> Any:
+    return type("Raises", (base,), members)
 
 
 def move(pose: Any) -> None:
