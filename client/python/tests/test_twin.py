@@ -192,6 +192,16 @@ def test_emergency_stop_latches() -> None:
     assert stopped.value.cause == "emergency-stop"
 
 
+def test_emergency_stop_names_silent_motors() -> None:
+    twin = Twin(CONFIG)
+    twin.at(0.1, "fl-knee", "off")
+    for _ in range(500):
+        twin.wait()
+    with pytest.raises(motord.MotorsOffline, match="cut the power: fl-knee$") as stopped:
+        twin.estop()
+    assert stopped.value.joints == ["fl-knee"] and twin.wait().estopped
+
+
 @pytest.mark.parametrize(
     ("edit", "expected"),
     [

@@ -7,13 +7,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._motord import Engine, Motion, Refused, State, Stopped, TimedOut, describe, every
+from .._motord import Engine, Motion, MotorsOffline, Refused, State, Stopped, TimedOut, describe, every
 from .plant import Array, Plant
 
 Values = float | Array
 
 CHANGE_CYCLES = 20_000
 """More cycles than motors need to start or to stop."""
+
+ANSWERS_S, ANSWERS_CYCLES = 0.3, 5
+"""Each motor must answer within this time, and at least these cycles, after an emergency stop: as on the robot."""
 
 
 class Twin:
@@ -76,8 +79,20 @@ class Twin:
         return TwinClaim(self, group, names)
 
     def estop(self) -> None:
-        """Damps and stops every motor."""
+        """Damps and stops every motor, and runs cycles until each has answered. MotorsOffline names those that do not."""
         self.engine.ask("emergency-stop", 0)
+        offline = set(self.joints)
+        for _ in range(max(ANSWERS_CYCLES, round(ANSWERS_S * self.rate_hz))):
+            state = self.wait()
+            answered = zip(state.names, state.fresh, state.mode, strict=True)
+            offline -= {name for name, fresh, mode in answered if fresh or mode == "excluded"}
+            if not offline:
+                return
+        joints = [name for name in self.joints if name in offline]
+        text = "the emergency stop is confirmed, but these motors do not answer and may still move, so cut the power"
+        error = MotorsOffline(f"{text}: {', '.join(joints)}")
+        error.joints = joints
+        raise error
 
     def disable(self, group: str) -> None:
         """Damps and stops the motors of a group."""
