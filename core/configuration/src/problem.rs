@@ -231,6 +231,11 @@ pub enum Wrong {
     )]
     ImuId { id: u16, other: String, key: &'static str },
     #[error(
+        "the motor {motor:?} replies with the id {id:#05x}, and this device takes frames with that id for commands (CANopen); give the \
+         motor another host-id, here and on the motor"
+    )]
+    ImuObeys { id: u32, motor: String },
+    #[error(
         "the device sends {least} to {most} samples per second, one in a whole number of ms; the nearest rate is {nearest} Hz"
     )]
     ImuRate { least: f64, most: f64, nearest: f64 },

@@ -41,6 +41,35 @@ fn reply_that_writes_a_parameter_is_refused() {
     }
 }
 
+/// A Damiao motor takes frames with the id 0x7FF for writes to its registers (DM_CAN.py), a HiPNUC IMU those with 0x000 and 0x600 + node
+/// for commands (CiA 301).
+#[test]
+fn reply_that_another_device_obeys_is_refused() {
+    let text = |other: &str, host_id: &str| {
+        let motor = |name: &str, id: u8, rest: &str| {
+            format!(
+                "[[motor]]\nname = '{name}'\nbus = 'leg'\nprotocol = 'mit'\nid = {id}\n{rest}\n[motor.limits]\n\
+                 position-rad = [-1, 1]\nvelocity-rad-s = 5\ntorque-nm = 5\ntorque-slew-nm-per-s = 50\n"
+            )
+        };
+        let knee = motor("knee", 2, &format!("model = 'GIM8108-8'\n{host_id}"));
+        let other = match other {
+            "damiao" => motor("hip", 1, "model = 'DM-J4310-2EC'"),
+            _ => "[[imu]]\nname = 'base'\ntype = 'hipnuc-can'\nbus = 'leg'\n".to_owned(),
+        };
+        format!("[cycle]\nrate-hz = 500\n[[bus]]\nname = 'leg'\ntype = 'simulated'\n{knee}{other}")
+    };
+    for (other, host_id, expected) in [
+        ("damiao", "0x7FF", "command id on the same bus"),
+        ("hipnuc", "0x000", "\"knee\" replies with the id 0x000"),
+        ("hipnuc", "0x608", "\"knee\" replies with the id 0x608"),
+    ] {
+        judge(&text(other, "")).unwrap_or_else(|error| panic!("{other}: {error}"));
+        let error = judge(&text(other, &format!("host-id = {host_id}"))).expect_err(host_id).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 /// Motors that obey the commands of another bus, after adapters or cables were exchanged, answer as the expected ones.
 #[test]
 fn ids_on_two_buses_are_a_warning() {

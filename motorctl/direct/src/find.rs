@@ -29,6 +29,11 @@ pub struct Arguments {
     /// speed limit.
     #[arg(long)]
     in_fault: bool,
+    /// Also ask ids that a CANSimple driver (SDC104, ODrive) on the bus obeys, such as one that sets its node id. Without this
+    /// option the command listens first, and leaves out the ids of a driver that reports, and 30, 31, 62 and 63: a silent driver
+    /// with a factory id would leave CAN, save its configuration or enter its boot loader.
+    #[arg(long)]
+    yes: bool,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -87,7 +92,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     let interrupt = Interrupt::register();
     let opened = arguments.buses.iter().map(|bus| target::open(bus, arguments.baud));
     let lines = opened.collect::<Result<Vec<OpenLine>, DirectFailure>>()?;
-    let settings = Scan { ids: arguments.ids.clone(), in_fault: arguments.in_fault, ..Scan::default() };
+    let settings = Scan {
+        ids: arguments.ids.clone(),
+        in_fault: arguments.in_fault,
+        obeyed: arguments.yes,
+        ..Scan::default()
+    };
     let (sender, receiver) = mpsc::channel();
     let reports = std::thread::scope(|scope| {
         let scans: Vec<_> = lines
@@ -177,11 +187,16 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
         let formats = if is_found { formats.frames() } else { *formats };
         notes.extend(formats.advice().map(|advice| format!("{bus}: while id {id} is asked, {advice}")));
     }
+    if !report.lasting.is_empty() {
+        let ids = report.lasting.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+        notes.push(format!(
+            "{bus}: not asked: {ids}. A silent CANSimple driver with a factory id would leave CAN, save its configuration or enter its \
+             boot loader; with --yes they are asked"
+        ));
+    }
     for driver in &report.unprompted {
         notes.push(match driver {
-            Unprompted::CanSimple { node } => format!(
-                "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} sends heartbeats: not supported; its 32 ids were skipped"
-            ),
+            Unprompted::CanSimple { node } => can_simple(bus, *node, !report.skipped.is_empty()),
             Unprompted::CustomFault { id } => format!(
                 "{bus}: a driver with the \"custom\" protocol (GDZ, GDS) and id {} reports a fault: not supported",
                 id.raw()
@@ -189,6 +204,26 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
         });
     }
     notes
+}
+
+/// The note on a CANSimple driver. Source of the commands: GIM6010-8 manual, chapter 4.
+fn can_simple(bus: &str, node: u8, is_skipped: bool) -> String {
+    let id = |command: u16| (u16::from(node) << 5) + command;
+    let which = if node == 0 { ", those of MIT motors 1 to 31" } else { "" };
+    let outcome =
+        if is_skipped { "these ids were not asked; with --yes they are" } else { "they were asked" };
+    format!(
+        "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} reports without a request: not supported. It obeys the ids {} to \
+         {}{which}, such as {} (emergency stop), {} (its node id), {} (axis state), {} (MIT control) and {} (saves, or enters the boot \
+         loader): {outcome}. Give it another node id, alone on the cable",
+        id(0),
+        id(0x1F),
+        id(0x02),
+        id(0x06),
+        id(0x07),
+        id(0x08),
+        id(0x1F),
+    )
 }
 
 /// `motorctl ping`: measures the answer of a motor.
@@ -219,4 +254,28 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
     let host = host_id.map_or_else(String::new, |id| format!(", host id {id:#05X}"));
     let line = format!("{} answers in {answer_us} µs, protocol {protocol}{host}", session.name());
     print_line(&line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn node_zero_is_named_with_what_it_obeys() {
+        let report = Report {
+            unprompted: vec![Unprompted::CanSimple { node: 0 }],
+            skipped: (1..=31).collect(),
+            ..Report::default()
+        };
+        let [note] = &notes("can0", &report)[..] else { panic!("one note") };
+        for part in [
+            "node id 0",
+            "0 to 31, those of MIT motors 1 to 31",
+            "2 (emergency stop)",
+            "6 (its node id)",
+            "--yes",
+        ] {
+            assert!(note.contains(part), "{note}");
+        }
+    }
 }

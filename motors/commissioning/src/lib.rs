@@ -55,4 +55,4 @@ pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use reported::{ReportedMotor, ReportedProtocol};
 pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
-pub use unprompted::Unprompted;
+pub use unprompted::{LASTING, Unprompted};

@@ -137,7 +137,7 @@ impl Link {
             frames.extend(if let Heard::Frame(frame) = heard { Some(frame) } else { None });
             None::<()>
         })?;
-        for driver in frames.iter().filter_map(Unprompted::of) {
+        for driver in Unprompted::among(&frames) {
             if !self.unprompted.contains(&driver) {
                 self.unprompted.push(driver);
             }

@@ -10,13 +10,16 @@
 //! - 0xB1, which sets the zero position in another driver family;
 //! - 0xB2, unless requested, which sets a speed limit there;
 //! - an MIT fault request, which other firmware reads as full stiffness;
-//! - frames to the ids 0 and 255, which are broadcasts there.
+//! - frames to the ids 0 and 255, which are broadcasts there;
+//! - unless requested, frames to ids that a driver of another family obeys. The scan listens first, and recognises such drivers by
+//!   their reports. A silent one is not recognised: the frames with lasting effect on one with a factory id are not sent either
+//!   ([`LASTING`]).
 
 use crate::error::Error;
 use crate::format::Formats;
 use crate::link::{Heard, Link, Wire};
 use crate::native::Native;
-use crate::unprompted::Unprompted;
+use crate::unprompted::{LASTING, Unprompted};
 use motord_bus::{Duration, Frame, FrameId};
 use motord_protocol::gim::{
     Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply,
@@ -40,11 +43,19 @@ pub struct Scan {
     /// Also requests the fault of ids without an answer (0xB2): a motor with a fault may answer
     /// nothing else. Only for a bus whose drivers are all known to be of this family.
     pub in_fault: bool,
+    /// Also requests ids that a driver of another family obeys, or would obey if there is a silent one.
+    pub obeyed: bool,
 }
 
 impl Default for Scan {
     fn default() -> Self {
-        Self { ids: 1..=0xFE, listen: LISTEN, window: Duration::from_millis(6), in_fault: false }
+        Self {
+            ids: 1..=0xFE,
+            listen: LISTEN,
+            window: Duration::from_millis(6),
+            in_fault: false,
+            obeyed: false,
+        }
     }
 }
 
@@ -122,10 +133,12 @@ pub struct Report {
     pub formats: Vec<(u8, Formats)>,
     /// Ids that were skipped, because a detected driver would read the requests as commands.
     pub skipped: Vec<u8>,
+    /// Ids that were skipped, because the request would have a lasting effect on a silent driver of another family.
+    pub lasting: Vec<u8>,
 }
 
-/// Requests every id that no driver of another family would read as a command. Calls `progress` after each requested id, which ends the scan by returning
-/// `false`.
+/// Requests every id that no driver of another family would read as a command. Calls `progress` after each requested id, which ends
+/// the scan by returning `false`.
 ///
 /// # Errors
 ///
@@ -141,8 +154,10 @@ pub fn scan(
     let unprompted = link.unprompted().to_vec();
     let mut report = Report { unprompted, unasked_formats, ..Report::default() };
     for id in scan.ids.clone().filter(|id| (1..=0xFE).contains(id)) {
-        if report.unprompted.iter().any(|driver| driver.owns(id)) {
-            report.skipped.push(id);
+        let is_owned = report.unprompted.iter().any(|driver| driver.owns(id));
+        let is_lasting = link.wire() == Wire::Can && LASTING.contains(&id);
+        if !scan.obeyed && (is_owned || is_lasting) {
+            if is_owned { &mut report.skipped } else { &mut report.lasting }.push(id);
             continue;
         }
         let before = link.formats();

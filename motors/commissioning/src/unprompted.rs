@@ -7,11 +7,21 @@ const AXIS_STATE_MAX: u8 = 14;
 /// An error of an axis has no bit from this one on: ODrive 0.5 and 0.6, `ODrive.Error` and `Axis.Error`.
 const AXIS_ERROR_BITS: u32 = 27;
 
+/// Fewest encoder estimates that count as a driver's: it sends one every 10 ms (SDC104 and ODrive, command 0x009).
+const ESTIMATES_MIN: usize = 20;
+/// Magnitudes of a position and a velocity in an estimate, turns and turns/s. Zero is possible, too. Read as two such numbers,
+/// control frames are other than these.
+const ESTIMATE: core::ops::RangeInclusive<f32> = 1e-6..=1e5;
+
+/// Ids by which a silent CANSimple driver with its factory node id, 0 (ODrive) or 1 (SDC104), leaves CAN (0x01E), or saves its
+/// configuration or enters its boot loader (0x01F).
+pub const LASTING: [u8; 4] = [0x1E, 0x1F, 0x3E, 0x3F];
+
 /// A driver that reports without a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unprompted {
-    /// A heartbeat of a CANSimple driver (SDC104, ODrive). It reads frames with 32 ids as commands, among them an emergency stop
-    /// and a new node id, so nothing is sent to these.
+    /// A CANSimple driver (SDC104, ODrive), by its heartbeats or its encoder estimates. It reads frames with 32 ids as commands,
+    /// among them an emergency stop and a new node id, so nothing is sent to these.
     CanSimple {
         /// Its node id. It uses the 32 ids from 32 times this number.
         node: u8,
@@ -24,7 +34,22 @@ pub enum Unprompted {
 }
 
 impl Unprompted {
-    /// Returns the driver that this frame tells of. Other reports of a driver tell nothing: any master may send their bytes.
+    /// Returns the drivers that sent some of `frames`, in the order of their first frames.
+    pub(crate) fn among(frames: &[Frame]) -> Vec<Self> {
+        let by_estimates = |frame: &Frame| {
+            let node = (frame.id().raw() >> 5) as u8;
+            reports_encoder(frames, node).then_some(Self::CanSimple { node })
+        };
+        let mut drivers = Vec::new();
+        for driver in frames.iter().filter_map(Self::of).chain(frames.iter().filter_map(by_estimates)) {
+            if !drivers.contains(&driver) {
+                drivers.push(driver);
+            }
+        }
+        drivers
+    }
+
+    /// Returns the driver that this frame alone identifies. Any master may send the bytes of the other reports.
     pub(crate) fn of(frame: &Frame) -> Option<Self> {
         let id = frame.id();
         match *frame.payload() {
@@ -61,6 +86,20 @@ impl Unprompted {
             Self::CustomFault { id: own } => own.byte() == Some(id),
         }
     }
+}
+
+/// Returns whether all frames with the id of the encoder estimates of this node are such estimates.
+fn reports_encoder(frames: &[Frame], node: u8) -> bool {
+    let is_number = |bytes: [u8; 4]| {
+        let magnitude = f32::from_le_bytes(bytes).abs();
+        magnitude == 0.0 || ESTIMATE.contains(&magnitude)
+    };
+    let is_estimate = |frame: &Frame| match *frame.payload() {
+        [a, b, c, d, e, f, g, h] => is_number([a, b, c, d]) && is_number([e, f, g, h]),
+        _ => false,
+    };
+    let of_node = || frames.iter().filter(|frame| frame.id().raw() == u32::from(node) << 5 | 0x09);
+    of_node().count() >= ESTIMATES_MIN && of_node().all(is_estimate)
 }
 
 /// Fewer frames than this are not judged: they may be the replies to a master whose commands were not received.
@@ -106,6 +145,23 @@ mod tests {
         assert_eq!(reporting_motor(&[&reply, &reply, &command, &reply, &reply, &command]), None);
         assert_eq!(reporting_motor(&[&command; 9]), None);
         assert_eq!(reporting_motor(&[]), None);
+    }
+
+    /// Control frames to motor 9 of a master: neutral, with gains, and start (MIT document 1.2); 1 turn and 0.5 turns/s.
+    #[test]
+    fn commands_of_a_master_are_no_estimates() {
+        let frames = |payload| vec![Frame::classic(FrameId::new(0x009).unwrap(), payload); 100];
+        for command in [
+            [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF],
+            [0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00],
+            [0x85, 0x12, 0x7F, 0xF1, 0x48, 0x33, 0x38, 0x05],
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC],
+        ] {
+            assert_eq!(Unprompted::among(&frames(command)), [], "{command:X?}");
+        }
+        let estimates = frames([0, 0, 0x80, 0x3F, 0, 0, 0, 0x3F]);
+        assert_eq!(Unprompted::among(&estimates), [Unprompted::CanSimple { node: 0 }]);
+        assert_eq!(Unprompted::among(&estimates[..ESTIMATES_MIN - 1]), []);
     }
 
     #[test]

@@ -67,6 +67,12 @@ fn judge_ids(
     settings: &Settings,
     findings: &mut Findings<'_>,
 ) {
+    let mut motors = settings.motors.iter().filter(|motor| motor.bus == can.bus);
+    let is_obeyed = |id: u32| u16::try_from(id).is_ok_and(|id| can.device.obeys(id));
+    if let Some(motor) = motors.find(|motor| is_obeyed(motor.host_id.raw())) {
+        let (id, motor) = (motor.host_id.raw(), motor.name.clone());
+        findings.error(keys.bus.at, Wrong::ImuObeys { id, motor });
+    }
     let (sent_by, key) = match can.device.request_id() {
         Some(_) => (keys.master_id.at, "master-id"),
         None => (keys.node_id.at, "node-id"),

@@ -3,7 +3,7 @@
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{Ids, STEADYWIN};
-use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales};
+use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales, register};
 use motord_settings::joint::Transmission;
 use motord_settings::settings::{
     BusKind, BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
@@ -100,6 +100,8 @@ struct Address {
     is_serial: bool,
     id: u8,
     ids: &'static Ids,
+    /// It obeys requests to its registers, which have one id for all motors of the bus.
+    has_registers: bool,
     host_id: FrameId,
 }
 
@@ -127,7 +129,8 @@ fn address(
     let default = if is_serial { 0 } else { i64::from(ids.reply_offset) + id };
     let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
     let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
-    Some(Address { bus, is_serial, id: id as u8, ids, host_id: FrameId::new(host_id as u16)? })
+    let (id, has_registers, host_id) = (id as u8, profile.has_registers, FrameId::new(host_id as u16)?);
+    Some(Address { bus, is_serial, id, ids, has_registers, host_id })
 }
 
 /// Returns the id, if its vendor allows it.
@@ -251,7 +254,9 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         }
         let (host_id, default) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
         let commands = on_bus(motor.bus).map(|(_, other)| u32::from(other.id));
-        let is_heard = on_bus(motor.bus).any(|(_, other)| other.ids.hears(other.id, host_id));
+        let writes_registers = host_id == u32::from(register::REQUEST_ID);
+        let is_heard = on_bus(motor.bus)
+            .any(|(_, other)| other.ids.hears(other.id, host_id) || other.has_registers && writes_registers);
         if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
         } else if is_heard {

@@ -6,7 +6,7 @@ use motord_bus::{
 };
 use motord_checker::codec::{Meaning, Ranges};
 use motord_commissioning::{
-    Error, Family, Formats, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
+    Error, Family, Formats, LASTING, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
 };
 use motord_simulator::{Behaviour, BusKind, Dialect, Direction, InFault, MotorSettings, SharedBus};
 
@@ -20,7 +20,7 @@ fn robot() -> Vec<(BusKind, SharedBus)> {
     vec![
         of(BusKind::Can, [1, 2, 3]),
         of(BusKind::Can, [4, 5, 6]),
-        of(BusKind::Can, [1, 90, 0xFE]),
+        of(BusKind::Can, [1, 0x7F, 0xFE]),
         of(BusKind::Can, [10, 11, 12]),
         of(BusKind::Serial, [7, 8, 9]),
     ]
@@ -61,13 +61,14 @@ fn scan_finds_every_motor_and_moves_none() {
             assert_eq!(found.family, if in_mit { Family::Mit } else { Family::Native }, "{found:?}");
             assert_eq!(found.host_id.unwrap().raw(), 0x100 + u32::from(found.id), "{found:?}");
         }
-        assert_eq!(steps, 254);
+        let lasting = if kind == BusKind::Can { &LASTING[..] } else { &[] };
+        assert_eq!((steps, &report.lasting[..]), (254 - lasting.len(), lasting));
         let mut frames = 0;
         for recorded in bus.lock().take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
             assert_harmless(recorded.frame.payload().try_into().unwrap());
             frames += 1;
         }
-        assert!(frames >= 254);
+        assert!(frames >= steps);
         assert!(bus.lock().motors().iter().all(|motor| motor.last_executed().is_none()));
     }
 }
@@ -120,10 +121,12 @@ fn nothing_is_sent_on_a_busy_bus() {
     assert_eq!(to_motor, 0);
 }
 
-/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms, and its axis every second, without a request.
+/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms without a request, and its axis every second while its
+/// heartbeat is on.
 struct BesideOdrive {
     bus: SharedBus,
     node: u16,
+    heartbeat: bool,
     reports: u64,
 }
 
@@ -141,7 +144,7 @@ impl Bus for BesideOdrive {
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
         while self.next_report() <= now {
             let (command, payload) = match self.reports % 100 {
-                90 => (0x01, [0, 0, 0, 0, 8, 0, 0, 0]),
+                90 if self.heartbeat => (0x01, [0, 0, 0, 0, 8, 0, 0, 0]),
                 _ => (0x09, [0, 0, 0x80, 0x3F, 0, 0, 0, 0]),
             };
             let report = Frame::classic(FrameId::new(self.node << 5 | command).unwrap(), payload);
@@ -161,8 +164,12 @@ impl Bus for BesideOdrive {
 
 /// Two motors beside an ODrive.
 fn beside_odrive(node: u16) -> (SharedBus, Link) {
+    beside_odrive_with(node, true)
+}
+
+fn beside_odrive_with(node: u16, heartbeat: bool) -> (SharedBus, Link) {
     let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit), motor("hip", 41, Dialect::Gim)]);
-    let beside = BesideOdrive { bus: bus.clone(), node, reports: 0 };
+    let beside = BesideOdrive { bus: bus.clone(), node, heartbeat, reports: 0 };
     (bus, Link::can(beside, VirtualClock::new(START)))
 }
 
@@ -180,6 +187,30 @@ fn odrive_is_named_and_neither_asked_nor_counted() {
     assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<_>>(), [40, 41]);
     assert_eq!((report.collisions.len(), report.skipped.len()), (0, 31));
     assert!(sent(&bus).iter().all(|id| *id >= 32), "its commands begin with id 0");
+}
+
+/// Goal: a CANSimple driver whose heartbeat is off is recognised by its encoder estimates (command 0x009, every 10 ms).
+#[test]
+fn driver_without_heartbeat_is_named_and_not_asked() {
+    for node in [0, 1] {
+        let (bus, mut link) = beside_odrive_with(node, false);
+        let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
+        assert_eq!(report.unprompted, [Unprompted::CanSimple { node: node as u8 }]);
+        assert!(sent(&bus).iter().all(|id| id >> 5 != u32::from(node)), "{:?}", report.skipped);
+    }
+}
+
+#[test]
+fn obeyed_ids_are_asked_on_request_only() {
+    for obeyed in [false, true] {
+        let (bus, mut link) = beside_odrive(0);
+        let wanted = Scan { ids: 1..=0x3F, obeyed, ..Scan::default() };
+        let report = scan(&mut link, &wanted, &mut |_| true).unwrap();
+        assert_eq!((report.skipped.is_empty(), report.lasting.is_empty()), (obeyed, obeyed));
+        let sent = sent(&bus);
+        assert!([6, 0x1F, 0x3F].iter().all(|id| sent.contains(id) == obeyed), "{obeyed}");
+        assert!(sent.contains(&40));
+    }
 }
 
 #[test]

@@ -10,6 +10,9 @@ use super::sequence::Parts;
 
 /// Id of a HiPNUC's messages of its state (CANopen heartbeat), without the node.
 const HEARTBEAT: u16 = 0x700;
+/// Ids of commands: CiA 301, predefined connection set; a request has the node, too.
+const NMT: u16 = 0x000;
+const SDO_REQUEST: u16 = 0x600;
 /// Bytes of the TPDOs with a vector, and with a quaternion.
 const VECTOR_BYTES: u32 = 6;
 const QUATERNION_BYTES: u32 = 8;
@@ -144,6 +147,14 @@ impl CanDevice {
             }
         };
         ids.into_iter().take(count)
+    }
+
+    /// Returns whether a device that is not asked takes frames with this id for commands: NMT commands and SDO requests of CANopen
+    /// (CiA 301).
+    #[must_use]
+    pub fn obeys(&self, id: u16) -> bool {
+        let node = u16::from(self.address.node_id & hipnuc::NODE_MAX);
+        self.protocol == CanProtocol::Hipnuc && (id == NMT || id == SDO_REQUEST | node)
     }
 
     /// Returns the id of the requests to the device, if it is asked.
