@@ -1,5 +1,6 @@
 //! Why the daemon does not run, or why it ended by itself.
 
+use crate::buses::other_senders::OtherSender;
 use crate::buses::{BusError, PlantedError};
 use motord_bus::LockError;
 use motord_configuration::ConfigError;
@@ -25,6 +26,9 @@ pub enum RunError {
     /// A bus cannot be opened.
     #[error("{0}")]
     Bus(#[from] BusError),
+    /// Another sender commands the motors.
+    #[error("{0}")]
+    OtherSender(#[from] OtherSender),
     /// The robot has no twin, or the plant does not take it.
     #[error("{0}")]
     Plant(#[from] PlantedError),
@@ -73,7 +77,8 @@ impl RunError {
                 exit_status::CONFIG
             }
             Self::Instance(error) if error.is_a_setting() => exit_status::CONFIG,
-            Self::Instance(InstanceError::AlreadyRunning { .. })
+            Self::OtherSender(_)
+            | Self::Instance(InstanceError::AlreadyRunning { .. })
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => exit_status::BUSY,
             Self::Instance(_) => exit_status::PERMISSION,
             Self::Bus(_)

@@ -34,7 +34,7 @@ mod wake;
 pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
 pub use imu::ImuReading;
-pub use motor::{Applied, Circumstances, damp, limit};
+pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
 pub use wake::Wake;
 
@@ -230,7 +230,7 @@ impl Control {
 
     /// Records `frames` with the command id of `joint` that arrived by `at` and are not from this program. Does not allocate;
     /// bounded by the motors of a group.
-    pub fn receive_foreign(&mut self, joint: usize, id: FrameId, frames: u32, at: Instant) {
+    pub fn receive_foreign(&mut self, joint: usize, id: FrameId, frames: ForeignFrames, at: Instant) {
         let Place { group, place } = self.places[joint];
         self.groups[group].receive_foreign(place, (id, frames), at, &mut self.context);
     }

@@ -2,11 +2,15 @@
 
 use motord_core::control::Event;
 use motord_core::settings::Settings;
+use motord_core::stopper::BusFrames;
 use motord_harness::robot::{self, Robot};
 use motord_shared::{Cause, Operation, Phase, Refusal};
 
 /// The heartbeat of an ODrive with node 0: `cansend vcan0 001#0000000001000000`.
 const HEARTBEAT: &[u8; 8] = &[0, 0, 0, 0, 1, 0, 0, 0];
+
+/// A stop frame (MIT document 1.2).
+const STOP: &[u8; 8] = &[0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD];
 
 /// Sends one frame to the hip every 100 ms.
 fn foreign_seconds(robot: &mut Robot, seconds: u32, payload: &[u8]) {
@@ -115,12 +119,48 @@ fn replayed_log_is_a_foreign_master() {
     assert_eq!(robot.cause(), Some(Cause::ForeignMaster));
 }
 
+/// A second daemon sends stop frames to motors that it has not started.
+#[test]
+fn stops_of_second_daemon_are_a_foreign_master() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(3500);
+    let joints = robot.activate();
+    let mut cycles = 0;
+    while robot.phase() == Phase::Active && cycles < 500 {
+        robot.hear(0, 0x001, STOP);
+        robot.follow(&joints);
+        cycles += 1;
+    }
+    assert_eq!(robot.cause(), Some(Cause::ForeignMaster));
+    assert!((200..220).contains(&cycles), "{cycles}");
+}
+
+/// Goal: no frame of a switch is a foreign master. Method: the switch of a daemon that died before this one started damps for 2 s; the
+/// frames of another one arrive together after a freeze.
+#[test]
+fn frames_of_a_switch_are_no_foreign_master() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let damp = BusFrames::of(&robot.settings, 0).damp[0];
+    let damp: &[u8; 8] = damp.payload().first_chunk().expect("it has 8 bytes");
+    for round in 0..203 {
+        robot.hear(0, 0x001, if round < 200 { damp } else { STOP });
+        robot.steps(10);
+    }
+    robot.steps(2000);
+    let joints = robot.activate();
+    (0..200).for_each(|_| robot.hear(0, 0x001, damp));
+    (0..1000).for_each(|_| robot.follow(&joints));
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    let events = robot.take_events();
+    assert!(!events.iter().any(|event| matches!(event, Event::Foreign { .. })), "{events:?}");
+}
+
 /// The dead man's switch sends such frames while this process is frozen.
 #[test]
 fn own_safe_frames_are_no_foreign_master() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(100);
     robot.take_events();
-    foreign_seconds(&mut robot, 2, &[0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]);
+    foreign_seconds(&mut robot, 2, STOP);
     assert_eq!(robot.take_events(), []);
 }

@@ -4,6 +4,7 @@ pub mod claims;
 pub mod fault_line;
 pub mod injection;
 mod opening;
+pub mod other_senders;
 pub mod reconnector;
 pub mod watch;
 

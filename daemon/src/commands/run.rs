@@ -1,11 +1,11 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::arming;
-use crate::buses::{self, BusError, Buses};
+use crate::buses::{self, BusError, Buses, other_senders};
 use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
-use motord_bus::{Duration, clock};
+use motord_bus::{Duration, Monotonic, clock};
 use motord_configuration as config;
 use motord_core::settings::Settings;
 use motord_metrics::{Outputs, Wanted};
@@ -69,6 +69,7 @@ fn drive(
     let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
     deep_sleep.log("main");
 
+    other_senders::listen(&settings, &mut buses.buses, &mut Monotonic)?;
     (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);

@@ -3,7 +3,7 @@
 use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
-use crate::control::{Event, Reported, Status};
+use crate::control::{Event, ForeignFrames, Reported, Status};
 use crate::joint::{JointSide, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, FrameId, Instant};
@@ -173,7 +173,7 @@ impl Group {
     pub(crate) fn receive_foreign(
         &mut self,
         place: usize,
-        (id, frames): (FrameId, u32),
+        (id, frames): (FrameId, ForeignFrames),
         at: Instant,
         cx: &mut Context,
     ) {

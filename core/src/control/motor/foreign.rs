@@ -8,6 +8,33 @@ const WINDOW: Duration = Duration::from_secs(1);
 /// A sender that continues is reported again after this time.
 const REPORT: Duration = Duration::from_secs(10);
 
+/// The longest time between two safe frames of one sender.
+const SAFE_GAP: Duration = Duration::from_millis(50);
+
+/// Frames with the command id of a motor from another sender.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ForeignFrames {
+    /// Number of those that are no safe frames.
+    pub commands: u32,
+    /// Number of safe frames: those by which the dead man's switch and `safe-stop` damp and stop this motor. A second daemon sends the
+    /// same ones to a motor that it has not started.
+    pub safe: u32,
+}
+
+impl ForeignFrames {
+    /// Returns whether there is a frame.
+    pub(crate) const fn is_any(&self) -> bool {
+        self.commands > 0 || self.safe > 0
+    }
+}
+
+/// Safe frames of another sender without a longer pause than [`SAFE_GAP`].
+#[derive(Debug, Clone, Copy)]
+struct SafeRun {
+    begun: Instant,
+    last: Instant,
+}
+
 /// The frames to one motor that this program did not send.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Foreign {
@@ -20,28 +47,27 @@ pub(super) struct Foreign {
     /// Arrivals of the last two.
     last: Option<Instant>,
     before_last: Option<Instant>,
+    /// The last safe frames.
+    safe: Option<SafeRun>,
+    /// The last time at which safe frames were those of another master.
+    stopped_at: Option<Instant>,
 }
 
 /// The judgement of a further frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Judged {
-    /// At least [`FRAMES`] arrived within [`WINDOW`]: another master commands the motor.
+    /// At least [`FRAMES`] arrived within [`WINDOW`], or safe frames for too long: another master commands the motor.
     pub(super) is_master: bool,
     /// The number of frames, when they should be reported.
     pub(super) report: Option<u32>,
 }
 
 impl Foreign {
-    /// Counts `frames` that arrived by `at`.
-    pub(super) fn observe(&mut self, frames: u32, at: Instant) -> Judged {
-        self.total = self.total.wrapping_add(frames);
-        self.before_last = if frames > 1 { Some(at) } else { self.last };
-        self.last = Some(at);
-        if self.begun.is_none_or(|begun| at.since(begun) >= WINDOW) {
-            (self.begun, self.recent) = (Some(at), 0);
-        }
-        self.recent = self.recent.saturating_add(frames);
-        let is_master = self.recent >= FRAMES;
+    /// Counts `frames` that arrived by `at`. Safe frames are from another master when they arrive for `safe_max`: longer than the
+    /// switch acts beside a running daemon.
+    pub(super) fn observe(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> Judged {
+        let is_master =
+            self.counts_safe(frames.safe, at, safe_max) | self.counts_commands(frames.commands, at);
         let is_due = self.reported.is_none_or(|reported| at.since(reported) >= REPORT);
         let report = (is_master && is_due).then_some(self.total);
         if report.is_some() {
@@ -50,14 +76,44 @@ impl Foreign {
         Judged { is_master, report }
     }
 
+    fn counts_commands(&mut self, frames: u32, at: Instant) -> bool {
+        if frames == 0 {
+            return false;
+        }
+        self.total = self.total.wrapping_add(frames);
+        self.before_last = if frames > 1 { Some(at) } else { self.last };
+        self.last = Some(at);
+        if self.begun.is_none_or(|begun| at.since(begun) >= WINDOW) {
+            (self.begun, self.recent) = (Some(at), 0);
+        }
+        self.recent = self.recent.saturating_add(frames);
+        self.recent >= FRAMES
+    }
+
+    fn counts_safe(&mut self, frames: u32, at: Instant, safe_max: Duration) -> bool {
+        if frames == 0 {
+            return false;
+        }
+        let continued = self.safe.filter(|run| at.since(run.last) <= SAFE_GAP);
+        let begun = continued.map_or(at, |run| run.begun);
+        self.safe = Some(SafeRun { begun, last: at });
+        let is_master = at.since(begun) >= safe_max;
+        if is_master {
+            self.total = self.total.wrapping_add(frames);
+            self.stopped_at = Some(at);
+        }
+        is_master
+    }
+
     /// Returns the number of frames since the start, wrapping.
     pub(super) const fn total(&self) -> u32 {
         self.total
     }
 
-    /// Returns whether at least two frames arrived in the last second before `now`.
+    /// Returns whether at least two commands, or the safe frames of another master, arrived in the last second before `now`.
     pub(super) fn is_heard(&self, now: Instant) -> bool {
-        self.before_last.is_some_and(|arrival| now.since(arrival) < WINDOW)
+        let is_recent = |arrival: Option<Instant>| arrival.is_some_and(|arrival| now.since(arrival) < WINDOW);
+        is_recent(self.before_last) || is_recent(self.stopped_at)
     }
 }
 
@@ -65,11 +121,16 @@ impl Foreign {
 mod tests {
     use super::*;
 
+    const ONE: ForeignFrames = ForeignFrames { commands: 1, safe: 0 };
+    const SAFE_MAX: Duration = Duration::from_millis(200);
+
     #[test]
     fn sender_is_reported_every_ten_seconds() {
         let (mut foreign, begin) = (Foreign::default(), Instant::from_nanos(1));
         let reports: Vec<u32> = (0..250_u32)
-            .filter_map(|frame| foreign.observe(1, begin + frame * Duration::from_millis(100)).report)
+            .filter_map(|frame| {
+                foreign.observe(ONE, begin + frame * Duration::from_millis(100), SAFE_MAX).report
+            })
             .collect();
         assert_eq!(reports, [5, 105, 205]);
     }
@@ -79,7 +140,7 @@ mod tests {
         let (mut foreign, begin) = (Foreign::default(), Instant::from_nanos(1));
         for frame in 0..100_u32 {
             let at = begin + frame * Duration::from_millis(300);
-            assert_eq!(foreign.observe(1, at), Judged { is_master: false, report: None });
+            assert_eq!(foreign.observe(ONE, at, SAFE_MAX), Judged { is_master: false, report: None });
         }
         let last = begin + 99 * Duration::from_millis(300);
         assert!(foreign.is_heard(last));

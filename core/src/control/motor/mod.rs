@@ -21,6 +21,7 @@ mod requests;
 mod service;
 mod turn;
 
+pub use foreign::ForeignFrames;
 pub use limit::{Applied, Circumstances, damp, limit};
 pub(super) use orders::Orders;
 pub(super) use service::Kind;
@@ -44,6 +45,11 @@ use registers::Registers;
 use replies::Replies;
 use service::ServiceRequest;
 
+/// Safe frames of another sender that arrive for this long are those of another master. The dead man's switch ends within some
+/// milliseconds after the heartbeat of the daemon moves.
+const SAFE_MAX: Duration = Duration::from_millis(200);
+/// The switch of a dead daemon stops its motors within this time after the damping.
+const SWITCH_ENDS: Duration = Duration::from_secs(1);
 /// A joint at rest whose torque is more than this share of the rated torque bears a load.
 const LOAD_SHARE: f32 = 0.1;
 /// Number of consecutive states with "off" that stop the group of an active motor.
@@ -437,8 +443,17 @@ impl Motor {
 
     /// Records `frames` by which another sender commanded it, with `id`. Returns whether that sender
     /// is another master.
-    pub(super) fn report_foreign(&mut self, id: FrameId, frames: u32, at: Instant, cx: &mut Context) -> bool {
-        let judged = self.foreign.observe(frames, at);
+    pub(super) fn report_foreign(
+        &mut self,
+        id: FrameId,
+        frames: ForeignFrames,
+        at: Instant,
+        cx: &mut Context,
+    ) -> bool {
+        // The switch of a daemon that ran before may still damp.
+        let switch_acts = cx.safety.damp + SWITCH_ENDS;
+        let safe_max = if cx.uptime() > switch_acts { SAFE_MAX } else { switch_acts };
+        let judged = self.foreign.observe(frames, at, safe_max);
         if let Some(frames) = judged.report {
             cx.push(Event::Foreign { motor: self.joint, id: id.raw(), frames });
         }

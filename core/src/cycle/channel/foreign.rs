@@ -1,13 +1,14 @@
 //! Frames with the command id of a motor that this program did not send: a bus does not receive its own frames.
 
+use crate::control::ForeignFrames;
 use crate::settings::Settings;
 use crate::stopper::BusFrames;
 use motord_bus::{Frame, FrameId};
 
 /// Counts them by motor, from one read to the next.
 pub(crate) struct ForeignCommands {
-    /// Command id of a motor, the motor, and its count.
-    commands: Vec<(FrameId, usize, u32)>,
+    /// Command id of a motor, the motor, and its counts.
+    commands: Vec<(FrameId, usize, ForeignFrames)>,
     /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive after this process was
     /// frozen.
     safe: BusFrames,
@@ -24,7 +25,8 @@ impl ForeignCommands {
     /// Counts on the CAN bus with this index. Allocates; nothing after it does.
     pub(super) fn new(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
-        let commands = motors.map(|(motor, settings)| (settings.command_id(), motor, 0));
+        let commands =
+            motors.map(|(motor, settings)| (settings.command_id(), motor, ForeignFrames::default()));
         Self {
             commands: commands.collect(),
             safe: BusFrames::of(settings, bus),
@@ -61,10 +63,10 @@ impl ForeignCommands {
         if sent.iter().any(|batch| batch.contains(frame)) {
             return;
         }
-        if !safe.damp.contains(frame) && !safe.stop.contains(frame) {
-            *frames = frames.wrapping_add(1);
-            *is_any = true;
-        }
+        let is_safe = safe.damp.contains(frame) || safe.stop.contains(frame);
+        let count = if is_safe { &mut frames.safe } else { &mut frames.commands };
+        *count = count.wrapping_add(1);
+        *is_any = true;
     }
 
     /// Returns whether a frame was counted since [`take`](Self::take).
@@ -73,11 +75,11 @@ impl ForeignCommands {
         self.is_any
     }
 
-    /// Passes on id, motor and count of each motor with a count, and sets the counts to zero. Bounded by the motors of the bus.
+    /// Passes on id, motor and counts of each motor with a count, and sets the counts to zero. Bounded by the motors of the bus.
     #[cold]
-    pub(crate) fn take(&mut self, mut pass: impl FnMut(FrameId, usize, u32)) {
+    pub(crate) fn take(&mut self, mut pass: impl FnMut(FrameId, usize, ForeignFrames)) {
         self.is_any = false;
-        for (id, motor, frames) in self.commands.iter_mut().filter(|(.., frames)| *frames > 0) {
+        for (id, motor, frames) in self.commands.iter_mut().filter(|(.., frames)| frames.is_any()) {
             pass(*id, *motor, core::mem::take(frames));
         }
     }

@@ -1,0 +1,257 @@
+//! Listens for another sender of commands before the daemon sends its first frame.
+//!
+//! The lock of a bus holds within a network namespace. Another daemon may command the same motors from another namespace, over `vxcan`
+//! or a gateway, or from another computer. It sends a frame to each motor in every cycle.
+//!
+//! A daemon that died leaves a few frames in the queues, and its dead man's switch damps and stops its motors. The new daemon waits
+//! until that is over.
+
+use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness};
+use motord_core::settings::{BusKind, Settings};
+use motord_core::stopper::{BusFrames, PATIENCE};
+
+/// Frames are counted by windows of this length.
+const WINDOW: Duration = Duration::from_millis(100);
+/// The last windows, by which a sender is judged.
+const WINDOWS: usize = 3;
+/// Fewer frames in these windows are no sender: a daemon with 17 cycles a second sends more.
+const FRAMES_MIN: u32 = 5;
+
+/// Another sender commands the motors of a bus.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "bus {bus}: another program or device commands its motors: {frames} frames in {} ms, the last one {frame}. Perhaps another motord in \
+     another network namespace or container, or on another computer: stop it first, or take it off the bus",
+    WINDOWS as u128 * WINDOW.as_millis()
+)]
+pub struct OtherSender {
+    /// The bus.
+    pub bus: String,
+    /// The number of frames.
+    pub frames: u32,
+    /// The last of them, as `candump` writes it.
+    pub frame: Frame,
+}
+
+/// The frames of one window.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    all: u32,
+    /// Those that the dead man's switch does not send.
+    commands: u32,
+}
+
+/// A CAN bus with motors.
+struct Monitor<'a> {
+    name: &'a str,
+    bus: &'a mut dyn Bus,
+    command_ids: Vec<FrameId>,
+    safe: BusFrames,
+    /// The current window first.
+    windows: [Counts; WINDOWS],
+    last: Frame,
+}
+
+/// Returns when no other sender commands a motor of `settings` on the CAN interfaces among `buses`. Blocks for 0.3 s, or at most 1.1 s
+/// longer than damping takes while safe frames arrive.
+///
+/// # Errors
+///
+/// A sender that continues.
+pub fn listen(
+    settings: &Settings,
+    buses: &mut [Box<dyn Bus>],
+    clock: &mut dyn Clock,
+) -> Result<(), OtherSender> {
+    let is_can = |index: &usize| matches!(settings.buses[*index].kind, BusKind::SocketCan { .. });
+    let monitors = buses.iter_mut().enumerate().filter(|(index, _)| is_can(index));
+    let monitors = monitors.map(|(index, bus)| Monitor::new(settings, index, bus.as_mut()));
+    await_silence(&mut monitors.collect::<Vec<_>>(), settings.safety.damp, clock)
+}
+
+fn await_silence(
+    monitors: &mut [Monitor<'_>],
+    damp: Duration,
+    clock: &mut dyn Clock,
+) -> Result<(), OtherSender> {
+    if monitors.is_empty() {
+        return Ok(());
+    }
+    let begin = clock.now();
+    let end = begin + damp + PATIENCE;
+    loop {
+        listen_for_window(monitors, clock);
+        let now = clock.now();
+        let other = monitors.iter().find(|monitor| monitor.is_commanded() || now >= end && monitor.is_used());
+        if let Some(monitor) = other {
+            return Err(monitor.other_sender());
+        }
+        if now >= begin + WINDOW * WINDOWS as u32 && !monitors.iter().any(Monitor::is_used) {
+            return Ok(());
+        }
+    }
+}
+
+/// Counts the frames of the next window.
+fn listen_for_window(monitors: &mut [Monitor<'_>], clock: &mut dyn Clock) {
+    let (mut now, end) = (clock.now(), clock.now() + WINDOW);
+    monitors.iter_mut().for_each(Monitor::begin_window);
+    while now < end {
+        let readiness: Vec<Readiness<'_>> = monitors.iter().map(|monitor| monitor.bus.readiness()).collect();
+        clock.wait(&readiness, end);
+        now = clock.now();
+        monitors.iter_mut().for_each(|monitor| monitor.read(now));
+    }
+}
+
+impl<'a> Monitor<'a> {
+    fn new(settings: &'a Settings, index: usize, bus: &'a mut dyn Bus) -> Self {
+        let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+        Self {
+            name: &settings.buses[index].name,
+            bus,
+            command_ids: motors.map(|motor| motor.command_id()).collect(),
+            safe: BusFrames::of(settings, index),
+            windows: [Counts::default(); WINDOWS],
+            last: Frame::EMPTY,
+        }
+    }
+
+    fn begin_window(&mut self) {
+        self.windows.rotate_right(1);
+        self.windows[0] = Counts::default();
+    }
+
+    /// Counts the commands that have arrived by `now`.
+    fn read(&mut self, now: Instant) {
+        let mut inbox = Inbox::new();
+        self.bus.receive(now, &mut inbox);
+        for arrival in inbox.arrivals() {
+            let Content::Frame(frame) = arrival.content else { continue };
+            if !self.command_ids.contains(&frame.id()) {
+                continue;
+            }
+            let is_safe = self.safe.damp.contains(&frame) || self.safe.stop.contains(&frame);
+            self.windows[0].all += 1;
+            self.windows[0].commands += u32::from(!is_safe);
+            self.last = frame;
+        }
+    }
+
+    fn frames(&self) -> u32 {
+        self.windows.iter().map(|window| window.all).sum()
+    }
+
+    /// Returns whether a sender, perhaps a dead man's switch, sent to its motors in the last windows.
+    fn is_used(&self) -> bool {
+        self.frames() >= FRAMES_MIN
+    }
+
+    /// Returns whether a sender that is no dead man's switch sent in each of the last windows.
+    fn is_commanded(&self) -> bool {
+        self.is_used() && self.windows.iter().all(|window| window.commands > 0)
+    }
+
+    fn other_sender(&self) -> OtherSender {
+        OtherSender { bus: self.name.to_owned(), frames: self.frames(), frame: self.last }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_bus::{Arrival, Refusal, Sent, VirtualClock};
+    use motord_configuration::{Machine, parse};
+    use std::path::Path;
+
+    const START: Instant = Instant::from_nanos(1_000_000_000);
+    /// The code of full stiffness at half a turn: no frame of a switch (MIT document 1.2).
+    const COMMAND: [u8; 8] = [0x90, 0, 0x80, 0x0F, 0xFF, 0, 0x08, 0];
+
+    /// A bus on which another node sends frames, each at its time.
+    struct Foreign(std::vec::IntoIter<(Instant, Frame)>);
+
+    impl Bus for Foreign {
+        fn send(&mut self, _now: Instant, _frames: &[Frame]) -> Sent {
+            Sent { accepted: 0, refusal: Some(Refusal::Gone) }
+        }
+
+        fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+            while let Some((at, frame)) = self.0.as_slice().first().copied().filter(|(at, _)| *at <= now) {
+                if inbox.push(Arrival { at, content: Content::Frame(frame) }).is_err() {
+                    return;
+                }
+                let _sent = self.0.next();
+            }
+        }
+
+        fn readiness(&self) -> Readiness<'_> {
+            self.0.as_slice().first().map_or(Readiness::Never, |(at, _)| Readiness::At(*at))
+        }
+    }
+
+    fn settings() -> Settings {
+        let text = "[[bus]]\nname = 'leg'\ntype = 'socketcan'\ninterface = 'nocan7'\n[[motor]]\nname = 'hip'\nbus = 'leg'\n\
+            id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
+            torque-nm = 5\ntorque-slew-nm-per-s = 50\n";
+        parse(Path::new("robot.toml"), text.as_bytes(), &Machine::here()).expect("it is valid").settings
+    }
+
+    /// Frames with the id `id` every `period`, from `begin` after the start.
+    fn every(begin: Duration, period: Duration, count: u32, frame: Frame) -> Vec<(Instant, Frame)> {
+        (0..count).map(|number| (START + begin + number * period, frame)).collect()
+    }
+
+    /// The outcome for a bus with these frames, and the time until then.
+    fn outcome_of(frames: Vec<(Instant, Frame)>) -> (Result<(), OtherSender>, Duration) {
+        let mut clock = VirtualClock::new(START);
+        let outcome = listen(&settings(), &mut [Box::new(Foreign(frames.into_iter()))], &mut clock);
+        (outcome, clock.now().since(START))
+    }
+
+    fn command(id: u16, payload: [u8; 8]) -> Frame {
+        Frame::classic(FrameId::new(id).expect("it has 11 bits"), payload)
+    }
+
+    const MILLI: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn second_daemon_is_refused_within_half_second() {
+        for period in [MILLI, 20 * MILLI, 50 * MILLI] {
+            let (outcome, after) = outcome_of(every(Duration::ZERO, period, 5000, command(1, COMMAND)));
+            let error = outcome.expect_err("it commands the hip");
+            assert!(error.to_string().contains("another network namespace"), "{error}");
+            assert!(after <= 500 * MILLI, "{after:?}");
+        }
+    }
+
+    #[test]
+    fn second_daemon_with_stopped_motors_is_refused() {
+        let stop = BusFrames::of(&settings(), 0).stop[0];
+        let (outcome, after) = outcome_of(every(Duration::ZERO, MILLI, 10_000, stop));
+        assert!(outcome.is_err());
+        assert!(after <= 3500 * MILLI, "{after:?}");
+    }
+
+    /// Goal: a daemon that died, and its switch, keep no successor away. Method: the frames of its queue; then its switch damps for
+    /// 2 s.
+    #[test]
+    fn dead_daemon_and_its_switch_are_waited_for() {
+        let BusFrames { damp, stop } = BusFrames::of(&settings(), 0);
+        let queue = every(Duration::ZERO, Duration::from_micros(300), 10, command(1, COMMAND));
+        let switch =
+            [every(5 * MILLI, 10 * MILLI, 200, damp[0]), every(2005 * MILLI, 10 * MILLI, 3, stop[0])];
+        let (outcome, after) = outcome_of([queue, switch.concat()].concat());
+        assert_eq!(outcome, Ok(()));
+        assert!((2000 * MILLI..2500 * MILLI).contains(&after), "{after:?}");
+    }
+
+    /// Replies, frames to other motors, and the heartbeat of an ODrive with node 0, every 100 ms.
+    #[test]
+    fn frames_that_command_no_motor_delay_nothing() {
+        for (id, period) in [(0x101, MILLI), (2, MILLI), (1, 100 * MILLI)] {
+            let (outcome, after) = outcome_of(every(Duration::ZERO, period, 1000, command(id, [0; 8])));
+            assert_eq!((outcome, after), (Ok(()), 300 * MILLI), "{id:#x}");
+        }
+    }
+}
