@@ -136,7 +136,7 @@ const BUS_FAULTS: [&str; 13] = [
 ];
 /// Faults of a serial line.
 const LINE_FAULTS: [&str; 7] = ["gone", "blocked", "silent", "echo", "loss 5%", "glue 16ms", "corrupt 1%"];
-const MOTOR_FAULTS: [&str; 14] = [
+const MOTOR_FAULTS: [&str; 15] = [
     "off",
     "stuck",
     "garbage",
@@ -151,6 +151,7 @@ const MOTOR_FAULTS: [&str; 14] = [
     "fault over-voltage",
     "fault over-current",
     "power-cycle",
+    "restart",
 ];
 
 #[test]

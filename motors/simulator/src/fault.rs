@@ -38,6 +38,9 @@ pub enum Fault {
     /// `power-cycle`: the motor restarts: silent while it boots, then stopped, with its position
     /// within one turn.
     PowerCycle,
+    /// `restart`: the drive restarts in a moment, as after a dip of its supply: stopped, and it
+    /// answers on. Its position is within one turn.
+    Restart,
     /// `power-off`: the motor has no power: limp, silent, and without the values that it has not
     /// stored.
     PowerOff,
@@ -221,7 +224,7 @@ impl Verb {
 }
 
 /// All verbs. The documentation of [`Fault`] describes their effects in detail.
-pub const VERBS: [Verb; 39] = {
+pub const VERBS: [Verb; 40] = {
     use FaultTarget::{Any, Bus, Line, Motor};
     let slow = Fault::Slow(Duration::from_millis(10));
     let delayed = Fault::Delayed(Duration::from_millis(2));
@@ -242,6 +245,12 @@ pub const VERBS: [Verb; 39] = {
             Motor,
             Fault::PowerCycle,
             "boots: silent, then stopped, its position within one turn",
+        ),
+        Verb::bare(
+            "restart",
+            Motor,
+            Fault::Restart,
+            "restarts without a silence: stopped, and answers on, its position within one turn",
         ),
         Verb::with(
             ("fault", "0x02"),
@@ -488,6 +497,7 @@ mod tests {
             ("fl-hip fault 0x02", Fault::Raise(2)),
             ("fl-hip fault 8", Fault::Raise(8)),
             ("fl-hip  power-cycle", Fault::PowerCycle),
+            ("fl-hip restart", Fault::Restart),
             ("fl-hip load -2.5", Fault::Load(-2.5)),
             ("fl-hip tx-full", Fault::TxFull(0)),
             ("fl-hip tx-full 1", Fault::TxFull(1)),

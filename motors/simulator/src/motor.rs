@@ -559,6 +559,11 @@ impl Motor {
                 self.lose_power();
                 self.boot(at);
             }
+            Fault::Restart => {
+                self.lose_power();
+                self.boot(at);
+                self.silent_until = at;
+            }
             Fault::PowerOff => self.lose_power(),
             Fault::Refuse(result) => impairment.refusal = Some(result),
             Fault::Temperature(celsius) => self.body.winding = celsius,
