@@ -83,11 +83,16 @@ impl Setpoint {
         Self { values, mode: SetpointMode::Impedance }
     }
 
-    /// Returns whether it pulls the joint to its position.
+    /// Returns whether it pulls the joint to its position. Stiffness has no effect in torque and speed
+    /// mode.
     #[must_use]
     #[inline]
     pub fn pulls(&self) -> bool {
-        self.values.kp > 0.0 || self.mode == SetpointMode::Position
+        match self.mode {
+            SetpointMode::Impedance => self.values.kp > 0.0,
+            SetpointMode::Position => true,
+            SetpointMode::Torque | SetpointMode::Speed => false,
+        }
     }
 }
 
