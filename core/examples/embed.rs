@@ -183,6 +183,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
             temperature_derate: 70.0,
             temperature: 90.0,
             following_error: None,
+            torque_response: 0.3,
         },
     }
 }

@@ -17,6 +17,7 @@ const LIMITS: LimitSettings = LimitSettings {
     temperature_derate: 80.0,
     temperature: 100.0,
     following_error: None,
+    torque_response: 0.3,
 };
 
 fn limited(

@@ -107,7 +107,7 @@ codes! {
         OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
-        MotorOff = 23 "motor-off" "A motor reported that it is off while it should follow setpoints.",
+        MotorOff = 23 "motor-off" "A motor reported that it is off, or almost none of its torque, while it should follow setpoints.",
         Disabled = 24 "disabled" "Another client than its owner disabled the group.",
         OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",

@@ -247,8 +247,10 @@ sections! {
             "Above it the torque is reduced. It acts on motors that report a temperature.";
         "temperature-max-celsius" temperature_max_celsius: f64, "°C" = is(90.0).within(10.0, 120.0),
             "At it no torque is left. When it lasts for a second: safe stop.";
-        "following-error-rad" following_error_rad: Option<f64>, "rad" = follows("not watched").within(0.001, 25.0).angle(),
-            "Largest distance between joint and position setpoint.";
+        "following-error-rad" following_error_rad: Option<f64>, "rad" = follows("half a turn").within(0.001, 25.0).angle(),
+            "Largest distance between joint and position setpoint. When it lasts for 50 ms: safe stop. The default acts only at the torque limit, and not while the joint approaches the setpoint.";
+        "torque-response-percent" torque_response_percent: f64, "%" = is(30.0).within(0.0, 90.0),
+            "Least share of a commanded torque that the motor must report. A motor that reports less for 50 ms, and less than a tenth of its rated torque, is off: safe stop (`motor-off`). 0 does not check it.";
     }
 
     /// `[motor.simulation]`.

@@ -378,8 +378,12 @@ pub struct LimitSettings {
     pub temperature_derate: f32,
     /// At this temperature the torque is zero; for a second it causes a safe stop, °C.
     pub temperature: f32,
-    /// Largest distance between joint and position setpoint, rad; `None` does not check it.
+    /// Largest distance between joint and position setpoint, rad; `None` permits half a turn, and
+    /// more below the torque limit or while the joint approaches the setpoint.
     pub following_error: Option<f32>,
+    /// Least share of a commanded torque that the motor must report, 0 to 0.9. A motor with less is
+    /// off. 0 does not check it.
+    pub torque_response: f32,
 }
 
 /// `[motor.simulation]`: the physics of a simulated motor, output side.

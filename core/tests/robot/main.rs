@@ -21,5 +21,6 @@ mod publication;
 mod reads;
 mod registers;
 mod replay;
+mod response;
 mod transitions;
 mod turns;

@@ -150,7 +150,7 @@ fn every_effective_limit_says_where_it_comes_from() {
         assert_eq!(number("position-rad"), Some(motor.limits.position[1]));
         assert_eq!(number("following-error-rad"), motor.limits.following_error);
     }
-    assert!(said.contains("following-error-rad         not watched"), "{said}");
+    assert!(said.contains("following-error-rad         half a turn"), "{said}");
 }
 
 /// Goal: a robot of equal legs is read in a page.

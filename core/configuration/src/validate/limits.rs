@@ -98,6 +98,7 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
         temperature_derate: derate as f32,
         temperature: temperature as f32,
         following_error: keys.following_error_rad.value.map(|error| error as f32),
+        torque_response: keys.torque_response_percent.value as f32 / 100.0,
     }
 }
 
@@ -219,6 +220,7 @@ impl Explained<'_> {
             self.limit(&keys.temperature_derate_celsius, is.temperature_derate, self.derating()),
             self.limit(&keys.temperature_max_celsius, is.temperature, Origin::Default),
             self.limit(&keys.following_error_rad, is.following_error, Origin::Default),
+            self.limit(&keys.torque_response_percent, 100.0 * is.torque_response, Origin::Default),
         ]
     }
 

@@ -25,7 +25,9 @@ impl Motor {
             }
         };
         self.applied = applied;
-        Command::Control(self.executable(applied.setpoint, cx))
+        let sent = self.executable(applied.setpoint, cx);
+        self.response.command(&sent);
+        Command::Control(sent)
     }
 
     /// Returns the `applied` setpoint as the motor can execute it. A motor without impedance

@@ -18,6 +18,7 @@ mod registers;
 mod replies;
 mod report;
 mod requests;
+mod response;
 mod service;
 mod turn;
 
@@ -43,6 +44,7 @@ use motord_shared::{Cause, MotorMode};
 use plausibility::{Credibility, Expectation, Plausibility};
 use registers::Registers;
 use replies::Replies;
+use response::Response;
 use service::ServiceRequest;
 
 /// Safe frames of another sender that arrive for this long are those of another master. The dead man's switch ends within some
@@ -81,6 +83,7 @@ pub(super) struct Motor {
     off_states: u32,
     replies: Replies,
     plausibility: Plausibility,
+    response: Response,
     foreign: Foreign,
     absence: Absence,
     backlog: Backlog,
@@ -106,6 +109,7 @@ impl Motor {
             off_states: 0,
             replies: Replies::default(),
             plausibility: Plausibility::default(),
+            response: Response::of(settings),
             foreign: Foreign::default(),
             absence: Absence::default(),
             backlog: Backlog::default(),
@@ -240,6 +244,7 @@ impl Motor {
             return;
         }
         self.mode = Mode::Active;
+        self.response.forget();
         let position = self.measured.map_or(0.0, |measured| measured.position);
         self.applied.setpoint = Setpoint::impedance(Impedance::new(position, 0.0, 0.0, 0.0, 0.0));
     }
@@ -347,11 +352,19 @@ impl Motor {
             self.compare(measured.position, cx);
         }
         self.take_state(measured, at, latency, runs, cx);
-        if self.off_states == OFF_STATES_MAX {
+        let is_off = self.is_off(&measured, at);
+        if is_off {
             self.doubt_registers();
         }
-        let off = (self.off_states >= OFF_STATES_MAX).then_some(Cause::MotorOff);
+        let off = is_off.then_some(Cause::MotorOff);
         cause.or(off).map_or(Ok(()), Err)
+    }
+
+    /// Returns whether an active motor is off, by its status or by its torque in `state`.
+    #[inline(always)]
+    fn is_off(&mut self, state: &Measured<JointSide>, at: Instant) -> bool {
+        matches!(self.mode, Mode::Active)
+            && (self.off_states >= OFF_STATES_MAX || self.response.is_off(state, at))
     }
 
     #[inline(always)]
@@ -359,10 +372,9 @@ impl Motor {
         // A step is expected while the zero is being moved.
         let zeroing = self.request.is_some_and(|request| request.kind == Kind::SetZero);
         let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
-        let setpoint = &self.applied.setpoint;
-        let pulled_to = setpoint.pulls().then_some(setpoint.values.position);
         let active = matches!(self.mode, Mode::Active);
-        let expected = Expectation { settings: &self.settings, before, pulled_to, active };
+        let applied = &self.applied.setpoint;
+        let expected = Expectation { settings: &self.settings, before, applied, active };
         self.plausibility.judge(reported, at, &expected)
     }
 

@@ -6,16 +6,16 @@
 //! | three times the motor's peak torque | 50 ms | implausible |
 //! | speed, while the code of the position does not change | 50 ms | encoder-stuck |
 //! | 1.2 times the joint's speed limit, or the end of the speeds that the motor can report | 5 ms | overspeed |
-//! | too far from the position it is pulled to | 50 ms | following-error |
+//! | too far from the position it is pulled to; without a limit, half a turn at the torque limit and not approaching | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
 //! | a temperature that no motor has | 1 s | temperature-sensor |
 //! | the end of the positions that the motor can report | immediately | range-end |
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
-use crate::joint::{JointSide, Measured};
+use crate::joint::{JointSide, Measured, Setpoint};
 use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_bus::{Duration, Instant};
-use motord_shared::Cause;
+use motord_shared::{Cause, SetpointMode};
 
 /// Tolerance of a step against speed times time: codes are coarse, and replies jitter.
 const STEP_FACTOR: f32 = 1.5;
@@ -37,6 +37,12 @@ const OVERSPEED_TIME: Duration = Duration::from_millis(5);
 /// The peak torque of a model is that of its winding; other windings have up to twice as much.
 const TORQUE_FACTOR: f32 = 3.0;
 const TORQUE_TIME: Duration = Duration::from_millis(50);
+/// Without a limit of its own a joint is too far at half a turn, rad. It must be commanded this share
+/// of its torque limit, and not approach the position at [`APPROACH_VELOCITY`], rad/s. Contact and
+/// soft gains explain less.
+const FOLLOWING_ERROR: f32 = core::f32::consts::PI;
+const FULL_SHARE: f32 = 0.9;
+const APPROACH_VELOCITY: f32 = 0.5;
 const FOLLOWING_TIME: Duration = Duration::from_millis(50);
 /// Also the time until a lasting impossible temperature is a cause.
 const HOT_TIME: Duration = Duration::from_secs(1);
@@ -78,8 +84,8 @@ pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
     /// The previous state and its arrival.
     pub(super) before: Option<(&'a Measured<JointSide>, Instant)>,
-    /// The commanded position, rad, if any.
-    pub(super) pulled_to: Option<f32>,
+    /// The command after all limits.
+    pub(super) applied: &'a Setpoint,
     /// The motor follows setpoints.
     pub(super) active: bool,
 }
@@ -161,13 +167,13 @@ impl Plausibility {
         at: Instant,
         expected: &Expectation<'_>,
     ) -> Option<Cause> {
-        let Expectation { settings, before, pulled_to, active } = *expected;
+        let Expectation { settings, before, applied, active } = *expected;
         let limits = &settings.limits;
         let still =
             before.is_some_and(|(before, _)| before.position.to_bits() == reported.position.to_bits());
         let stuck = still && reported.velocity.abs() > STUCK_VELOCITY;
         let fast = reported.velocity.abs() > overspeed(limits.velocity, settings.capabilities.velocity_end);
-        let far = active && is_far(reported, pulled_to, limits);
+        let far = active && applied.pulls() && is_far(reported, applied, limits);
         let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
         let strong = reported.torque.abs() > TORQUE_FACTOR * settings.winding.peak_torque;
         let hold = [stuck, fast, far, hot, has_impossible_temperature, strong];
@@ -176,7 +182,7 @@ impl Plausibility {
         } else if let Some(cause) = self.lasting(hold, at) {
             return Some(cause);
         }
-        (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
+        (active && is_at_range_end(reported, applied.pulls(), settings)).then_some(Cause::RangeEnd)
     }
 
     /// Returns the first cause whose condition has held long enough. `hold`: which of the [`CONDITIONS`] hold.
@@ -223,17 +229,34 @@ fn overspeed(limit: f32, end: Option<f32>) -> f32 {
     if factored < clamped { factored } else { clamped }
 }
 
-fn is_far(reported: &Measured<JointSide>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
-    let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
-    (target - reported.position).abs() > most
+fn is_far(reported: &Measured<JointSide>, applied: &Setpoint, limits: &LimitSettings) -> bool {
+    let error = applied.values.position - reported.position;
+    match limits.following_error {
+        Some(most) => error.abs() > most,
+        None => error.abs() > FOLLOWING_ERROR && gets_no_nearer(error, reported, applied, limits),
+    }
+}
+
+/// Returns whether the joint is commanded all its torque, and does not approach the position.
+#[cold]
+fn gets_no_nearer(
+    error: f32,
+    reported: &Measured<JointSide>,
+    applied: &Setpoint,
+    limits: &LimitSettings,
+) -> bool {
+    let torque = applied.values.predicted_torque(reported.position, reported.velocity);
+    // In other modes the drive decides the torque.
+    let is_full = applied.mode != SetpointMode::Impedance || torque.abs() >= FULL_SHARE * limits.torque;
+    is_full && error.signum() * reported.velocity < APPROACH_VELOCITY
 }
 
 /// A motor that wraps may turn beyond the range while no setpoint pulls it to a position: commands
 /// cannot contain a position there.
-fn is_at_range_end(reported: &Measured<JointSide>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
+fn is_at_range_end(reported: &Measured<JointSide>, is_pulled: bool, settings: &MotorSettings) -> bool {
     let Some(end) = settings.capabilities.position_end else { return false };
     let position = settings.transmission.position_to_motor(reported.position);
-    let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
+    let free = settings.beyond_range == BeyondRange::Wrap && !is_pulled;
     position.abs() > end - END_MARGIN && !free
 }
 

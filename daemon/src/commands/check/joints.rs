@@ -116,11 +116,11 @@ fn origin(origins: &[Origin]) -> String {
     }
 }
 
-/// `-1.2 to 1.2`, `12.5` or `not watched`.
+/// `-1.2 to 1.2`, `12.5` or `half a turn`.
 fn value(limit: &Limit) -> String {
     match (limit.min, limit.max) {
         (Some(min), Some(max)) => format!("{min} to {max}"),
         (None, Some(max)) => max.to_string(),
-        (_, None) => "not watched".to_owned(),
+        (_, None) => "half a turn".to_owned(),
     }
 }

@@ -1,0 +1,132 @@
+//! Finds a motor that answers and gives no torque: its drive restarted, or switched itself off.
+//!
+//! Without a status in its states only the torque shows that. A motor is off when it was commanded a
+//! torque and reports almost none of it, in each of [`STATES`] states or more and for [`TIME`].
+//!
+//! | not compared | because |
+//! |---|---|
+//! | less than the floor: a tenth of the rated torque, and four codes | friction, offsets and the rounding of codes are as large |
+//! | a joint that turns fast in the direction of the torque | at its speed without load a healthy motor gives no torque, and its supply may be lower than that of the model |
+//! | commands that changed sign or fell below the floor in the last [`COMMANDS`] | a reply may answer each of them |
+//! | speed and position setpoints of native motors | the drive decides the torque |
+//!
+//! A motor that reports at least the floor is not off, however much it was commanded: a drive limits
+//! and derates its torque by itself.
+//!
+//! Real-time: constant time; no allocation, no system call.
+
+use crate::joint::{Impedance, JointSide, Measured, Setpoint};
+use crate::settings::MotorSettings;
+use motord_bus::{Duration, Instant};
+use motord_shared::SetpointMode;
+
+/// A reply may answer the newest command, the one before, and one two turns earlier: a reply may have
+/// the state before its command, and answers may be late by two turns.
+const COMMANDS: usize = 4;
+/// A motor that reports less than this share of its rated torque bears no load. Dry friction is
+/// about 2 % of the rated torque, and the shares that are known by measurement are below 5 %.
+const FLOOR_SHARE: f32 = 0.1;
+/// The least floor, in codes of torque: a report of zero is up to two codes off.
+const FLOOR_CODES: f32 = 4.0;
+/// Share of the velocity without load up to which torques are compared. A motor with a fifth of its
+/// rated voltage still turns as fast.
+const VELOCITY_SHARE: f32 = 0.2;
+const TIME: Duration = Duration::from_millis(50);
+const STATES: u32 = 5;
+
+/// The torques that a motor is commanded, and the states that lack them.
+#[derive(Debug)]
+pub(super) struct Response {
+    /// The last commands, the newest first.
+    commands: [Impedance<JointSide>; COMMANDS],
+    /// The first of the latest states in a row without the commanded torque, and their number.
+    lacking: Option<(Instant, u32)>,
+    /// Share of the commanded torque that a motor must report; 0 compares nothing.
+    share: f32,
+    /// Torques below are not compared, N·m.
+    floor: f32,
+    /// Speeds above, in the direction of the torque, are not compared, rad/s.
+    velocity_max: f32,
+    /// The size of one code of position, velocity, stiffness, damping and torque.
+    steps: Impedance<JointSide>,
+}
+
+impl Response {
+    pub(super) fn of(settings: &MotorSettings) -> Self {
+        let scales = &settings.scales;
+        let [position, velocity, kp, kd, torque] =
+            [scales.position, scales.velocity, scales.kp, scales.kd, scales.torque]
+                .map(|field| field.step() as f32);
+        Self {
+            commands: [Impedance::NEUTRAL; COMMANDS],
+            lacking: None,
+            share: settings.limits.torque_response,
+            floor: (FLOOR_SHARE * settings.winding.rated_torque).max(FLOOR_CODES * torque),
+            velocity_max: VELOCITY_SHARE * settings.max_velocity,
+            steps: Impedance::new(position, velocity, kp, kd, torque),
+        }
+    }
+
+    /// Forgets commands and states.
+    pub(super) const fn forget(&mut self) {
+        self.commands = [Impedance::NEUTRAL; COMMANDS];
+        self.lacking = None;
+    }
+
+    /// Records a command after all limits, as it is sent.
+    pub(super) const fn command(&mut self, sent: &Setpoint) {
+        let newest = match sent.mode {
+            SetpointMode::Impedance => sent.values,
+            SetpointMode::Torque => Impedance::new(0.0, 0.0, 0.0, 0.0, sent.values.torque),
+            SetpointMode::Speed | SetpointMode::Position => Impedance::NEUTRAL,
+        };
+        let [a, b, c, _] = self.commands;
+        self.commands = [newest, a, b, c];
+    }
+
+    /// Takes a state that was current at `at`. Returns whether the motor is off.
+    #[inline]
+    pub(super) fn is_off(&mut self, state: &Measured<JointSide>, at: Instant) -> bool {
+        if !self.lacks_torque(state) {
+            self.lacking = None;
+            return false;
+        }
+        let (since, states) = self.lacking.map_or((at, 1), |(since, states)| (since, states + 1));
+        self.lacking = Some((since, states));
+        states >= STATES && at.since(since) >= TIME
+    }
+
+    fn lacks_torque(&self, state: &Measured<JointSide>) -> bool {
+        let Measured { position, velocity, torque, .. } = *state;
+        let newest = self.commands[0].predicted_torque(position, velocity);
+        // Most states end here.
+        if torque.abs() >= self.floor || newest.abs() <= self.floor {
+            return false;
+        }
+        let sign = newest.signum();
+        let commanded = self.commanded(sign, state);
+        let turns_on = sign * velocity > self.velocity_max;
+        !turns_on && commanded > self.floor && torque.abs() < self.share * commanded
+    }
+
+    /// Returns the least torque with this sign that any of the last commands asks for at `state`,
+    /// N·m. Negative where one of them has the other sign.
+    fn commanded(&self, sign: f32, state: &Measured<JointSide>) -> f32 {
+        let least = |least: f32, command: &Impedance<JointSide>| {
+            let torque = sign * command.predicted_torque(state.position, state.velocity);
+            least.min(torque - self.rounding(command, state))
+        };
+        self.commands.iter().fold(f32::INFINITY, least)
+    }
+
+    /// Returns the largest change of the torque of `command` by the rounding of its codes, N·m.
+    fn rounding(&self, command: &Impedance<JointSide>, state: &Measured<JointSide>) -> f32 {
+        let Impedance { position, velocity, kp, kd, .. } = *command;
+        let code = &self.steps;
+        let spring = kp * code.position + code.kp * (position - state.position).abs();
+        let damper = kd * code.velocity + code.kd * (velocity - state.velocity).abs();
+        let spring = if kp > 0.0 { spring } else { 0.0 };
+        let damper = if kd > 0.0 { damper } else { 0.0 };
+        spring + damper + code.torque
+    }
+}
