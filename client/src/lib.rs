@@ -170,8 +170,11 @@ pub use injection::{FaultError, inject_fault};
 pub use joint::{Faults, Joint, Limits};
 pub use members::{JointKey, Slot};
 pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
+pub use motord_ports::running::{
+    RunningInstance, foreign as foreign_instances, running as running_instances,
+};
 pub use motord_ports::service::{Obstacle, Part, ServiceError};
-pub use motord_ports::stop_socket::{RunningInstance, StopError, running as running_instances};
+pub use motord_ports::stop_socket::StopError;
 #[doc(hidden)]
 pub use motord_ports::{Creator, Forked};
 pub use motord_shared::DEFAULT_INSTANCE;
@@ -188,5 +191,5 @@ pub use publisher::{ImuPublisher, ImuSample};
 pub use records::Records;
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};
-pub use stop::{emergency_stop, emergency_stop_in};
+pub use stop::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in};
 pub use telemetry::named_telemetry;

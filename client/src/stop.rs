@@ -6,12 +6,14 @@
 use crate::answers::unchecked;
 use crate::link::{ANSWER_TIMEOUT, Connection};
 use crate::{Error, RobotDescription};
+use motord_ports::running::{self, AllStops, RunningInstance};
 use motord_ports::stop_socket::{AskedStop, StopError};
 use motord_ports::{ClientPorts, Instance, liveness};
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::{AdminRequest, Operation};
 use std::path::Path;
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time after which the second path is also tried. A healthy daemon confirms within a cycle or two.
@@ -53,6 +55,46 @@ pub(crate) fn stop_and_check(instance: &Instance) -> Result<(), Error> {
     });
     let late = Error::NoAnswer { operation: Operation::Describe, waited: ANSWER_TIMEOUT };
     checked.recv_timeout(ANSWER_TIMEOUT).unwrap_or_else(|_| Err(unchecked(late)))
+}
+
+/// The outcome of [`emergency_stop_all`].
+#[derive(Debug)]
+pub struct AllStopped {
+    /// The daemons of this user, of root and of the service, with the error if the stop of one is unconfirmed.
+    pub daemons: Vec<(RunningInstance, Result<(), Error>)>,
+    /// Processes of other users to which the request was sent. They may be daemons. Their answers do not count, and nothing in
+    /// their directories was opened.
+    pub foreign: Vec<RunningInstance>,
+}
+
+/// Damps and stops every motor of every daemon of this computer, all at once. Usually takes a cycle or two, at most little more than a
+/// second, however many daemons do not answer. Whether the motors answer is not checked.
+#[must_use]
+pub fn emergency_stop_all() -> AllStopped {
+    let AllStops { trusted, foreign } = running::stop_all(FIRST_WAY);
+    let daemons = std::thread::scope(|threads| {
+        let stopping: Vec<_> = trusted
+            .into_iter()
+            .map(|(running, outcome)| match outcome {
+                Ok(()) => (running, None),
+                Err(_) => {
+                    let RunningInstance { name, runtime, .. } = running.clone();
+                    (
+                        running,
+                        Some(threads.spawn(move || {
+                            stop(&Instance::below(&runtime, &name).map_err(Error::of_instance)?)
+                        })),
+                    )
+                }
+            })
+            .collect();
+        let joined = |stop: ScopedJoinHandle<'_, Result<(), Error>>| {
+            let panicked = |_| Err(Error::NotStopped { socket: StopError::NoReply, services: None });
+            stop.join().unwrap_or_else(panicked)
+        };
+        stopping.into_iter().map(|(running, stop)| (running, stop.map_or(Ok(()), joined))).collect()
+    });
+    AllStopped { daemons, foreign }
 }
 
 /// Damps and stops every motor of `instance`. Whether the motors answer is not checked.

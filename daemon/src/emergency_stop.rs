@@ -77,8 +77,9 @@ fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<Own
             Ok(listener) => return Some(listener),
             Err(errno) if tries == 20 => tracing::error!(
                 see = "stop-socket",
-                "no socket for emergency stops: {}. Keeps trying.",
-                errno.desc()
+                "no socket for emergency stops: {}{}. Keeps trying.",
+                errno.desc(),
+                stop_socket::holder(instance).map_or_else(String::new, |holder| format!(": {holder}"))
             ),
             Err(_) => {}
         }

@@ -3,12 +3,14 @@
 use crate::advice::motorctl;
 use crate::confirmation;
 use crate::failure::Failure;
-use crate::instances::line;
+use crate::instances::{foreign, line};
 use crate::report::FirstStopReport;
 use crate::say::say;
 use crate::status::{self, PATIENCE};
+use motord_client::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in, running_instances};
 use motord_client::{Client, DEFAULT_INSTANCE, Error, GroupHistory, RunningInstance, Telemetry};
-use motord_client::{emergency_stop, emergency_stop_in, running_instances};
+use motord_terminal::printable;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 /// Time between two requests for the history of the stops.
@@ -41,22 +43,24 @@ fn confirmed(stopped: Result<(), Error>) -> Result<(), Error> {
     }
 }
 
-/// Returns the only daemon that `instance` can mean, in another runtime directory. The default name means any.
+/// Returns the only daemon that `instance` can mean, in another runtime directory. The default name means any. A process of another
+/// user is never meant: any user may take the name of a daemon, and confirm.
 fn elsewhere(instance: &str) -> Option<RunningInstance> {
     let mut meant: Vec<_> = running_instances();
     meant.retain(|running| instance == DEFAULT_INSTANCE || running.name == instance);
     if meant.len() == 1 { meant.pop() } else { None }
 }
 
-/// Stops every daemon of this computer. One that does not confirm delays the others by little more than a second.
+/// Stops every daemon of this computer, all at once. The motors of each are checked after all stops.
 fn stop_all() -> Result<(), Failure> {
-    let running = running_instances();
-    if running.is_empty() {
-        return Err(Failure::NothingToStop);
+    let AllStopped { daemons, foreign: others } = emergency_stop_all();
+    let others = foreign("estop", &others);
+    if daemons.is_empty() {
+        return Err(Failure::NothingToStop(others));
     }
     let (mut unconfirmed, mut silent) = (Vec::new(), Vec::new());
-    for running in running {
-        match stop(&running) {
+    for (running, outcome) in daemons {
+        match outcome.map_err(Failure::NotStopped).and_then(|()| tell_of(&running)) {
             Ok(()) => {}
             Err(Failure::NotHeard(motors)) => silent.push(motors),
             // The alarm is printed once, before all of them.
@@ -65,18 +69,29 @@ fn stop_all() -> Result<(), Failure> {
         }
     }
     match (unconfirmed.is_empty(), silent.is_empty()) {
-        (true, true) => Ok(()),
+        (true, true) => {
+            if !others.is_empty() {
+                let _unread = writeln!(io::stderr(), "motorctl: {}", printable(&others));
+            }
+            Ok(())
+        }
         (true, false) => Err(Failure::NotHeard(silent.join(", "))),
         (false, _) => {
             let silent = silent.into_iter().map(|motors| Failure::NotHeard(motors).to_string());
-            Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).collect()))
+            let others = Some(others).filter(|others| !others.is_empty());
+            Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).chain(others).collect()))
         }
     }
 }
 
 fn stop(running: &RunningInstance) -> Result<(), Failure> {
+    confirmed(emergency_stop_in(&running.runtime, &running.name)).map_err(Failure::NotStopped)?;
+    tell_of(running)
+}
+
+/// Prints the outcome of the confirmed stop of `running`.
+fn tell_of(running: &RunningInstance) -> Result<(), Failure> {
     let RunningInstance { name, runtime, pid, uid } = running;
-    confirmed(emergency_stop_in(runtime, name)).map_err(Failure::NotStopped)?;
     let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
     tell(Some(&who), &line(running), Client::connect_in(runtime, name))
 }

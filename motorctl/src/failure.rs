@@ -22,9 +22,9 @@ pub(crate) enum Failure {
     /// An emergency stop was not confirmed.
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {0}")]
     NotStopped(Error),
-    /// `estop --all` found no daemon.
-    #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: no motord runs on this computer")]
-    NothingToStop,
+    /// `estop --all` found no daemon. The text names processes of other users, if there are any.
+    #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: no motord runs on this computer{}", also(.0))]
+    NothingToStop(String),
     /// `estop --all` stopped only some daemons.
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {}", .0.join("\nmotorctl: "))]
     NotAllStopped(Vec<String>),
@@ -94,7 +94,7 @@ impl Failure {
         match self {
             Self::Client(error) => exit_status::of_client(error),
             Self::NotStopped(error) => exit_status::of_stop(error),
-            Self::NothingToStop => exit_status::UNAVAILABLE,
+            Self::NothingToStop(_) => exit_status::UNAVAILABLE,
             Self::NotAllStopped(_) => exit_status::NOT_STOPPED,
             Self::NotHeard(_) => exit_status::NOT_HEARD,
             Self::Output(_) => exit_status::IO,
@@ -152,6 +152,11 @@ impl Failure {
         };
         error.kind() == io::ErrorKind::BrokenPipe
     }
+}
+
+/// Returns a text that is not empty, on a line of its own.
+fn also(text: &str) -> String {
+    if text.is_empty() { String::new() } else { format!("\nmotorctl: {text}") }
 }
 
 /// `did you mean `motor-lost` or `motor-fault`? `; empty without a name.

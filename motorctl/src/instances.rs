@@ -1,7 +1,9 @@
 //! `motorctl instances`: the daemons of this computer.
 
 use crate::failure::Failure;
-use motord_client::{DEFAULT_INSTANCE, RUNTIME_DIR_VARIABLE, RunningInstance, running_instances};
+use motord_client::{
+    DEFAULT_INSTANCE, RUNTIME_DIR_VARIABLE, RunningInstance, foreign_instances, running_instances,
+};
 use motord_terminal::{Cell, Palette, Table, json};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -13,32 +15,47 @@ struct Entry {
     runtime_directory: String,
     pid: u32,
     uid: u32,
+    /// Its user is neither root, nor this one, nor that of the service. It may be no daemon.
+    foreign: bool,
     /// The line that shows its state.
     command: String,
 }
 
-impl From<RunningInstance> for Entry {
-    fn from(running: RunningInstance) -> Self {
-        let command = format!("{} status", line(&running));
+impl Entry {
+    fn new(running: RunningInstance, foreign: bool) -> Self {
+        let command =
+            if foreign { line_of_user(&running, "status") } else { format!("{} status", line(&running)) };
         let RunningInstance { name, runtime, pid, uid } = running;
-        Self { instance: name, runtime_directory: runtime.display().to_string(), pid, uid, command }
+        Self { instance: name, runtime_directory: runtime.display().to_string(), pid, uid, foreign, command }
     }
 }
 
-/// Prints the daemons that run.
+/// Most processes of other users in an error.
+const FOREIGN_MAX: usize = 3;
+
+/// Prints the daemons that run, and processes of other users if `all`.
 ///
 /// # Errors
 ///
 /// When the output cannot be written.
-pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
-    let entries: Vec<Entry> = running_instances().into_iter().map(Entry::from).collect();
+pub(crate) fn run(as_json: bool, all: bool) -> Result<(), Failure> {
+    let others = foreign_instances();
+    let hidden = if all { 0 } else { others.len() };
+    let others = others.into_iter().filter(|_| all).map(|other| Entry::new(other, true));
+    let running = running_instances().into_iter().map(|running| Entry::new(running, false));
+    let entries: Vec<Entry> = running.chain(others).collect();
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &entries)?;
-    } else if entries.is_empty() {
+        return Ok(());
+    }
+    if entries.is_empty() {
         writeln!(out, "no motord runs: start one with `motord run`, or try `motorctl demo`")?;
     } else {
         table(&entries).write(out, Palette::of_stdout())?;
+    }
+    if hidden > 0 {
+        writeln!(out, "{hidden} of other users, which may be no daemons: `motorctl instances --all`")?;
     }
     Ok(())
 }
@@ -49,7 +66,7 @@ fn table(entries: &[Entry]) -> Table {
         table.row(vec![
             Cell::plain(&entry.instance),
             Cell::plain(entry.pid),
-            Cell::plain(entry.uid),
+            Cell::plain(format!("{}{}", entry.uid, if entry.foreign { ", foreign" } else { "" })),
             Cell::plain(&entry.runtime_directory),
             Cell::plain(&entry.command),
         ]);
@@ -65,7 +82,34 @@ pub(crate) fn instead(verb: &str) -> Option<String> {
     if verb == "estop" && !lines.is_empty() {
         lines.push("  motorctl estop --all".to_owned());
     }
-    (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")))
+    let these = (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")));
+    let others = foreign(verb, &foreign_instances());
+    let others = (!others.is_empty()).then_some(others);
+    match (these, others) {
+        (Some(these), Some(others)) => Some(format!("{these}\n{others}")),
+        (these, others) => these.or(others),
+    }
+}
+
+/// Returns a text that names processes of other users, with the commands to run as these; empty without one.
+pub(crate) fn foreign(verb: &str, others: &[RunningInstance]) -> String {
+    if others.is_empty() {
+        return String::new();
+    }
+    let lines = others.iter().take(FOREIGN_MAX).map(|other| format!("\n  {}", line_of_user(other, verb)));
+    let more = match others.len().checked_sub(FOREIGN_MAX) {
+        Some(more @ 1..) => format!("\n  and {more} more: motorctl instances --all"),
+        _ => String::new(),
+    };
+    format!(
+        "processes of other users have names of daemons. Their answers do not count:{}{more}",
+        lines.collect::<String>()
+    )
+}
+
+/// Returns the command that reaches the daemon of another user as that user.
+fn line_of_user(other: &RunningInstance, verb: &str) -> String {
+    format!("sudo -u '#{}' {} {verb}", other.uid, line(other))
 }
 
 /// Returns the beginning of the commands for `running`. Its words need no quotes: see [`running_instances`].

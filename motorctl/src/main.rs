@@ -110,10 +110,15 @@ enum Command {
         json: bool,
     },
     /// Show the daemons of this computer, whatever their instance and runtime directory.
+    ///
+    /// They are those of this user, of root, and of the service. A process of another user may have the name of a daemon.
     #[command(
         after_help = "Examples:\n  motorctl instances\n  motorctl instances --json | jq -r '.[].instance'"
     )]
     Instances {
+        /// Also show processes of other users, which may be no daemons.
+        #[arg(long)]
+        all: bool,
         /// Print one JSON array.
         #[arg(long)]
         json: bool,
@@ -381,7 +386,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
     match command {
         Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
         Command::Status { check, json } => status::run(instance, check, json),
-        Command::Instances { json } => instances::run(json),
+        Command::Instances { json, all } => instances::run(json, all),
         Command::Monitor { hz } => monitor::run(instance, hz),
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
         Command::Watch { hz, json } => watch::run(instance, hz, json),

@@ -41,8 +41,9 @@ pub(crate) enum Operate {
     /// within about a second, the exit status is 79; if it does, but motors do not answer, it is
     /// 80. In both cases: cut the power.
     ///
-    /// If no daemon of this name runs here, but one runs for another user or in another runtime
-    /// directory, that one is stopped; if several run, their lines are printed.
+    /// If no daemon of this name runs here, but one of this user, of root or of the service runs in
+    /// another runtime directory, that one is stopped; if several run, their lines are printed.
+    /// Answers of other users' processes do not count, and the lines to stop these are printed.
     ///
     /// This is a software stop. It does not replace a switch that cuts the power.
     #[command(

@@ -10,6 +10,40 @@ use tempfile::TempDir;
 /// Runs a script of bash in network and mount namespaces of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
 /// INSTANCE` starts a daemon. `None` where the computer allows no namespaces.
 fn alone(script: &str) -> Option<Output> {
+    alone_in(&["--user", "--map-root-user", "--net", "--mount"], script)
+}
+
+/// Like [`alone`], where `as_outsider COMMAND` runs a command as another user, and `start_outside DIRECTORY` a daemon of that user.
+/// `None` also where this user is not root.
+fn beside_outsider(script: &str) -> Option<Output> {
+    const OUTSIDER: &str = r#"
+        as_outsider() { setpriv --reuid=65534 --regid=65534 --clear-groups "$@"; }
+        chmod 755 .
+        as_outsider motord --version >/dev/null 2>&1 || exit 43
+        start_outside() {
+            install -d -o 65534 -g 65534 -m 700 "$1"
+            install -o 65534 -m 600 bench.toml "$1/robot.toml"
+            sed -i 's/bench/robot/' "$1/robot.toml"
+            MOTORD_RUNTIME_DIR=$PWD/$1 setpriv --reuid=65534 --regid=65534 --clear-groups motord run --config "$1/robot.toml" >"$1.log" 2>&1 &
+            for attempt in $(seq 300); do grep -q ' ready ' "$1.log" && return; sleep 0.1; done
+            exit 99
+        }
+        is_stopped_outside() {
+            MOTORD_RUNTIME_DIR=$PWD/$1 as_outsider motorctl --instance robot status --json | grep -q '"emergency_stop": *true'
+        }
+    "#;
+    if lacks(&["setpriv", "python3"]) {
+        return None;
+    }
+    let output = alone_in(&["--net", "--mount"], &format!("{OUTSIDER}\n{script}"))?;
+    if output.status.code() == Some(43) {
+        println!("NOT TESTED: only root can run programs as another user, who must be able to reach them");
+        return None;
+    }
+    Some(output)
+}
+
+fn alone_in(unshare: &[&str], script: &str) -> Option<Output> {
     const START: &str = r#"
         set -u
         trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT
@@ -27,7 +61,6 @@ fn alone(script: &str) -> Option<Output> {
         mkdir -m 700 here
         export MOTORD_RUNTIME_DIR=$PWD/here
     "#;
-    let unshare = ["--user", "--map-root-user", "--net", "--mount"];
     if lacks(&["unshare", "bash"]) {
         return None;
     }
@@ -210,4 +243,73 @@ fn client_on_full_file_system_is_told_so() {
     let said = text(&output.stderr);
     assert!(said.contains("no space for its files"), "{output:?}");
     assert!(text(&output.stdout).contains("confirmed: every motor"), "{output:?}");
+}
+
+/// Goal: files and sockets of another user end, delay and fake no emergency stop.
+/// Method: the files of a daemon of that user are cut to nothing, and 20 of that user's sockets with names of daemons take every
+/// connection and never answer.
+#[test]
+fn outsider_neither_ends_nor_delays_stop_of_all() {
+    const SILENT: &str = r#"
+import os, socket, time
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+taken = []
+for number in range(20):
+    taken.append(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+    taken[-1].bind(f"\0motord-stop:s{number}:/tmp".encode())
+    taken[-1].listen(8)
+print("listens", flush=True)
+time.sleep(100)
+"#;
+    let script = format!(
+        "start mine robot; start_outside other; other=$!\n\
+         until motorctl instances --all | grep -q foreign; do sleep 0.1; done; kill -STOP $other\n\
+         find other -type f -size +0 ! -name '*.toml' -exec truncate -s 0 {{}} +\n\
+         cat >silent.py <<'END'\n{SILENT}\nEND\n\
+         python3 silent.py >silent.log & until grep -q listens silent.log; do sleep 0.1; done\n\
+         begun=${{EPOCHREALTIME/./}}; motorctl estop --all; status=$?\n\
+         echo took $(((${{EPOCHREALTIME/./}} - begun) / 1000)) ms\n\
+         kill -KILL $other; is_stopped mine robot || exit 97; exit $status"
+    );
+    let Some(output) = beside_outsider(&script) else { return };
+    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(said.matches("confirmed").count(), 1, "{said}");
+    assert!(
+        said.contains("confirmed: every motor of instance robot in /") && said.contains("/mine "),
+        "{said}"
+    );
+    assert!(errors.contains("Their answers do not count") && errors.contains("and 18 more"), "{errors}");
+    let took: u64 =
+        said.split("took ").nth(1).and_then(|took| took.split(' ').next()).unwrap().parse().unwrap();
+    assert!(took < 5000, "20 silent sockets took 22 s: {took} ms");
+}
+
+/// Goal: a lone process of another user is not the daemon that is meant, and confirms nothing. It is sent the stop of all.
+#[test]
+fn lone_foreign_instance_confirms_no_stop() {
+    let script = "start_outside other; motorctl estop && exit 98; is_stopped_outside other && exit 97\n\
+        motorctl instances; motorctl instances --all\n\
+        motorctl estop --all; status=$?; is_stopped_outside other || exit 96; exit $status";
+    let Some(output) = beside_outsider(script) else { return };
+    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(69), "{output:?}");
+    assert!(!said.contains("confirmed"), "{said}");
+    assert_eq!(errors.matches("EMERGENCY STOP NOT CONFIRMED: cut the power").count(), 2, "{errors}");
+    let line = "/other motorctl estop";
+    assert!(errors.contains("sudo -u '#65534' MOTORD_RUNTIME_DIR=/") && errors.contains(line), "{errors}");
+    assert!(said.contains("1 of other users, which may be no daemons"), "{said}");
+    assert_eq!(said.matches("65534, foreign").count(), 1, "{said}");
+}
+
+/// Goal: a user who runs a daemon and has become root stops it, and so does root who names its directory.
+#[test]
+fn root_stops_daemon_of_its_user() {
+    let script = "start_outside other; SUDO_UID=65534 motorctl estop || exit 98; is_stopped_outside other || exit 97\n\
+        SUDO_UID=65534 motorctl estop --all || exit 96; MOTORD_RUNTIME_DIR=$PWD/other motorctl estop";
+    let Some(output) = beside_outsider(script) else { return };
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(text(&output.stdout).matches("confirmed: every motor").count(), 3, "{output:?}");
 }

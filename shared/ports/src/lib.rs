@@ -7,7 +7,7 @@
 //! - [`Housekeeper`]: removes the files of dead processes.
 //! - [`liveness`]: detects that a daemon is dead.
 //! - [`Presence`]: detects that the files of a daemon were removed.
-//! - [`stop_socket`]: the socket for emergency stops.
+//! - [`stop_socket`]: the socket for emergency stops. [`running`]: all of them.
 //! - [`peer`]: users whose processes may answer on these sockets, and hold the locks.
 //! - [`injection`]: faults for simulated buses.
 //! - [`permission`]: advice for a user without permission.
@@ -41,6 +41,7 @@ pub mod permission;
 mod presence;
 mod reserved_space;
 mod role;
+pub mod running;
 pub mod service;
 mod state_events;
 pub mod stop_socket;

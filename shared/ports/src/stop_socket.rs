@@ -23,8 +23,8 @@ use nix::unistd::Uid;
 use std::ffi::CString;
 use std::fs;
 use std::os::fd::{AsRawFd, OwnedFd};
-use std::os::unix::ffi::{OsStrExt, OsStringExt};
-use std::path::{Path, PathBuf};
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// The request for an emergency stop.
@@ -39,7 +39,7 @@ pub const NOT_PERMITTED: &[u8] = b"not permitted";
 /// Longest message of either side.
 pub const MESSAGE_BYTES_MAX: usize = 32;
 
-const PREFIX: &[u8] = b"motord-stop:";
+pub(crate) const PREFIX: &[u8] = b"motord-stop:";
 /// Pause between two attempts to reach a daemon that has too many connections.
 const RETRY: Duration = Duration::from_millis(RETRY_MS as u64);
 const RETRY_MS: u8 = 1;
@@ -78,6 +78,15 @@ pub fn address(instance: &Instance) -> Result<UnixAddr, Errno> {
     let runtime = real.unwrap_or_else(|_| runtime.to_owned());
     let name = [PREFIX, instance.name().as_bytes(), b":", runtime.as_os_str().as_bytes()].concat();
     UnixAddr::new_abstract(&name)
+}
+
+/// Returns the process that has the name of an instance's socket. `None` without one, and where its queue is full. Does not block.
+#[must_use]
+pub fn holder(instance: &Instance) -> Option<Impostor> {
+    let socket = open(SockFlag::SOCK_NONBLOCK).ok()?;
+    connect(socket.as_raw_fd(), &address(instance).ok()?).ok()?;
+    let peer = getsockopt(&socket, sockopt::PeerCredentials).ok()?;
+    Some(Impostor { pid: peer.pid(), uid: peer.uid() })
 }
 
 /// Creates a socket of this type, not connected yet.
@@ -227,53 +236,6 @@ fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
     setsockopt(socket, sockopt::ReceiveTimeout, &left)
 }
 
-/// A daemon that runs in this network namespace.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct RunningInstance {
-    /// The instance's name.
-    pub name: String,
-    /// Its runtime directory.
-    pub runtime: PathBuf,
-    /// The daemon's process id; 0 when it lives in another process namespace.
-    pub pid: u32,
-    /// The daemon's user.
-    pub uid: u32,
-}
-
-/// Returns the daemons that listen for emergency stops, sorted. Sends no request. Any process may
-/// take a free name: an entry does not prove a daemon. The values need no quotes in a shell. An
-/// instance has a valid name, and directories with characters other than letters, digits and
-/// `/._+-` are omitted.
-#[must_use]
-pub fn running() -> Vec<RunningInstance> {
-    let table = fs::read("/proc/net/unix").unwrap_or_default();
-    let mut running: Vec<_> = table.split(|byte| *byte == b'\n').filter_map(listener).collect();
-    running.sort();
-    running.dedup();
-    running
-}
-
-/// Returns the daemon in a line of `/proc/net/unix`, if the line shows a listening one.
-fn listener(line: &[u8]) -> Option<RunningInstance> {
-    let start = line.windows(PREFIX.len()).position(|part| part == PREFIX)?;
-    let name = line[start..].strip_prefix(PREFIX)?;
-    let colon = name.iter().position(|byte| *byte == b':')?;
-    let (instance, runtime) = (str::from_utf8(&name[..colon]).ok()?, &name[colon + 1..]);
-    let of_a_path = |byte: &u8| byte.is_ascii_alphanumeric() || b"/._+-".contains(byte);
-    if !crate::instance::is_name(instance) || !runtime.iter().all(of_a_path) {
-        return None;
-    }
-    let address = UnixAddr::new_abstract(&line[start..]).ok()?;
-    let peer = getsockopt(&connected(&address, Instant::now()).ok()?, sockopt::PeerCredentials).ok()?;
-    let runtime = PathBuf::from(std::ffi::OsString::from_vec(runtime.to_vec()));
-    Some(RunningInstance {
-        name: instance.to_owned(),
-        runtime,
-        pid: peer.pid().cast_unsigned(),
-        uid: peer.uid(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -333,18 +295,6 @@ mod tests {
             let asked = AskedStop { socket, daemon: impostor };
             assert_eq!(asked.confirm(Duration::from_secs(5)), impostor, "{answer:?}");
         }
-    }
-
-    #[test]
-    fn instance_is_listed_only_with_listener() {
-        let place = tempfile::tempdir().unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let is_listed = || running().into_iter().find(|found| found.runtime == place.path());
-        assert_eq!(AskedStop::send(&instance, Duration::ZERO).map(drop), Err(StopError::NotRunning));
-        assert_eq!(is_listed(), None);
-        let _daemon = listening(&instance);
-        let found = is_listed().unwrap();
-        assert_eq!((found.name.as_str(), found.pid), ("robot", std::process::id()));
     }
 
     #[test]
