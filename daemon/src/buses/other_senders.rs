@@ -7,7 +7,7 @@
 //! until that is over.
 
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness};
-use motord_core::settings::{BusKind, Settings};
+use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_core::stopper::{BusFrames, PATIENCE};
 
 /// Frames are counted by windows of this length.
@@ -110,7 +110,7 @@ impl<'a> Monitor<'a> {
         Self {
             name: &settings.buses[index].name,
             bus,
-            command_ids: motors.map(|motor| motor.command_id()).collect(),
+            command_ids: motors.map(MotorSettings::command_id).collect(),
             safe: BusFrames::of(settings, index),
             windows: [Counts::default(); WINDOWS],
             last: Frame::EMPTY,
