@@ -321,9 +321,11 @@ pub enum Wrong {
     NoEnds { model: &'static str },
     #[error(
         "{value} {unit} is beyond ±{end} {unit}, where the codes of a {model} end: a motor that reaches it has other codes, and gives \
-         other torques and velocities than it is sent; name its model, give {key} as its manual has it, or lower this to {end}"
+         other torques and velocities than it is sent; name its model, give {key} as its manual has it, or lower this to {end}",
+        unit = unit_and_key[0],
+        key = unit_and_key[1],
     )]
-    BeyondCodes { value: f64, unit: &'static str, end: f64, model: &'static str, key: &'static str },
+    BeyondCodes { value: f64, end: f64, model: &'static str, unit_and_key: &'static [&'static str; 2] },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(

@@ -23,7 +23,7 @@ fn shoulder(keys: &str, build: impl Fn(&mut MotorSettings)) -> Robot {
 
 /// Its registers as its first owner set them.
 fn others(motor: &mut MotorSettings) {
-    (motor.ends, motor.initial_position) = (Some([3.1416, 30.0, 20.0]), 0.5);
+    (motor.ends, motor.initial_position) = (Some([core::f64::consts::PI, 30.0, 20.0]), 0.5);
 }
 
 fn enable(robot: &mut Robot) -> Result<(), Refusal> {

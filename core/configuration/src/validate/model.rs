@@ -80,6 +80,9 @@ pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
     }))
 }
 
+/// The keys that give the ends of codes that follow from the current.
+const BY_CURRENT: &str = "torque-constant-nm-per-a and gear-ratio";
+
 /// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that is named.
 pub(super) fn check_reach(
     keys: &keys::Motor,
@@ -88,14 +91,17 @@ pub(super) fn check_reach(
 ) {
     let Some((model, scales)) = model.zip(scales) else { return };
     let by_current = model.ends.is_none();
+    let [torque, velocity] = match by_current {
+        true => [&["N·m", BY_CURRENT], &["rad/s", BY_CURRENT]],
+        false => [&["N·m", "torque-end-nm"], &["rad/s", "velocity-end-rad-s"]],
+    };
     let rows = [
-        (&keys.peak_torque_nm, scales.torque.max(), "torque-end-nm"),
-        (&keys.max_velocity_rad_s, scales.velocity.max(), "velocity-end-rad-s"),
+        (&keys.peak_torque_nm, scales.torque.max(), torque),
+        (&keys.max_velocity_rad_s, scales.velocity.max(), velocity),
     ];
-    for (entry, end, key) in rows {
+    for (entry, end, unit_and_key) in rows {
         if let Some(value) = entry.value.filter(|value| *value > end) {
-            let key = if by_current { "torque-constant-nm-per-a and gear-ratio" } else { key };
-            let wrong = Wrong::BeyondCodes { value, unit: entry.unit, end, model: model.name, key };
+            let wrong = Wrong::BeyondCodes { value, end, model: model.name, unit_and_key };
             findings.error(entry.at, wrong);
         }
     }

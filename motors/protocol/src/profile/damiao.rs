@@ -58,6 +58,7 @@ const FROST: u16 = 0xD8;
 /// 6248P and H3510 are from damiao-motor 1.0.6 (`_MOTOR_LIMIT_PARAM`). The mechanics of these three
 /// have one source, a library that quotes their manuals; the phase resistance is not known: 0. The
 /// peak of the 4310P, 12.5 N·m, is cut at TMAX. The pole pairs of 6248P and H3510 are assumed.
+#[expect(clippy::approx_constant, reason = "a velocity without load of 60 rpm")]
 const MODELS: [Model; 13] = [
     model("DM-J3507-2EC", 7.0, 0.0777, [0.8, 3.0], [2.4, 8.3], 48.2, 0.8, 14, 24.0)
         .with_ends(12.566, 50.0, 5.0),
