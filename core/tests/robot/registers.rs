@@ -176,8 +176,10 @@ fn motor_without_answer_is_asked_once_a_second() {
     robot.steps(10_000);
     let asked = robot.take_sent().iter().filter(|sent| sent.id == REQUEST).count();
     assert!((9..=11).contains(&asked), "{asked}");
-    let unread = |event: &&Event| matches!(event, Event::Unread { motor: 0 });
-    assert_eq!(robot.take_events().iter().filter(unread).count(), 1);
+    let events = robot.take_events();
+    let count = |is: fn(&&Event) -> bool| events.iter().filter(is).count();
+    assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0 })), 1);
+    assert_eq!(count(|event| matches!(event, Event::Silent { .. })), 0, "it is not silent");
     assert_eq!(robot.joint(0).missed, 0, "no reply was missed");
 }
 

@@ -221,9 +221,9 @@ impl Motor {
         }
     }
 
-    /// Returns whether it has reported no state since the daemon started, and is not excluded.
+    /// Returns whether it has not answered since the daemon started, and is not excluded.
     pub(super) fn was_never_heard(&self) -> bool {
-        self.measured_at == Instant::ZERO && !self.is_excluded()
+        self.measured_at == Instant::ZERO && !self.is_excluded() && !self.is_unread()
     }
 
     pub(super) fn is_overheated(&self) -> bool {
