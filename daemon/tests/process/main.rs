@@ -8,6 +8,7 @@ mod impostors;
 mod log;
 mod memory;
 mod motord_sim;
+mod outsider;
 mod owners;
 mod plant;
 mod player;
