@@ -499,7 +499,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// The refusals about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 16] = [
+    const OF_A_JOINT: [Refusal; 17] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
@@ -516,6 +516,7 @@ mod tests {
         Refusal::TurnLost,
         Refusal::Excluded,
         Refusal::Mismatch,
+        Refusal::Unread,
     ];
 
     fn refused(refusal: Refusal, detail: u32) -> String {

@@ -270,9 +270,11 @@ impl Robot {
     }
 }
 
-/// Returns the state of a motor at rest: the middle codes, and temperatures of a cool motor.
+/// Returns the state of a motor at rest: the middle codes, and temperatures of a cool motor. RobStride's
+/// has the mode "motor" above its temperature.
 fn at_rest(motor: &MotorSettings) -> Frame {
     let len = motor.profile.reply.lengths[0];
-    let state = [motor.id, 0x80, 0x00, 0x80, 0x08, 0x00, 0x19, 0x19];
+    let mode = if motor.profile.name == "robstride" { 0x80 } else { 0 };
+    let state = [motor.id, 0x80, 0x00, 0x80, 0x08, 0x00, 0x01 | mode, 0x19];
     Frame::new(motor.host_id, &state[..len]).expect("a reply has at most eight bytes")
 }
