@@ -60,7 +60,7 @@ fn stop_all() -> Result<(), Failure> {
     }
     let (mut unconfirmed, mut silent) = (Vec::new(), Vec::new());
     for (running, outcome) in daemons {
-        match outcome.map_err(Failure::NotStopped).and_then(|()| tell_of(&running)) {
+        match outcome.map_err(Failure::NotStopped).and_then(|()| report_stop_of(&running)) {
             Ok(()) => {}
             Err(Failure::NotHeard(motors)) => silent.push(motors),
             // The alarm is printed once, before all of them.
@@ -86,11 +86,11 @@ fn stop_all() -> Result<(), Failure> {
 
 fn stop(running: &RunningInstance) -> Result<(), Failure> {
     confirmed(emergency_stop_in(&running.runtime, &running.name)).map_err(Failure::NotStopped)?;
-    tell_of(running)
+    report_stop_of(running)
 }
 
 /// Prints the outcome of the confirmed stop of `running`.
-fn tell_of(running: &RunningInstance) -> Result<(), Failure> {
+fn report_stop_of(running: &RunningInstance) -> Result<(), Failure> {
     let RunningInstance { name, runtime, pid, uid } = running;
     let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
     tell(Some(&who), &line(running), Client::connect_in(runtime, name))

@@ -141,7 +141,7 @@ impl Control {
     /// Bounded by motors.
     pub fn bus_reopened(&mut self, bus: usize) {
         let motors = self.groups.iter_mut().flat_map(|group| &mut group.motors);
-        motors.filter(|motor| motor.settings.bus == bus).for_each(Motor::doubt_registers);
+        motors.filter(|motor| motor.settings.bus == bus).for_each(Motor::expire_registers);
     }
 
     /// Returns the command of a joint in this cycle.

@@ -193,7 +193,7 @@ fn every_second_implausible_state_stops_the_group() {
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::Implausible), 0));
 }
 
-/// Goal: a torque that the motor cannot have given is told. Method: a blocked motor, configured with a smaller peak.
+/// Goal: a torque that the motor cannot give is a cause. Method: a blocked motor, configured with a smaller peak.
 #[test]
 fn impossible_torque_stops_the_group() {
     let mut settings = robot::three_motors();

@@ -44,7 +44,7 @@ fn group_with_foreign_master_is_not_enabled() {
     assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::ForeignMaster);
 }
 
-/// Whether 5 frames of another master stop the active group of `settings`, and the cause.
+/// Returns whether 5 frames of another master stop the active group of `settings`.
 fn stops(settings: Settings) -> bool {
     let mut robot = Robot::new(settings, 1);
     let joints = robot.activate();

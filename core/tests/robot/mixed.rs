@@ -137,7 +137,7 @@ fn unnamed_fault_is_named_within_ten_cycles() {
     assert_eq!((robot.mode(joint), robot.group().cause_joint), (MotorMode::Fault, joint as u32));
 }
 
-/// Goal: heat protection that no longer works is told. Method: -60 degrees, in both forms of a code.
+/// Goal: heat protection that no longer works is a cause. Method: -60 degrees, in both forms of a code.
 #[test]
 fn impossible_temperature_stops_group_after_a_second() {
     for vendor in ["damiao", "robstride"] {

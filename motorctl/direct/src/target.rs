@@ -369,7 +369,7 @@ mod tests {
     use motord_bus::{Instant, VirtualClock};
     use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SimulatedBus};
 
-    /// A jog by the ends of the model would turn four times as far as it says.
+    /// A jog by the ends of the model would turn the joint by four times the requested angle.
     #[test]
     fn scales_of_motor_follow_its_registers() {
         let text = "[[bus]]\nname = 'arm'\ntype = 'socketcan'\ninterface = 'can0'\n[[motor]]\nname = 'hip'\nbus = 'arm'\nid = 1\n\

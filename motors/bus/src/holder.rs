@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn malformed_table_names_nobody() {
+    fn malformed_table_names_no_user() {
         for length in 0..64_u32 {
             let mut message =
                 [&words([length])[..], &SOCK_DIAG_BY_FAMILY.to_ne_bytes(), &[0xFF; 58]].concat();

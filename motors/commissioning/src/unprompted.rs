@@ -9,8 +9,8 @@ const AXIS_ERROR_BITS: u32 = 27;
 
 /// Fewest encoder estimates that count as a driver's: it sends one every 10 ms (SDC104 and ODrive, command 0x009).
 const ESTIMATES_MIN: usize = 20;
-/// Magnitudes of a position and a velocity in an estimate, turns and turns/s. Zero is possible, too. Read as two such numbers,
-/// control frames are other than these.
+/// Magnitudes of a position and a velocity in an estimate, turns and turns/s. Zero is also possible. Control
+/// frames, read as two such numbers, are outside.
 const ESTIMATE: core::ops::RangeInclusive<f32> = 1e-6..=1e5;
 
 /// Ids by which a silent CANSimple driver with its factory node id, 0 (ODrive) or 1 (SDC104), leaves CAN (0x01E), or saves its

@@ -119,7 +119,7 @@ fn trusted_users() -> TrustedUsers {
     here.iter().fold(TrustedUsers::find(), TrustedUsers::and_of)
 }
 
-/// Whether a process counts as a daemon.
+/// How far the process at a stop socket is trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Standing {
     Trusted,
@@ -312,9 +312,9 @@ mod tests {
 
     #[test]
     fn instance_is_listed_only_with_listener() {
-        let place = tempfile::tempdir().unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let is_listed = || running().into_iter().find(|found| found.runtime == place.path());
+        let directory = tempfile::tempdir().unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
+        let is_listed = || running().into_iter().find(|found| found.runtime == directory.path());
         assert_eq!(is_listed(), None);
         let _daemon = listening(&instance, 8);
         let found = is_listed().unwrap();
@@ -324,8 +324,8 @@ mod tests {
     /// Another user could put another directory there, after the check.
     #[test]
     fn directory_that_others_may_replace_is_foreign() {
-        let place = tempfile::tempdir().unwrap();
-        let (open, link) = (place.path().join("open"), place.path().join("link"));
+        let directory = tempfile::tempdir().unwrap();
+        let (open, link) = (directory.path().join("open"), directory.path().join("link"));
         fs::create_dir_all(open.join("robot")).unwrap();
         symlink(&open, &link).unwrap();
         let is_trusted = |path: &Path| is_trusted_directory(path, &TrustedUsers::find());
@@ -364,9 +364,9 @@ mod tests {
         if !is_alone("running::tests::every_daemon_is_sent_to_before_any_answer") {
             return;
         }
-        let places: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
+        let directories: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
         let instances: Vec<_> =
-            places.iter().map(|place| Instance::below(place.path(), "robot").unwrap()).collect();
+            directories.iter().map(|directory| Instance::below(directory.path(), "robot").unwrap()).collect();
         let _lock = instances[2].lock().unwrap();
         let sockets: Vec<_> = instances.iter().map(|instance| listening(instance, 1)).collect();
         let callers: Vec<_> = [2, 3]

@@ -290,7 +290,7 @@ impl Motor {
         self.applied.limits = 0;
         let command = if let Some(request) = &mut self.request {
             request.command()
-        } else if self.doubts() {
+        } else if self.asks_for_fault() {
             Command::GetFault
         } else if let Some(number) = self.register_to_read(cx) {
             Command::GetRegister(number)
@@ -346,7 +346,7 @@ impl Motor {
         if cause == Some(Cause::Implausible) {
             // It may have restarted faster than a silence is noticed.
             self.leave();
-            self.doubt_registers();
+            self.expire_registers();
         }
         if self.measured.is_none() {
             self.compare(measured.position, cx);
@@ -354,7 +354,7 @@ impl Motor {
         self.take_state(measured, at, latency, runs, cx);
         let is_off = self.is_off(&measured, at);
         if is_off {
-            self.doubt_registers();
+            self.expire_registers();
         }
         let off = is_off.then_some(Cause::MotorOff);
         cause.or(off).map_or(Ok(()), Err)

@@ -28,8 +28,8 @@ impl Motor {
     }
 
     /// Requires another reading of its registers before its next start.
-    pub(crate) const fn doubt_registers(&mut self) {
-        self.registers.doubt();
+    pub(crate) const fn expire_registers(&mut self) {
+        self.registers.expire();
     }
 
     /// Returns the register to request in this turn. Only a motor that confirmed its stop is asked: the request takes the

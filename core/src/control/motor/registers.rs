@@ -5,13 +5,13 @@
 //!
 //! ```text
 //!              every value read, all in range
-//!   Unknown ─────────────────────────────────▶ Known ──restart suspected, or the bus was opened again──▶ Doubted
+//!   Unknown ─────────────────────────────────▶ Known ──restart suspected, or the bus was opened again──▶ Expired
 //!      ▲  ▲                                    │   ▲                                                       │ │
 //!      │  └───── silence ──────────────────────┘   └────────── every value read, all in range ─────────────┘ │
 //!      └────────────────────────────── silence, or a value out of range ─────────────────────────────────────┘
 //! ```
 //!
-//! States are used while `Known` or `Doubted`. Only a `Known` motor starts, and it is never asked.
+//! States are used while `Known` or `Expired`. Only a `Known` motor starts, and it is never asked.
 
 use crate::settings::{MotorSettings, REGISTERS_MAX, RegisterRange};
 use motord_bus::{Duration, Instant};
@@ -42,7 +42,7 @@ pub(super) struct Registers {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Knowledge {
     Unknown,
-    Doubted,
+    Expired,
     Known,
 }
 
@@ -71,9 +71,9 @@ impl Registers {
     }
 
     /// Requires another reading. The values hold until then.
-    pub(super) const fn doubt(&mut self) {
+    pub(super) const fn expire(&mut self) {
         if matches!(self.knowledge, Knowledge::Known) && self.count > 0 {
-            self.knowledge = Knowledge::Doubted;
+            self.knowledge = Knowledge::Expired;
             (self.next, self.tries, self.due) = (0, 0, Instant::ZERO);
         }
     }

@@ -10,7 +10,7 @@ use super::sequence::Parts;
 
 /// Id of a HiPNUC's messages of its state (CANopen heartbeat), without the node.
 const HEARTBEAT: u16 = 0x700;
-/// Ids of commands: CiA 301, predefined connection set; a request has the node, too.
+/// Ids of commands: CiA 301, predefined connection set. A request also contains the node.
 const NMT: u16 = 0x000;
 const SDO_REQUEST: u16 = 0x600;
 /// Bytes of the TPDOs with a vector, and with a quaternion.
