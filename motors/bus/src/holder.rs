@@ -144,7 +144,9 @@ fn owner_in(mut messages: &[u8], name: &[u8]) -> Search {
             return Search::Over;
         }
         let attributes = messages[..length].get(HEADER_BYTES + SOCKET_BYTES..).unwrap_or_default();
-        if attribute(attributes, ATTRIBUTE_NAME) == Some(name) {
+        // A name belongs to one kind of socket: another user may hold it for each other kind.
+        let is_lock = messages[..length].get(HEADER_BYTES + 1) == Some(&(libc::SOCK_STREAM as u8));
+        if is_lock && attribute(attributes, ATTRIBUTE_NAME) == Some(name) {
             let uid = attribute(attributes, ATTRIBUTE_UID).and_then(|uid| u32_at(uid, 0));
             return uid.map_or(Search::Over, Search::Found);
         }
@@ -202,6 +204,22 @@ mod tests {
         assert_eq!(listener(name.as_bytes()), shown);
         while listener(name.as_bytes()) == shown {}
         assert_eq!((listener(name.as_bytes()), owner(name.as_bytes())), (Some(Holder::HIDDEN), user));
+    }
+
+    /// Another user may hold the name of a lock for each other kind of socket.
+    #[test]
+    fn only_sockets_of_locks_kind_have_owner() {
+        let name = unique("decoy");
+        let address = UnixAddr::new_abstract(name.as_bytes()).unwrap();
+        let decoys = [SockType::Datagram, SockType::SeqPacket].map(|kind| {
+            let decoy = socket(AddressFamily::Unix, kind, SockFlag::SOCK_CLOEXEC, None).unwrap();
+            bind(decoy.as_raw_fd(), &address).unwrap();
+            decoy
+        });
+        assert_eq!(owner(name.as_bytes()), None);
+        let _lock = bound(&name);
+        assert_eq!(owner(name.as_bytes()), Some(Uid::effective().as_raw()));
+        drop(decoys);
     }
 
     #[test]
