@@ -83,11 +83,12 @@ impl Motor {
         }
     }
 
-    /// Uses, for the plausibility of states, the ends that the motor reported.
+    /// Uses, to judge states, the ends that the motor reported.
     fn take_ends(&mut self) {
-        if let Some([position, velocity, _]) = self.reported_ends() {
+        if let Some(ends @ [position, velocity, _]) = self.reported_ends() {
             let capabilities = &mut self.settings.capabilities;
             (capabilities.position_end, capabilities.velocity_end) = (Some(position), Some(velocity));
+            self.response.rescale(&self.settings, ends);
         }
     }
 }

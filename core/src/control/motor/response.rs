@@ -18,6 +18,7 @@
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
+use motord_protocol::{Ends, Scales};
 use motord_shared::SetpointMode;
 
 /// A reply may answer the newest command, the one before, and one two turns earlier: a reply may have
@@ -53,18 +54,32 @@ pub(super) struct Response {
 
 impl Response {
     pub(super) fn of(settings: &MotorSettings) -> Self {
-        let scales = &settings.scales;
-        let [position, velocity, kp, kd, torque] =
-            [scales.position, scales.velocity, scales.kp, scales.kd, scales.torque]
-                .map(|field| field.step() as f32);
-        Self {
+        let mut response = Self {
             commands: [Impedance::NEUTRAL; COMMANDS],
             lacking: None,
             share: settings.limits.torque_response,
-            floor: (FLOOR_SHARE * settings.winding.rated_torque).max(FLOOR_CODES * torque),
+            floor: 0.0,
             velocity_max: VELOCITY_SHARE * settings.max_velocity,
-            steps: Impedance::new(position, velocity, kp, kd, torque),
-        }
+            steps: Impedance::NEUTRAL,
+        };
+        response.measure_codes(&settings.scales, settings);
+        response
+    }
+
+    /// Uses the codes of these ends of position, velocity and torque, which the motor reported.
+    #[cold]
+    pub(super) fn rescale(&mut self, settings: &MotorSettings, ends: [f32; 3]) {
+        let [position, velocity, torque] = ends.map(f64::from);
+        let ends = Ends { position, velocity, torque, ..settings.scales.ends() };
+        self.measure_codes(&Scales::of(&ends), settings);
+    }
+
+    fn measure_codes(&mut self, scales: &Scales, settings: &MotorSettings) {
+        let [position, velocity, kp, kd, torque] =
+            [scales.position, scales.velocity, scales.kp, scales.kd, scales.torque]
+                .map(|field| field.step() as f32);
+        self.floor = (FLOOR_SHARE * settings.winding.rated_torque).max(FLOOR_CODES * torque);
+        self.steps = Impedance::new(position, velocity, kp, kd, torque);
     }
 
     /// Forgets commands and states.
@@ -128,5 +143,32 @@ impl Response {
         let spring = if kp > 0.0 { spring } else { 0.0 };
         let damper = if kd > 0.0 { damper } else { 0.0 };
         spring + damper + code.torque
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::joint::JointSide;
+
+    /// Goal: a healthy joint at rest is not off, though its codes are coarser than those of its model.
+    /// Method: DM-J3507 with a velocity end of 200 rad/s instead of 50; at rest its velocity is half a
+    /// code off, so its damping asks for a torque that nothing gives.
+    #[test]
+    fn reported_ends_decide_the_rounding_of_codes() {
+        let text = "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\n\
+                    protocol = 'mit'\nmodel = 'DM-J3507-2EC'\n\
+                    limits = { position-rad = [-1.0, 1.0], velocity-rad-s = 10.0, torque-nm = 1.0 }\n";
+        let settings = motord_harness::robot::settings(text);
+        let motor = &settings.motors[0];
+        let damping = Setpoint::impedance(Impedance::<JointSide>::new(0.0, 0.0, 0.0, 5.0, 0.0));
+        let state = Measured::new(0.0, 200.0 / 4095.0, 0.0, None);
+        let is_off = |mut response: Response| {
+            (0..COMMANDS).for_each(|_| response.command(&damping));
+            (0..100).any(|cycle| response.is_off(&state, Instant::from_nanos(cycle * 1_000_000)))
+        };
+        let mut rescaled = Response::of(motor);
+        rescaled.rescale(motor, [12.566, 200.0, 5.0]);
+        assert_eq!([is_off(Response::of(motor)), is_off(rescaled)], [true, false]);
     }
 }
