@@ -2,7 +2,7 @@
 //! daemon cannot.
 
 use crate::heartbeat::{AT_REST, Pulse};
-use motord_bus::{Duration, Instant, Readiness, Ready, clock, wait};
+use motord_bus::{BusLock, Duration, Instant, Readiness, Ready, clock, wait};
 use motord_core::stopper::Outlet;
 use std::os::fd::AsFd;
 
@@ -84,8 +84,9 @@ const CALLER: usize = 1;
 const SUPERVISED: usize = 2;
 
 impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
-    /// Creates a switch that supervises no daemon yet.
+    /// Creates a switch that supervises no daemon yet. May block while the kernel loads a module.
     pub fn new(listener: Listener, open: O) -> Self {
+        BusLock::prepare_search();
         Self { listener, open, caller: None, supervised: None, refused: Refused::default() }
     }
 

@@ -90,6 +90,12 @@ impl BusLock {
         Self::acquire(Named::Device(device.to_owned()))
     }
 
+    /// Prepares the kernel for [`holders_of_interface`](Self::holders_of_interface): a first search may load a module from the
+    /// disk. Blocks until that is done; allocates.
+    pub fn prepare_search() {
+        let _no_name_is_empty = owner(b"");
+    }
+
     /// Returns the processes that hold the interface or the name `interface`: one in each, of which one may be another process
     /// than the other. Neither blocks nor waits for them; at most twelve system calls.
     ///
