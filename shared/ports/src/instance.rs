@@ -104,6 +104,11 @@ impl Instance {
         &self.runtime
     }
 
+    /// Returns whether its directory must belong to this user.
+    pub(crate) const fn is_private(&self) -> bool {
+        self.private
+    }
+
     /// Returns the directory of all iceoryx2 files.
     pub(crate) fn root(&self) -> PathBuf {
         self.runtime.join("iox").join(&self.name)

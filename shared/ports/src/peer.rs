@@ -60,10 +60,13 @@ impl TrustedUsers {
         Self(users)
     }
 
-    /// Adds the owner of the runtime directory of `instance`, which this process was told to use.
+    /// Adds the owner of the runtime directory of `instance`, which this process was told to use. A directory that must belong to
+    /// this user adds nobody: another user may create it at any time.
     #[must_use]
     pub fn and_of(mut self, instance: &Instance) -> Self {
-        self.0.extend(owner(instance.runtime()));
+        if !instance.is_private() {
+            self.0.extend(owner(instance.runtime()));
+        }
         self
     }
 
