@@ -110,6 +110,10 @@ fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<
 /// Reads the numbers of a sequence, at most one more than `count`. Returns them and their number in the sequence.
 fn listed(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<(Vec<f64>, usize)> {
     let py = value.py();
+    // A set has no order, and a mapping has names: neither is a list of values.
+    if !value.hasattr("__getitem__")? || value.hasattr("keys")? {
+        return Err(no_array(name, value, count));
+    }
     let Some(length) = without::<PyTypeError, _>(py, value.len())? else {
         return Err(no_array(name, value, count));
     };

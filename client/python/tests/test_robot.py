@@ -51,6 +51,8 @@ def test_joints_follow_setpoints(robot: motord.Robot) -> None:
     [
         ({"q": [1.0, 2.0]}, "q has 2 values; the group has 12 joints"),
         ({"q": np.zeros((3, 4))}, "one-dimensional array of 12"),
+        ({"q": {float(joint): 0.0 for joint in range(12)}}, "one-dimensional array of 12"),
+        ({"q": {float(joint) for joint in range(12)}}, "one-dimensional array of 12"),
         ({"q": "0"}, "give a number"),
         ({"q": np.full(12, np.nan)}, r"q\[0\] is NaN: give a finite number"),
         ({"q": 0.0, "kd": -1.0}, r"kd\[0\] is -1: give a finite number, 0 or more"),
