@@ -38,8 +38,10 @@ const STATES: u32 = 5;
 /// The torques that a motor is commanded, and the states that lack them.
 #[derive(Debug)]
 pub(super) struct Response {
-    /// The last commands, the newest first.
+    /// The last commands, a ring.
     commands: [Impedance<JointSide>; COMMANDS],
+    /// Index of the newest command.
+    newest: usize,
     /// The first of the latest states in a row without the commanded torque, and their number.
     lacking: Option<(Instant, u32)>,
     /// Share of the commanded torque that a motor must report; 0 compares nothing.
@@ -56,6 +58,7 @@ impl Response {
     pub(super) fn of(settings: &MotorSettings) -> Self {
         let mut response = Self {
             commands: [Impedance::NEUTRAL; COMMANDS],
+            newest: 0,
             lacking: None,
             share: settings.limits.torque_response,
             floor: 0.0,
@@ -90,13 +93,12 @@ impl Response {
 
     /// Records a command after all limits, as it is sent.
     pub(super) const fn command(&mut self, sent: &Setpoint) {
-        let newest = match sent.mode {
+        self.newest = (self.newest + 1) % COMMANDS;
+        self.commands[self.newest] = match sent.mode {
             SetpointMode::Impedance => sent.values,
             SetpointMode::Torque => Impedance::new(0.0, 0.0, 0.0, 0.0, sent.values.torque),
             SetpointMode::Speed | SetpointMode::Position => Impedance::NEUTRAL,
         };
-        let [a, b, c, _] = self.commands;
-        self.commands = [newest, a, b, c];
     }
 
     /// Takes a state that was current at `at`. Returns whether the motor is off.
@@ -113,9 +115,12 @@ impl Response {
 
     fn lacks_torque(&self, state: &Measured<JointSide>) -> bool {
         let Measured { position, velocity, torque, .. } = *state;
-        let newest = self.commands[0].predicted_torque(position, velocity);
         // Most states end here.
-        if torque.abs() >= self.floor || newest.abs() <= self.floor {
+        if torque.abs() >= self.floor {
+            return false;
+        }
+        let newest = self.commands[self.newest].predicted_torque(position, velocity);
+        if newest.abs() <= self.floor {
             return false;
         }
         let sign = newest.signum();
