@@ -135,6 +135,53 @@ fn stops_of_second_daemon_are_a_foreign_master() {
     assert!((200..220).contains(&cycles), "{cycles}");
 }
 
+/// A second daemon that only looks for its motors sends a stop frame every 100 ms.
+#[test]
+fn rare_stops_of_second_daemon_stop_group() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(3500);
+    let joints = robot.activate();
+    for cycle in 0..400 {
+        if cycle % 100 == 0 {
+            robot.hear(0, 0x001, STOP);
+        }
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.cause(), Some(Cause::ForeignMaster));
+}
+
+/// A cycle of 10 Hz reads the frames of a second daemon every 100 ms.
+#[test]
+fn slow_cycle_reports_second_daemon() {
+    let text = "[cycle]\nrate-hz = 10\n[safety]\nsetpoint-timeout-ms = 500\ndeadman-ms = 1000\n\
+                [[bus]]\nname = \"can\"\ntype = \"simulated\"\n";
+    let mut robot = Robot::new(robot::settings(&(text.to_owned() + &robot::motor(1, "hip", "can", ""))), 1);
+    let damp = BusFrames::of(&robot.settings, 0).damp[0];
+    robot.steps(40);
+    robot.take_events();
+    for _ in 0..4 {
+        robot.hear(0, 0x001, damp.payload());
+        robot.steps(1);
+    }
+    let events = robot.take_events();
+    assert!(events.iter().any(|event| matches!(event, Event::Foreign { motor: 0, id: 1, .. })), "{events:?}");
+}
+
+/// Goal: short bursts of a switch add up to no foreign master. Method: a burst of 10 ms four times a second.
+#[test]
+fn bursts_of_a_switch_do_not_add_up() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(3500);
+    let joints = robot.activate();
+    for cycle in 0..2000 {
+        if cycle % 250 < 10 {
+            robot.hear(0, 0x001, STOP);
+        }
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
 /// Goal: no frame of a switch is a foreign master. Method: the switch of a daemon that died before this one started damps for 2 s; the
 /// frames of another one arrive together after a freeze.
 #[test]

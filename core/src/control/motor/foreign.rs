@@ -8,8 +8,9 @@ const WINDOW: Duration = Duration::from_secs(1);
 /// A sender that continues is reported again after this time.
 const REPORT: Duration = Duration::from_secs(10);
 
-/// The longest time between two safe frames of one sender.
-const SAFE_GAP: Duration = Duration::from_millis(50);
+/// The longest time between two reads with safe frames of one sender. A second daemon may send only every 100 ms, and a slow cycle
+/// reads as rarely. Shorter than the time that makes a sender a master: a burst that two reads share is none.
+const SAFE_GAP: Duration = Duration::from_millis(150);
 
 /// Frames with the command id of a motor from another sender.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
