@@ -78,6 +78,19 @@ fn peak_or_velocity_beyond_ends_is_an_error() {
     );
 }
 
+/// A motor in GIM mode takes velocities as floats. In MIT mode the velocity codes of every SteadyWin motor end at 65 rad/s.
+#[test]
+fn velocity_end_is_that_of_the_protocol() {
+    let keys =
+        |protocol: &str| format!("protocol = '{protocol}'\nmodel = 'GIM8108-8'\nmax-velocity-rad-s = 70");
+    assert_eq!(motor(&keys("gim")).unwrap().max_velocity, 70.0);
+    let error = motor(&keys("mit")).unwrap_err();
+    assert!(error.contains("70 is beyond ±65") && error.contains("use at most 65"), "{error}");
+    assert!(!error.contains("torque-constant") && !error.contains("gear-ratio"), "{error}");
+    let error = motor("protocol = 'gim'\nmodel = 'GIM8108-8'\npeak-torque-nm = 300").unwrap_err();
+    assert!(error.contains("beyond ±225 N·m"), "{error}");
+}
+
 #[test]
 fn motor_without_ends_takes_no_such_key() {
     for keys in [

@@ -80,7 +80,7 @@ pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
     }))
 }
 
-/// The keys that give the ends of codes that follow from the current.
+/// The keys that give the end of a torque code that is a current.
 const BY_CURRENT: &str = "torque-constant-nm-per-a and gear-ratio";
 
 /// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that is named.
@@ -91,19 +91,23 @@ pub(super) fn check_reach(
 ) {
     let Some((model, scales)) = model.zip(scales) else { return };
     let by_current = model.ends.is_none();
-    let [torque, velocity] = match by_current {
-        true => [&["N·m", BY_CURRENT], &["rad/s", BY_CURRENT]],
-        false => [&["N·m", "torque-end-nm"], &["rad/s", "velocity-end-rad-s"]],
-    };
-    let rows = [
-        (&keys.peak_torque_nm, scales.torque.max(), torque),
-        (&keys.max_velocity_rad_s, scales.velocity.max(), velocity),
-    ];
-    for (entry, end, unit_and_key) in rows {
-        if let Some(value) = entry.value.filter(|value| *value > end) {
-            let wrong = Wrong::BeyondCodes { value, end, model: model.name, unit_and_key };
-            findings.error(entry.at, wrong);
-        }
+    let beyond =
+        |value, end, unit_and_key| Wrong::BeyondCodes { value, end, model: model.name, unit_and_key };
+    let (entry, end) = (&keys.peak_torque_nm, scales.torque.max());
+    if let Some(value) = entry.value.filter(|value| *value > end) {
+        let key = if by_current { &["N·m", BY_CURRENT] } else { &["N·m", "torque-end-nm"] };
+        findings.error(entry.at, beyond(value, end, key));
+    }
+    // A motor in GIM mode takes velocities as floats. Its states have a torque code.
+    let is_coded = keys.protocol.value != Some(MotorProtocol::Gim);
+    let (entry, end) = (&keys.max_velocity_rad_s, scales.velocity.max());
+    if let Some(value) = entry.value.filter(|value| is_coded && *value > end) {
+        // The velocity codes of a SteadyWin motor end at the same value whatever its constants are.
+        let wrong = match by_current {
+            true => Wrong::BeyondScale { value, end, usable: end, degrees: String::new() },
+            false => beyond(value, end, &["rad/s", "velocity-end-rad-s"]),
+        };
+        findings.error(entry.at, wrong);
     }
 }
 
