@@ -33,6 +33,15 @@ pub struct OtherSender {
     pub frame: Frame,
 }
 
+/// How the daemon ended to listen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Heard {
+    /// The daemon may send.
+    Silence,
+    /// The daemon was asked to end.
+    Interruption,
+}
+
 /// The frames of one window.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
@@ -47,13 +56,17 @@ struct Monitor<'a> {
     bus: &'a mut dyn Bus,
     command_ids: Vec<FrameId>,
     safe: BusFrames,
+    /// The daemon starts beside the sender of its commands.
+    is_tolerant: bool,
     /// The current window first.
     windows: [Counts; WINDOWS],
     last: Frame,
 }
 
-/// Returns when no other sender commands a motor of `settings` on the CAN interfaces among `buses`. Blocks for 0.3 s, or at most 1.1 s
-/// longer than damping takes while safe frames arrive.
+/// Returns when no other sender commands a motor of `settings` on the CAN interfaces among `buses`, or soon after `is_ended` returns
+/// true. Blocks for 0.3 s, or at most 1.1 s longer than damping takes while safe frames arrive. Asks `is_ended` every 0.1 s.
+///
+/// An excluded motor may have another sender. Without `stop-on-foreign-master` every motor may, and the log names that sender.
 ///
 /// # Errors
 ///
@@ -62,32 +75,40 @@ pub fn listen(
     settings: &Settings,
     buses: &mut [Box<dyn Bus>],
     clock: &mut dyn Clock,
-) -> Result<(), OtherSender> {
+    is_ended: impl FnMut() -> bool,
+) -> Result<Heard, OtherSender> {
     let is_can = |index: &usize| matches!(settings.buses[*index].kind, BusKind::SocketCan { .. });
     let monitors = buses.iter_mut().enumerate().filter(|(index, _)| is_can(index));
     let monitors = monitors.map(|(index, bus)| Monitor::new(settings, index, bus.as_mut()));
-    await_silence(&mut monitors.collect::<Vec<_>>(), settings.safety.damp, clock)
+    await_silence(&mut monitors.collect::<Vec<_>>(), settings, clock, is_ended)
 }
 
 fn await_silence(
     monitors: &mut [Monitor<'_>],
-    damp: Duration,
+    settings: &Settings,
     clock: &mut dyn Clock,
-) -> Result<(), OtherSender> {
+    mut is_ended: impl FnMut() -> bool,
+) -> Result<Heard, OtherSender> {
     if monitors.is_empty() {
-        return Ok(());
+        return Ok(Heard::Silence);
     }
     let begin = clock.now();
-    let end = begin + damp + PATIENCE;
+    let end = begin + settings.safety.damp + PATIENCE;
     loop {
         listen_for_window(monitors, clock);
-        let now = clock.now();
-        let other = monitors.iter().find(|monitor| monitor.is_commanded() || now >= end && monitor.is_used());
-        if let Some(monitor) = other {
-            return Err(monitor.other_sender());
+        if is_ended() {
+            return Ok(Heard::Interruption);
         }
-        if now >= begin + WINDOW * WINDOWS as u32 && !monitors.iter().any(Monitor::is_used) {
-            return Ok(());
+        let now = clock.now();
+        let is_over = now >= end;
+        let others =
+            monitors.iter_mut().filter(|monitor| monitor.is_commanded() || is_over && monitor.is_used());
+        for monitor in others {
+            monitor.judge(settings.safety.stop_on_foreign_master)?;
+        }
+        let is_used = monitors.iter().any(Monitor::is_used);
+        if is_over || now >= begin + WINDOW * WINDOWS as u32 && !is_used {
+            return Ok(Heard::Silence);
         }
     }
 }
@@ -106,15 +127,32 @@ fn listen_for_window(monitors: &mut [Monitor<'_>], clock: &mut dyn Clock) {
 
 impl<'a> Monitor<'a> {
     fn new(settings: &'a Settings, index: usize, bus: &'a mut dyn Bus) -> Self {
-        let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+        let motors = settings.motors.iter().filter(|motor| motor.bus == index && !motor.excluded);
         Self {
             name: &settings.buses[index].name,
             bus,
             command_ids: motors.map(MotorSettings::command_id).collect(),
             safe: BusFrames::of(settings, index),
+            is_tolerant: false,
             windows: [Counts::default(); WINDOWS],
             last: Frame::EMPTY,
         }
+    }
+
+    /// Returns the sender as an error. Only reports it, once, unless it `stops` the daemon.
+    fn judge(&mut self, stops: bool) -> Result<(), OtherSender> {
+        let other = self.other_sender();
+        if stops {
+            return Err(other);
+        }
+        if !self.is_tolerant {
+            tracing::warn!(
+                see = "foreign-master",
+                "{other}. Starting beside it: stop-on-foreign-master is false"
+            );
+        }
+        self.is_tolerant = true;
+        Ok(())
     }
 
     fn begin_window(&mut self) {
@@ -142,14 +180,20 @@ impl<'a> Monitor<'a> {
         self.windows.iter().map(|window| window.all).sum()
     }
 
-    /// Returns whether a sender, perhaps a dead man's switch, sent to its motors in the last windows.
+    fn commands(&self) -> u32 {
+        self.windows.iter().map(|window| window.commands).sum()
+    }
+
+    /// Returns whether a sender, perhaps a dead man's switch, sent to its motors in the last windows. Beside a sender that is tolerated
+    /// only a switch counts.
     fn is_used(&self) -> bool {
-        self.frames() >= FRAMES_MIN
+        let tolerated = if self.is_tolerant { self.commands() } else { 0 };
+        self.frames() - tolerated >= FRAMES_MIN
     }
 
     /// Returns whether a sender that is no dead man's switch sent in each of the last windows.
     fn is_commanded(&self) -> bool {
-        self.is_used() && self.windows.iter().all(|window| window.commands > 0)
+        self.frames() >= FRAMES_MIN && self.windows.iter().all(|window| window.commands > 0)
     }
 
     fn other_sender(&self) -> OtherSender {
@@ -191,9 +235,15 @@ mod tests {
     }
 
     fn settings() -> Settings {
+        settings_with("")
+    }
+
+    /// The settings of one motor, with `keys` before its tables.
+    fn settings_with(keys: &str) -> Settings {
         let text = "[[bus]]\nname = 'leg'\ntype = 'socketcan'\ninterface = 'nocan7'\n[[motor]]\nname = 'hip'\nbus = 'leg'\n\
             id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
             torque-nm = 5\ntorque-slew-nm-per-s = 50\n";
+        let text = format!("{keys}{text}");
         parse(Path::new("robot.toml"), text.as_bytes(), &Machine::here()).expect("it is valid").settings
     }
 
@@ -203,9 +253,22 @@ mod tests {
     }
 
     /// The outcome for a bus with these frames, and the time until then.
-    fn outcome_of(frames: Vec<(Instant, Frame)>) -> (Result<(), OtherSender>, Duration) {
+    fn outcome_of(frames: Vec<(Instant, Frame)>) -> (Result<Heard, OtherSender>, Duration) {
+        outcome_with(&settings(), frames, u32::MAX)
+    }
+
+    /// The same with these settings. The daemon is asked to end after this number of windows.
+    fn outcome_with(
+        settings: &Settings,
+        frames: Vec<(Instant, Frame)>,
+        mut windows: u32,
+    ) -> (Result<Heard, OtherSender>, Duration) {
         let mut clock = VirtualClock::new(START);
-        let outcome = listen(&settings(), &mut [Box::new(Foreign(frames.into_iter()))], &mut clock);
+        let is_ended = || {
+            windows -= 1;
+            windows == 0
+        };
+        let outcome = listen(settings, &mut [Box::new(Foreign(frames.into_iter()))], &mut clock, is_ended);
         (outcome, clock.now().since(START))
     }
 
@@ -242,7 +305,7 @@ mod tests {
         let switch =
             [every(5 * MILLI, 10 * MILLI, 200, damp[0]), every(2005 * MILLI, 10 * MILLI, 3, stop[0])];
         let (outcome, after) = outcome_of([queue, switch.concat()].concat());
-        assert_eq!(outcome, Ok(()));
+        assert_eq!(outcome, Ok(Heard::Silence));
         assert!((2000 * MILLI..2500 * MILLI).contains(&after), "{after:?}");
     }
 
@@ -251,7 +314,49 @@ mod tests {
     fn frames_that_command_no_motor_delay_nothing() {
         for (id, period) in [(0x101, MILLI), (2, MILLI), (1, 100 * MILLI)] {
             let (outcome, after) = outcome_of(every(Duration::ZERO, period, 1000, command(id, [0; 8])));
-            assert_eq!((outcome, after), (Ok(()), 300 * MILLI), "{id:#x}");
+            assert_eq!((outcome, after), (Ok(Heard::Silence), 300 * MILLI), "{id:#x}");
+        }
+    }
+
+    /// A person tries an excluded motor with the vendor's tool.
+    #[test]
+    fn sender_to_excluded_motor_delays_nothing() {
+        let mut settings = settings();
+        settings.motors[0].excluded = true;
+        let frames = every(Duration::ZERO, MILLI, 1000, command(1, COMMAND));
+        assert_eq!(outcome_with(&settings, frames, u32::MAX), (Ok(Heard::Silence), 300 * MILLI));
+    }
+
+    const TOLERANT: &str = "[safety]\nstop-on-foreign-master = false\n";
+
+    #[test]
+    fn setting_lets_daemon_start_beside_sender() {
+        let stop = BusFrames::of(&settings(), 0).stop[0];
+        for (frame, expected) in [(command(1, COMMAND), 300 * MILLI), (stop, 3000 * MILLI)] {
+            let frames = every(Duration::ZERO, MILLI, 10_000, frame);
+            let outcome = outcome_with(&settings_with(TOLERANT), frames, u32::MAX);
+            assert_eq!(outcome, (Ok(Heard::Silence), expected), "{frame}");
+        }
+    }
+
+    /// Goal: the setting cuts no damping short. Method: a device chatters while a switch damps for 2 s.
+    #[test]
+    fn switch_beside_tolerated_sender_is_waited_for() {
+        let damp = BusFrames::of(&settings(), 0).damp[0];
+        let chatter = every(Duration::ZERO, 10 * MILLI, 1000, command(1, COMMAND));
+        let mut frames = [chatter, every(5 * MILLI, 10 * MILLI, 200, damp)].concat();
+        frames.sort_by_key(|(at, _)| *at);
+        let (outcome, after) = outcome_with(&settings_with(TOLERANT), frames, u32::MAX);
+        assert_eq!(outcome, Ok(Heard::Silence));
+        assert!((2000 * MILLI..2500 * MILLI).contains(&after), "{after:?}");
+    }
+
+    #[test]
+    fn daemon_that_listens_can_be_ended() {
+        let damp = BusFrames::of(&settings(), 0).damp[0];
+        for frame in [damp, command(1, COMMAND)] {
+            let frames = every(Duration::ZERO, MILLI, 10_000, frame);
+            assert_eq!(outcome_with(&settings(), frames, 2), (Ok(Heard::Interruption), 200 * MILLI));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::arming;
-use crate::buses::{self, BusError, Buses, other_senders};
+use crate::buses::other_senders::{self, Heard};
+use crate::buses::{self, BusError, Buses};
 use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
@@ -69,7 +70,10 @@ fn drive(
     let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
     deep_sleep.log("main");
 
-    other_senders::listen(&settings, &mut buses.buses, &mut Monotonic)?;
+    let is_ended = || signals.pending().any(|origin| heed_unstarted(&origin));
+    if other_senders::listen(&settings, &mut buses.buses, &mut Monotonic, is_ended)? == Heard::Interruption {
+        return Ok(());
+    }
     (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
@@ -138,14 +142,34 @@ fn log_start(
     tracing::info!(instance, version, %config, hash, buses, motors, rate_hz, realtime, "ready");
 }
 
-/// `damp` is how long the motors may have to be damped.
-fn heed(daemon: &Daemon, origin: &Origin, damp: Duration) {
+/// Returns the name of a signal, and the program and the process that sent it.
+fn sender(origin: &Origin) -> (&'static str, Option<String>, Option<u32>) {
     let signal = signal_hook::low_level::signal_name(origin.signal).unwrap_or("a signal");
     // A signal from the terminal (Ctrl-C) names no process.
     let pid = origin.process.as_ref().and_then(|process| u32::try_from(process.pid).ok());
-    let program = pid.and_then(program);
+    (signal, pid.and_then(program), pid)
+}
+
+fn ignore_hangup() {
+    tracing::info!("SIGHUP is ignored: the configuration is read once, at the start");
+}
+
+/// Heeds a signal before the first frame. Returns whether it ends the program.
+fn heed_unstarted(origin: &Origin) -> bool {
+    let (signal, program, pid) = sender(origin);
+    if origin.signal == SIGHUP {
+        ignore_hangup();
+        return false;
+    }
+    tracing::info!(signal, program, pid, "leaving before the start: no frame was sent");
+    true
+}
+
+/// `damp` is how long the motors may have to be damped.
+fn heed(daemon: &Daemon, origin: &Origin, damp: Duration) {
+    let (signal, program, pid) = sender(origin);
     match origin.signal {
-        SIGHUP => tracing::info!("SIGHUP is ignored: the configuration is read once, at the start"),
+        SIGHUP => ignore_hangup(),
         _ if daemon.is_stopping() => {
             tracing::warn!(signal, program, pid, "second signal: stopping the motors at once");
             daemon.stop_now();
