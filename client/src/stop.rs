@@ -65,36 +65,48 @@ pub struct AllStopped {
     /// Processes of other users to which the request was sent. They may be daemons. Their answers do not count, and nothing in
     /// their directories was opened.
     pub foreign: Vec<RunningInstance>,
+    /// Other processes that did not get the request, with the reason. Only with [`StopError::System`] one may be a daemon of this
+    /// user, of root or of the service.
+    pub unreached: Vec<(RunningInstance, StopError)>,
 }
 
 /// Damps and stops every motor of every daemon of this computer, all at once. Usually takes a cycle or two, at most little more than a
 /// second, however many daemons do not answer. Whether the motors answer is not checked.
 #[must_use]
 pub fn emergency_stop_all() -> AllStopped {
-    let AllStops { trusted, foreign } = running::stop_all(FIRST_WAY);
-    let daemons = std::thread::scope(|threads| {
+    let AllStops { trusted, foreign, unreached } = running::stop_all(FIRST_WAY);
+    let again = |running: &RunningInstance| {
+        stop(&Instance::below(&running.runtime, &running.name).map_err(Error::of_instance)?)
+    };
+    let outcomes: Vec<_> = std::thread::scope(|threads| {
         let stopping: Vec<_> = trusted
-            .into_iter()
+            .iter()
             .map(|(running, outcome)| match outcome {
-                Ok(()) => (running, None),
-                Err(_) => {
-                    let RunningInstance { name, runtime, .. } = running.clone();
-                    (
-                        running,
-                        Some(threads.spawn(move || {
-                            stop(&Instance::below(&runtime, &name).map_err(Error::of_instance)?)
-                        })),
-                    )
-                }
+                Ok(()) => Stopping::Confirmed,
+                Err(_) => std::thread::Builder::new()
+                    .spawn_scoped(threads, move || again(running))
+                    .map_or(Stopping::WithoutThread, Stopping::InThread),
             })
             .collect();
-        let joined = |stop: ScopedJoinHandle<'_, Result<(), Error>>| {
-            let panicked = |_| Err(Error::NotStopped { socket: StopError::NoReply, services: None });
-            stop.join().unwrap_or_else(panicked)
+        let panicked = |_| Err(Error::NotStopped { socket: StopError::NoReply, services: None });
+        let outcome = |(stopping, (running, _)): (_, &(RunningInstance, _))| match stopping {
+            Stopping::Confirmed => Ok(()),
+            Stopping::InThread(stop) => stop.join().unwrap_or_else(panicked),
+            Stopping::WithoutThread => again(running),
         };
-        stopping.into_iter().map(|(running, stop)| (running, stop.map_or(Ok(()), joined))).collect()
+        stopping.into_iter().zip(&trusted).map(outcome).collect()
     });
-    AllStopped { daemons, foreign }
+    let daemons = trusted.into_iter().map(|(running, _)| running).zip(outcomes).collect();
+    AllStopped { daemons, foreign, unreached }
+}
+
+/// The stop of a daemon by both ways.
+enum Stopping<'scope> {
+    /// The first way sufficed.
+    Confirmed,
+    InThread(ScopedJoinHandle<'scope, Result<(), Error>>),
+    /// The limit of threads is reached: one after the other.
+    WithoutThread,
 }
 
 /// Damps and stops every motor of `instance`. Whether the motors answer is not checked.

@@ -3,13 +3,14 @@
 use crate::advice::motorctl;
 use crate::confirmation;
 use crate::failure::Failure;
-use crate::instances::{foreign, line};
+use crate::instances::{foreign, line, place};
 use crate::report::FirstStopReport;
 use crate::say::say;
 use crate::status::{self, PATIENCE};
 use motord_client::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in, running_instances};
-use motord_client::{Client, DEFAULT_INSTANCE, Error, GroupHistory, RunningInstance, Telemetry};
+use motord_client::{Client, DEFAULT_INSTANCE, Error, GroupHistory, RunningInstance, StopError, Telemetry};
 use motord_terminal::printable;
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
@@ -53,12 +54,20 @@ fn elsewhere(instance: &str) -> Option<RunningInstance> {
 
 /// Stops every daemon of this computer, all at once. The motors of each are checked after all stops.
 fn stop_all() -> Result<(), Failure> {
-    let AllStopped { daemons, foreign: others } = emergency_stop_all();
-    let others = foreign("estop", &others);
-    if daemons.is_empty() {
+    raise_descriptors();
+    let AllStopped { daemons, foreign: reached, unreached } = emergency_stop_all();
+    let (mut unconfirmed, mut silent, mut full) = (Vec::new(), Vec::new(), Vec::new());
+    for (other, error) in unreached {
+        match error {
+            // It may be a daemon of this user: nothing is known.
+            StopError::System(_) => unconfirmed.push(format!("{}: {error}", place(&other))),
+            _ => full.push(other),
+        }
+    }
+    let others = foreign("estop", &reached, &full);
+    if daemons.is_empty() && unconfirmed.is_empty() {
         return Err(Failure::NothingToStop(others));
     }
-    let (mut unconfirmed, mut silent) = (Vec::new(), Vec::new());
     for (running, outcome) in daemons {
         match outcome.map_err(Failure::NotStopped).and_then(|()| report_stop_of(&running)) {
             Ok(()) => {}
@@ -82,6 +91,12 @@ fn stop_all() -> Result<(), Failure> {
             Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).chain(others).collect()))
         }
     }
+}
+
+/// Raises the limit of open files as far as permitted. With too few, the stop of all still tries one name after the other.
+fn raise_descriptors() {
+    let Ok((_, hard)) = getrlimit(Resource::RLIMIT_NOFILE) else { return };
+    let _refused = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
 }
 
 fn stop(running: &RunningInstance) -> Result<(), Failure> {

@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use motord_client::{
     DEFAULT_INSTANCE, RUNTIME_DIR_VARIABLE, RunningInstance, foreign_instances, running_instances,
 };
-use motord_terminal::{Cell, Palette, Table, json};
+use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::Serialize;
 use std::io::{self, Write};
 
@@ -17,14 +17,13 @@ struct Entry {
     uid: u32,
     /// Its user is neither root, nor this one, nor that of the service. It may be no daemon.
     foreign: bool,
-    /// The line that shows its state.
+    /// The line that shows its state. Empty if foreign: nothing in the directory of another user is to be opened.
     command: String,
 }
 
 impl Entry {
     fn new(running: RunningInstance, foreign: bool) -> Self {
-        let command =
-            if foreign { line_of_user(&running, "status") } else { format!("{} status", line(&running)) };
+        let command = if foreign { String::new() } else { format!("{} status", line(&running)) };
         let RunningInstance { name, runtime, pid, uid } = running;
         Self { instance: name, runtime_directory: runtime.display().to_string(), pid, uid, foreign, command }
     }
@@ -66,7 +65,7 @@ fn table(entries: &[Entry]) -> Table {
         table.row(vec![
             Cell::plain(&entry.instance),
             Cell::plain(entry.pid),
-            Cell::plain(format!("{}{}", entry.uid, if entry.foreign { ", foreign" } else { "" })),
+            Cell::plain(format!("{}{}", user(entry.uid), if entry.foreign { ", foreign" } else { "" })),
             Cell::plain(&entry.runtime_directory),
             Cell::plain(&entry.command),
         ]);
@@ -83,7 +82,7 @@ pub(crate) fn instead(verb: &str) -> Option<String> {
         lines.push("  motorctl estop --all".to_owned());
     }
     let these = (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")));
-    let others = foreign(verb, &foreign_instances());
+    let others = foreign(verb, &foreign_instances(), &[]);
     let others = (!others.is_empty()).then_some(others);
     match (these, others) {
         (Some(these), Some(others)) => Some(format!("{these}\n{others}")),
@@ -91,25 +90,54 @@ pub(crate) fn instead(verb: &str) -> Option<String> {
     }
 }
 
-/// Returns a text that names processes of other users, with the commands to run as these; empty without one.
-pub(crate) fn foreign(verb: &str, others: &[RunningInstance]) -> String {
-    if others.is_empty() {
+/// Returns a text that names processes of other users, and those of them that did not get a stop; empty without one. Before an `estop`
+/// also how to end them. It has no command that would run as one of these users.
+pub(crate) fn foreign(verb: &str, reached: &[RunningInstance], unreached: &[RunningInstance]) -> String {
+    let total = reached.len() + unreached.len();
+    if total == 0 {
         return String::new();
     }
-    let lines = others.iter().take(FOREIGN_MAX).map(|other| format!("\n  {}", line_of_user(other, verb)));
-    let more = match others.len().checked_sub(FOREIGN_MAX) {
+    let ends = verb == "estop";
+    let of = |other: &RunningInstance, is_reached: bool| {
+        let how = if ends { format!(": {}", remedy(other)) } else { String::new() };
+        let not = if is_reached { "" } else { ", NOT REACHED: it takes no connection" };
+        format!("\n  {}{not}{how}", place(other))
+    };
+    let unreached = unreached.iter().map(|other| of(other, false));
+    let all = unreached.chain(reached.iter().map(|other| of(other, true)));
+    let lines: String = all.take(FOREIGN_MAX).collect();
+    let more = match total.checked_sub(FOREIGN_MAX) {
         Some(more @ 1..) => format!("\n  and {more} more: motorctl instances --all"),
         _ => String::new(),
     };
+    let end = if ends { " A daemon that is ended damps and stops its motors first" } else { "" };
+    let point = if ends { "." } else { "" };
     format!(
-        "processes of other users have names of daemons. Their answers do not count:{}{more}",
-        lines.collect::<String>()
+        "processes of other users have names of daemons. Their answers do not count{point}{end}:{lines}{more}"
     )
 }
 
-/// Returns the command that reaches the daemon of another user as that user.
-fn line_of_user(other: &RunningInstance, verb: &str) -> String {
-    format!("sudo -u '#{}' {} {verb}", other.uid, line(other))
+/// Returns who listens under the name of a daemon, and which directory it names.
+pub(crate) fn place(other: &RunningInstance) -> String {
+    let RunningInstance { name, runtime, pid, uid } = other;
+    let process = if *pid == 0 { "a process".to_owned() } else { format!("process {pid}") };
+    let of = format!("{process} of user {}, instance {name} in {}", user(*uid), runtime.display());
+    printable(&of).into_owned()
+}
+
+fn user(uid: u32) -> String {
+    if uid == u32::MAX { "unknown".to_owned() } else { uid.to_string() }
+}
+
+/// Returns how to end a process. Its id counts only while a process of the same user has it: the process may have passed its socket on.
+fn remedy(other: &RunningInstance) -> String {
+    let RunningInstance { pid, uid, .. } = *other;
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let users = status.lines().find_map(|line| line.strip_prefix("Uid:"));
+    if users.is_some_and(|users| users.split_whitespace().all(|user| user.parse() == Ok(uid))) {
+        return format!("`sudo kill {pid}`");
+    }
+    "find it with `sudo ss -xap | grep motord-stop:`, and end it with `sudo kill`".to_owned()
 }
 
 /// Returns the beginning of the commands for `running`. Its words need no quotes: see [`running_instances`].
@@ -134,5 +162,26 @@ mod tests {
         };
         assert_eq!(of(DEFAULT_INSTANCE, "/run/motord"), "motorctl");
         assert_eq!(of("arm", "/tmp/x"), "MOTORD_RUNTIME_DIR=/tmp/x motorctl --instance arm");
+    }
+
+    /// An administrator pastes what is printed in an emergency.
+    #[test]
+    fn foreign_process_is_ended_by_its_id_only() {
+        let of = |pid, uid| RunningInstance { name: "arm".into(), runtime: "/tmp/x".into(), pid, uid };
+        let (pid, uid) = (std::process::id(), nix::unistd::Uid::effective().as_raw());
+        let text = foreign("estop", &[of(pid, uid), of(pid, uid + 1)], &[of(0, u32::MAX)]);
+        let lines: Vec<_> = text.lines().skip(1).collect();
+        let search = "find it with `sudo ss -xap | grep motord-stop:`, and end it with `sudo kill`";
+        assert_eq!(
+            lines,
+            [
+                format!(
+                    "  a process of user unknown, instance arm in /tmp/x, NOT REACHED: it takes no connection: {search}"
+                ),
+                format!("  process {pid} of user {uid}, instance arm in /tmp/x: `sudo kill {pid}`"),
+                format!("  process {pid} of user {}, instance arm in /tmp/x: {search}", uid + 1),
+            ]
+        );
+        assert!(!foreign("status", &[of(pid, uid)], &[]).contains("kill"));
     }
 }

@@ -287,6 +287,56 @@ time.sleep(100)
     assert!(took < 5000, "20 silent sockets took 22 s: {took} ms");
 }
 
+/// Goal: more names than this process may have descriptors keep the stop from no daemon, and a full queue is mentioned.
+/// Method: 1500 sockets of an outsider, one of them with a full queue, have names before that of the daemon. `estop` may have 1024
+/// descriptors, then 64.
+#[test]
+fn more_names_than_descriptors_hide_no_daemon() {
+    const CROWD: &str = r#"
+import os, resource, socket, time
+resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+taken = []
+for number in range(1500):
+    taken.append(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+    taken[-1].bind(f"\0motord-stop:a{number}:/tmp".encode())
+    taken[-1].listen(64)
+full, callers = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET), []
+full.bind(b"\0motord-stop:full:/tmp")
+full.listen(0)
+try:
+    while True:
+        callers.append(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+        callers[-1].setblocking(False)
+        callers[-1].connect(b"\0motord-stop:full:/tmp")
+except BlockingIOError:
+    print("listens", flush=True)
+time.sleep(100)
+"#;
+    let script = format!(
+        "start mine zz; cat >crowd.py <<'END'\n{CROWD}\nEND\n\
+         python3 crowd.py >crowd.log & until grep -q listens crowd.log; do sleep 0.1; done\n\
+         for limit in 1024 64; do\n\
+             (ulimit -n $limit; motorctl estop --all) || exit 98\n\
+             is_stopped mine zz || exit 97\n\
+             MOTORD_RUNTIME_DIR=$PWD/mine motorctl --instance zz reset --wait >/dev/null || exit 96\n\
+         done; motorctl instances --all --json"
+    );
+    let Some(output) = beside_outsider(&script) else { return };
+    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(said.matches("confirmed: every motor of instance zz in /").count(), 2, "{said}");
+    let full = "a process of user unknown, instance full in /tmp, NOT REACHED";
+    assert_eq!(errors.matches(full).count(), 2, "{errors}");
+    assert_eq!(errors.matches("and 1498 more").count(), 2, "{errors}");
+    assert!(
+        said.contains("\"instance\":\"full\"") || said.contains("\"instance\": \"full\""),
+        "a full queue is listed"
+    );
+}
+
 /// Goal: a lone process of another user is not the daemon that is meant, and confirms nothing. It is sent the stop of all.
 #[test]
 fn lone_foreign_instance_confirms_no_stop() {
@@ -298,8 +348,14 @@ fn lone_foreign_instance_confirms_no_stop() {
     assert_eq!(output.status.code(), Some(69), "{output:?}");
     assert!(!said.contains("confirmed"), "{said}");
     assert_eq!(errors.matches("EMERGENCY STOP NOT CONFIRMED: cut the power").count(), 2, "{errors}");
-    let line = "/other motorctl estop";
-    assert!(errors.contains("sudo -u '#65534' MOTORD_RUNTIME_DIR=/") && errors.contains(line), "{errors}");
+    assert!(
+        errors.contains(" of user 65534, instance robot in /") && errors.contains("/other: `sudo kill "),
+        "{errors}"
+    );
+    assert!(
+        !errors.contains("sudo -u") && !errors.contains("RUNTIME_DIR=/"),
+        "no line runs as the outsider: {errors}"
+    );
     assert!(said.contains("1 of other users, which may be no daemons"), "{said}");
     assert_eq!(said.matches("65534, foreign").count(), 1, "{said}");
 }

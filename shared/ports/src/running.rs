@@ -1,7 +1,8 @@
 //! The daemons of this computer, found by the names of their sockets for emergency stops, and a stop of all of them at once.
 //!
 //! Any user may take a free name, as often as the limit of descriptors permits, and name any directory in it. A daemon counts only if
-//! its process and its directory belong to [`TrustedUsers`]. Nothing in the directory of another one is opened.
+//! its process and its directory belong to [`TrustedUsers`]. Nothing in the directory of another one is opened, and no directory is
+//! looked at before every request is sent.
 
 use crate::instance::{self, Instance};
 use crate::liveness;
@@ -21,14 +22,17 @@ use std::fs;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Component, Path, PathBuf};
+use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 /// Flags of a listening socket in `/proc/net/unix`.
 const LISTENING: &[u8] = b"00010000";
 /// Pause between two attempts to reach a daemon that has too many connections, ms.
 const RETRY_MS: u16 = 1;
-/// Mode bits: all users may create files in a directory, and only their owners may rename these.
-const ALL_WRITE: u32 = 0o002;
+/// Longest wait for the directories: a file system may not answer.
+const JUDGED_MAX: Duration = Duration::from_millis(200);
+/// Mode bits: users other than the owner may create files in a directory, and only their owners may rename these.
+const OTHERS_WRITE: u32 = 0o022;
 const STICKY: u32 = 0o1000;
 
 /// A daemon that runs in this network namespace.
@@ -40,7 +44,7 @@ pub struct RunningInstance {
     pub runtime: PathBuf,
     /// The daemon's process id; 0 when it lives in another process namespace, or its socket has too many callers.
     pub pid: u32,
-    /// The daemon's user.
+    /// The daemon's user; `u32::MAX` of an unknown process, whose socket has too many callers.
     pub uid: u32,
 }
 
@@ -48,19 +52,19 @@ pub struct RunningInstance {
 /// shell: an instance has a valid name, and directories with characters other than letters, digits and `/._+-` are omitted.
 #[must_use]
 pub fn running() -> Vec<RunningInstance> {
-    let instances = candidates().into_iter().filter_map(|candidate| match candidate.standing {
-        Standing::Trusted => Some(candidate.instance),
-        Standing::Unknown => candidate.seen_alive(&trusted_users()),
-        Standing::Foreign => None,
-    });
-    sorted(instances)
+    sorted(listening().into_iter().filter_map(|(_, verdict)| match verdict {
+        Verdict::Daemon(instance) => Some(instance),
+        Verdict::Foreign | Verdict::Late => None,
+    }))
 }
 
-/// Returns the processes of all other users that listen under names of daemons, sorted like [`running`]. They may be daemons.
+/// Returns all other processes that listen under names of daemons, sorted like [`running`]. They may be daemons.
 #[must_use]
 pub fn foreign() -> Vec<RunningInstance> {
-    let candidates = candidates().into_iter().filter(|candidate| candidate.standing == Standing::Foreign);
-    sorted(candidates.map(|candidate| candidate.instance))
+    sorted(listening().into_iter().filter_map(|(candidate, verdict)| match verdict {
+        Verdict::Daemon(_) => None,
+        Verdict::Foreign | Verdict::Late => Some(candidate.instance),
+    }))
 }
 
 /// The outcome of [`stop_all`].
@@ -70,39 +74,41 @@ pub struct AllStops {
     pub trusted: Vec<(RunningInstance, Result<(), StopError>)>,
     /// The other processes to which the request was sent. Their answers do not count.
     pub foreign: Vec<RunningInstance>,
+    /// The processes that did not get the request. They are no daemons of [`TrustedUsers`], unless the reason is
+    /// [`StopError::System`]: then that is unknown.
+    pub unreached: Vec<(RunningInstance, StopError)>,
 }
 
 /// Requests every process that listens for emergency stops to damp and stop its motors, and waits at most `timeout` for the
-/// confirmations. No request waits for an answer, a full queue or another process.
+/// confirmations, then at most 0.2 s for the directories. No request waits for an answer, a full queue, a directory or another process.
 #[must_use]
 pub fn stop_all(timeout: Duration) -> AllStops {
     let end = Instant::now() + timeout;
     let users = trusted_users();
-    let mut stops = AllStops { trusted: Vec::new(), foreign: Vec::new() };
-    let mut pending = Vec::new();
-    for mut candidate in candidates() {
-        candidate.request();
-        match candidate.standing {
-            Standing::Trusted => pending.push(candidate),
-            Standing::Foreign => stops.foreign.push(candidate.instance),
-            Standing::Unknown => {
-                if let Some(instance) = candidate.seen_alive(&users) {
-                    candidate.instance = instance;
-                    pending.push(candidate);
-                }
+    let mut candidates = candidates();
+    candidates.iter_mut().for_each(|candidate| candidate.request(&users));
+    candidates.retain(|candidate| !candidate.is_nobody());
+    while candidates.iter().any(|candidate| !candidate.is_over()) && Instant::now() < end {
+        await_answers(&candidates, end);
+        candidates.iter_mut().for_each(|candidate| candidate.turn(&users));
+    }
+    let mut stops = AllStops { trusted: Vec::new(), foreign: Vec::new(), unreached: Vec::new() };
+    for (candidate, verdict) in judged(candidates, &users) {
+        let unreached = candidate.outcome.and_then(Result::err).unwrap_or(candidate.obstacle);
+        match verdict {
+            Verdict::Daemon(instance) => {
+                stops.trusted.push((instance, candidate.outcome.unwrap_or(Err(candidate.obstacle))));
+            }
+            Verdict::Foreign if candidate.is_requested => stops.foreign.push(candidate.instance),
+            Verdict::Foreign => stops.unreached.push((candidate.instance, unreached)),
+            Verdict::Late => {
+                stops.unreached.push((candidate.instance, StopError::System(Errno::ETIMEDOUT)));
             }
         }
     }
-    while pending.iter().any(|candidate| candidate.outcome.is_none()) && Instant::now() < end {
-        await_answers(&pending, end);
-        pending.iter_mut().for_each(Candidate::turn);
-    }
     stops.foreign = sorted(stops.foreign);
-    stops.trusted = pending
-        .into_iter()
-        .map(|candidate| (candidate.instance, candidate.outcome.unwrap_or(Err(StopError::NoReply))))
-        .collect();
     stops.trusted.sort_by(|first, second| first.0.cmp(&second.0));
+    stops.unreached.sort_by(|first, second| first.0.cmp(&second.0));
     stops
 }
 
@@ -119,12 +125,13 @@ fn trusted_users() -> TrustedUsers {
     here.iter().fold(TrustedUsers::find(), TrustedUsers::and_of)
 }
 
-/// How far the process at a stop socket is trusted.
+/// Whose process listens at a stop socket.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Standing {
+    /// That of a trusted user. Its directory decides whether it counts.
     Trusted,
     Foreign,
-    /// Its queue of connections is full, which any user can bring about.
+    /// No connection was possible: its queue is full, which any user can bring about, or this process lacks a descriptor.
     Unknown,
 }
 
@@ -135,73 +142,73 @@ struct Candidate {
     /// The name of the socket.
     name: Vec<u8>,
     standing: Standing,
-    /// Not connected while its queue is full.
+    /// Open only while an answer that counts may arrive: foreign names may be more than this process has descriptors.
     socket: Option<OwnedFd>,
     is_requested: bool,
     /// `None` while a confirmation may still arrive.
     outcome: Option<Result<(), StopError>>,
+    /// Why there is no outcome.
+    obstacle: StopError,
 }
 
 impl Candidate {
-    /// Connects to the process behind a name of the table. `None` without one.
-    fn connect(Name { name, instance, runtime }: Name, users: &TrustedUsers) -> Option<Self> {
-        let (socket, peer) = match contact(&name) {
-            Ok((socket, peer)) => (Some(socket), Some(peer)),
-            Err(Errno::EAGAIN) => (None, None),
-            Err(_) => return None,
-        };
-        let standing = match peer {
-            Some(peer) if users.contains(peer.uid()) && is_trusted_directory(&runtime, users) => {
-                Standing::Trusted
+    fn new(Name { name, instance, runtime }: Name) -> Self {
+        let instance = RunningInstance { name: instance, runtime, pid: 0, uid: u32::MAX };
+        let (standing, obstacle) = (Standing::Unknown, StopError::NoReply);
+        Self { instance, name, standing, socket: None, is_requested: false, outcome: None, obstacle }
+    }
+
+    /// Connects, and finds out whose process that is. Does not block.
+    fn meet(&mut self, users: &TrustedUsers) -> Option<OwnedFd> {
+        match contact(&self.name) {
+            Ok((socket, peer)) => {
+                // The name may have changed hands meanwhile.
+                if self.standing == Standing::Trusted && self.instance.uid != peer.uid() {
+                    self.outcome = Some(Err(StopError::NotRunning));
+                    return Some(socket);
+                }
+                let is_trusted = users.contains(peer.uid());
+                self.standing = if is_trusted { Standing::Trusted } else { Standing::Foreign };
+                (self.instance.pid, self.instance.uid) = (peer.pid().cast_unsigned(), peer.uid());
+                self.obstacle = StopError::NoReply;
+                return Some(socket);
             }
-            Some(_) => Standing::Foreign,
-            None => Standing::Unknown,
-        };
-        let (pid, uid) = peer.map_or((0, u32::MAX), |peer| (peer.pid().cast_unsigned(), peer.uid()));
-        let instance = RunningInstance { name: instance, runtime, pid, uid };
-        Some(Self { instance, name, standing, socket, is_requested: false, outcome: None })
-    }
-
-    /// Returns the instance of a process that shows no credentials, if a daemon of a trusted user holds the lock of the instance.
-    fn seen_alive(&self, users: &TrustedUsers) -> Option<RunningInstance> {
-        let RunningInstance { name, runtime, .. } = &self.instance;
-        if !is_trusted_directory(runtime, users) {
-            return None;
+            Err(Errno::ECONNREFUSED) => self.outcome = Some(Err(StopError::NotRunning)),
+            Err(Errno::EAGAIN | Errno::EINTR) => self.obstacle = StopError::NoReply,
+            Err(errno) => self.obstacle = StopError::System(errno),
         }
-        let instance = Instance::below(runtime, name).ok()?;
-        let uid =
-            lstat(&instance.lock_path()).ok().map(|lock| lock.st_uid).filter(|uid| users.contains(*uid))?;
-        (!liveness::is_dead(&instance)).then(|| RunningInstance { uid, ..self.instance.clone() })
+        None
     }
 
-    /// Sends the request, once. Does not block.
-    fn request(&mut self) {
-        let Some(socket) = self.socket.as_ref().filter(|_| !self.is_requested) else { return };
+    /// Connects and sends the request. Keeps the connection if an answer may count. Does not block.
+    fn request(&mut self, users: &TrustedUsers) {
+        let Some(socket) = self.meet(users) else { return };
         let flags = MsgFlags::MSG_NOSIGNAL | MsgFlags::MSG_DONTWAIT;
-        self.is_requested = send(socket.as_raw_fd(), REQUEST, flags).is_ok();
-        if !self.is_requested {
-            // A daemon with too many callers drops the first ones without a request.
-            self.socket = None;
-        }
+        // A daemon with too many callers drops the first ones without a request.
+        let is_sent = send(socket.as_raw_fd(), REQUEST, flags).is_ok();
+        self.is_requested |= is_sent;
+        let may_count = is_sent && self.standing == Standing::Trusted && self.outcome.is_none();
+        self.socket = may_count.then_some(socket);
     }
 
-    /// Connects again to a daemon that had too many callers, and takes its answer. Does not block.
-    fn turn(&mut self) {
-        if self.outcome.is_some() {
+    /// Returns true if nobody listened from the beginning.
+    fn is_nobody(&self) -> bool {
+        self.standing == Standing::Unknown && self.outcome.is_some()
+    }
+
+    /// Returns true if there is no more to send or receive.
+    fn is_over(&self) -> bool {
+        self.outcome.is_some() || (self.standing == Standing::Foreign && self.is_requested)
+    }
+
+    /// Asks again a daemon that had too many callers, and takes its answer. Does not block.
+    fn turn(&mut self, users: &TrustedUsers) {
+        if self.is_over() {
             return;
         }
         if self.socket.is_none() {
-            match contact(&self.name) {
-                // The name may have changed hands meanwhile.
-                Ok((_, peer)) if peer.uid() != self.instance.uid => {
-                    self.outcome = Some(Err(StopError::NotRunning));
-                }
-                Ok((socket, _)) => (self.socket, self.is_requested) = (Some(socket), false),
-                Err(Errno::EAGAIN) => {}
-                Err(_) => self.outcome = Some(Err(StopError::NotRunning)),
-            }
+            self.request(users);
         }
-        self.request();
         let Some(socket) = &self.socket else { return };
         let mut reply = [0; MESSAGE_BYTES_MAX];
         match recv(socket.as_raw_fd(), &mut reply, MsgFlags::MSG_DONTWAIT) {
@@ -210,15 +217,98 @@ impl Candidate {
             Ok(length) if reply[..length] == *NOT_PERMITTED => {
                 self.outcome = Some(Err(StopError::NotPermitted));
             }
-            Err(Errno::EAGAIN | Errno::EINTR) => {}
-            Ok(_) | Err(_) => self.socket = None,
+            Err(Errno::EAGAIN | Errno::EINTR) => return,
+            Ok(_) | Err(_) => {}
         }
+        self.socket = None;
     }
 }
 
+/// The decision about a candidate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Verdict {
+    /// The daemon of a trusted user.
+    Daemon(RunningInstance),
+    Foreign,
+    /// A file system did not answer in time.
+    Late,
+}
+
+/// A candidate whose directory is to be looked at.
+#[derive(Debug, Clone)]
+struct Case {
+    /// Its place among the candidates.
+    index: usize,
+    instance: RunningInstance,
+    standing: Standing,
+}
+
+impl Case {
+    fn judge(self, users: &TrustedUsers) -> Verdict {
+        let daemon = match is_trusted_directory(&self.instance.runtime, users) {
+            true if self.standing == Standing::Trusted => Some(self.instance),
+            true => self.seen_alive(users),
+            false => None,
+        };
+        daemon.map_or(Verdict::Foreign, Verdict::Daemon)
+    }
+
+    /// Returns the instance of a process that shows no credentials, if a daemon of a trusted user holds the lock of the instance, or
+    /// just died without stopping its motors.
+    fn seen_alive(&self, users: &TrustedUsers) -> Option<RunningInstance> {
+        let instance = Instance::below(&self.instance.runtime, &self.instance.name).ok()?;
+        let lock = lstat(&instance.lock_path()).ok()?;
+        let is_daemon =
+            users.contains(lock.st_uid) && (!liveness::is_dead(&instance) || instance.died().is_some());
+        is_daemon.then(|| RunningInstance { uid: lock.st_uid, ..self.instance.clone() })
+    }
+}
+
+/// Closes all connections, and decides about each candidate. Waits at most [`JUDGED_MAX`]: any user may name a directory whose file
+/// system does not answer. Processes of trusted users come first.
+fn judged(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidate, Verdict)> {
+    candidates.iter_mut().for_each(|candidate| candidate.socket = None);
+    let mut verdicts = vec![Verdict::Foreign; candidates.len()];
+    let mut cases = Vec::new();
+    for (index, Candidate { instance, standing, .. }) in candidates.iter().enumerate() {
+        if *standing != Standing::Foreign {
+            verdicts[index] = Verdict::Late;
+            cases.push(Case { index, instance: instance.clone(), standing: *standing });
+        }
+    }
+    cases.sort_by_key(|case| case.standing != Standing::Trusted);
+    let (end, left, users) = (Instant::now() + JUDGED_MAX, cases.len(), users.clone());
+    let (sender, verdict_of) = channel();
+    let judge = move || {
+        for case in cases {
+            let _given_up = sender.send((case.index, case.judge(&users)));
+        }
+    };
+    if left > 0 && std::thread::Builder::new().spawn(judge.clone()).is_err() {
+        judge();
+    }
+    for _ in 0..left {
+        let Ok((index, verdict)) = verdict_of.recv_timeout(end.saturating_duration_since(Instant::now()))
+        else {
+            break;
+        };
+        verdicts[index] = verdict;
+    }
+    candidates.into_iter().zip(verdicts).collect()
+}
+
+/// Returns the processes that listen under names of daemons. Sends no request.
+fn listening() -> Vec<(Candidate, Verdict)> {
+    let users = trusted_users();
+    let mut candidates = candidates();
+    candidates.iter_mut().for_each(|candidate| drop(candidate.meet(&users)));
+    candidates.retain(|candidate| !candidate.is_nobody());
+    judged(candidates, &users)
+}
+
 /// Waits for an answer until `end`, or for the next attempt to connect.
-fn await_answers(pending: &[Candidate], end: Instant) {
-    let open = || pending.iter().filter(|candidate| candidate.outcome.is_none());
+fn await_answers(candidates: &[Candidate], end: Instant) {
+    let open = || candidates.iter().filter(|candidate| !candidate.is_over());
     let sockets = open().filter_map(|candidate| candidate.socket.as_ref());
     let mut polled: Vec<_> = sockets.map(|socket| PollFd::new(socket.as_fd(), PollFlags::POLLIN)).collect();
     let left = match open().all(|candidate| candidate.socket.is_some()) {
@@ -236,9 +326,8 @@ struct Name {
     runtime: PathBuf,
 }
 
-/// Connects to every process that listens under the name of a daemon, the likely ones first.
+/// Returns every listening socket with the name of a daemon, the likely ones first. Connects to none.
 fn candidates() -> Vec<Candidate> {
-    let users = trusted_users();
     let likely = Instance::find("robot").map_or_else(
         |_| instance::SERVICE_RUNTIME.into(),
         |here| fs::canonicalize(here.runtime()).unwrap_or_else(|_| here.runtime().to_owned()),
@@ -247,7 +336,7 @@ fn candidates() -> Vec<Candidate> {
     let mut names: Vec<_> = table.split(|byte| *byte == b'\n').filter_map(name_in).collect();
     names.sort_by_cached_key(|name| (name.runtime != likely, name.name.clone()));
     names.dedup();
-    names.into_iter().filter_map(|name| Candidate::connect(name, &users)).collect()
+    names.into_iter().map(Candidate::new).collect()
 }
 
 /// Returns the name in a line of `/proc/net/unix`, if the line shows a listening socket with that of a daemon.
@@ -277,22 +366,36 @@ fn contact(name: &[u8]) -> Result<(OwnedFd, UnixCredentials), Errno> {
 }
 
 /// Returns true if only trusted users decide which directory is at `path`, and it belongs to one of them. A daemon names its
-/// directory without links. Opens nothing but the name.
+/// directory without links. Walks down from the root, and looks at nothing below a directory of another user, or one whose entries
+/// another user may replace. Opens only names.
 fn is_trusted_directory(path: &Path, users: &TrustedUsers) -> bool {
-    let is_plain = path.is_absolute()
-        && path.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)));
-    let flags = OFlag::O_PATH | OFlag::O_NOFOLLOW | OFlag::O_DIRECTORY | OFlag::O_CLOEXEC;
-    let opened = || openat(AT_FDCWD, path, flags, Mode::empty()).and_then(|found| fstat(&found));
+    let mut parts = path.components();
+    let is_plain = |part: Component<'_>| matches!(part, Component::Normal(_));
+    if parts.next() != Some(Component::RootDir) || !parts.clone().all(is_plain) {
+        return false;
+    }
+    let flags = OFlag::O_PATH | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC;
+    let Ok(mut reached) = openat(AT_FDCWD, "/", flags, Mode::empty()) else { return false };
     // In a namespace of users, root of the computer may have another number.
-    let root = lstat("/").map(|root| root.st_uid);
+    let root = fstat(&reached).map(|root| root.st_uid);
     let is_fixed = |above: FileStat| {
+        let is_replaced_by_others = above.st_mode & OTHERS_WRITE != 0 && above.st_mode & STICKY == 0;
         let is_directory = above.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFDIR.bits();
-        let is_renamed_by_all = above.st_mode & ALL_WRITE != 0 && above.st_mode & STICKY == 0;
-        is_directory && !is_renamed_by_all && (users.contains(above.st_uid) || root == Ok(above.st_uid))
+        is_directory && !is_replaced_by_others && (users.contains(above.st_uid) || root == Ok(above.st_uid))
     };
-    is_plain
-        && opened().is_ok_and(|found| users.contains(found.st_uid))
-        && path.ancestors().skip(1).all(|above| lstat(above).is_ok_and(is_fixed))
+    for part in parts {
+        if !fstat(&reached).is_ok_and(is_fixed) {
+            return false;
+        }
+        match openat(&reached, part.as_os_str(), flags, Mode::empty()) {
+            Ok(below) => reached = below,
+            Err(_) => return false,
+        }
+    }
+    // Its group may write to the runtime directory itself.
+    fstat(&reached).is_ok_and(|found| {
+        found.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFDIR.bits() && users.contains(found.st_uid)
+    })
 }
 
 #[cfg(test)]
@@ -321,21 +424,39 @@ mod tests {
         assert_eq!((found.name.as_str(), found.pid), ("robot", std::process::id()));
     }
 
+    /// Returns connections that fill the queue of an instance.
+    fn filling(instance: &Instance) -> Vec<OwnedFd> {
+        let name = address(instance).unwrap();
+        let call = || {
+            let socket = open(SockFlag::SOCK_NONBLOCK)?;
+            connect(socket.as_raw_fd(), &name).map(|()| socket)
+        };
+        std::iter::from_fn(|| call().ok()).collect()
+    }
+
     /// Another user could put another directory there, after the check.
     #[test]
     fn directory_that_others_may_replace_is_foreign() {
         let directory = tempfile::tempdir().unwrap();
         let (open, link) = (directory.path().join("open"), directory.path().join("link"));
         fs::create_dir_all(open.join("robot")).unwrap();
+        let set_mode = |path: &Path, mode| fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
+        set_mode(&open, 0o755);
         symlink(&open, &link).unwrap();
         let is_trusted = |path: &Path| is_trusted_directory(path, &TrustedUsers::find());
         assert!(is_trusted(&open.join("robot")));
         assert!(!is_trusted(&link) && !is_trusted(&link.join("robot")), "a link");
         assert!(!is_trusted(&open.join("../open")) && !is_trusted(Path::new("open")));
-        fs::set_permissions(&open, Permissions::from_mode(0o777)).unwrap();
-        assert!(!is_trusted(&open.join("robot")), "all users may rename it");
-        fs::set_permissions(&open, Permissions::from_mode(0o1777)).unwrap();
-        assert!(is_trusted(&open.join("robot")));
+        for (mode, who) in [(0o777, "all users"), (0o770, "its group")] {
+            set_mode(&open, mode);
+            assert!(!is_trusted(&open.join("robot")), "{who} may rename it");
+            set_mode(&open, 0o1000 | mode);
+            assert!(is_trusted(&open.join("robot")), "{who} may not rename it");
+        }
+        set_mode(&open, 0o2770);
+        assert!(is_trusted(&open), "members may write to the runtime directory");
+        fs::write(open.join("file"), "").unwrap();
+        assert!(!is_trusted(&open.join("file")) && !is_trusted(&open.join("missing")));
     }
 
     /// Variable for a test in a network namespace of its own.
@@ -369,16 +490,7 @@ mod tests {
             directories.iter().map(|directory| Instance::below(directory.path(), "robot").unwrap()).collect();
         let _lock = instances[2].lock().unwrap();
         let sockets: Vec<_> = instances.iter().map(|instance| listening(instance, 1)).collect();
-        let callers: Vec<_> = [2, 3]
-            .map(|full| {
-                let name = address(&instances[full]).unwrap();
-                let fill = || {
-                    open(SockFlag::SOCK_NONBLOCK)
-                        .and_then(|socket| connect(socket.as_raw_fd(), &name).map(|()| socket))
-                };
-                std::iter::from_fn(|| fill().ok()).collect::<Vec<_>>()
-            })
-            .into();
+        let callers = [2, 3].map(|full| filling(&instances[full]));
         let answers = std::thread::spawn(move || {
             let takes_request = |socket: &OwnedFd| {
                 let caller = accept(socket.as_raw_fd()).unwrap();
@@ -406,6 +518,10 @@ mod tests {
             [0, 1, 2, 3].map(outcome),
             [Some(Ok(())), Some(Err(StopError::NoReply)), Some(Ok(())), None]
         );
+        let unreached: Vec<_> =
+            stops.unreached.iter().map(|(found, error)| (found.runtime.as_path(), *error)).collect();
+        assert_eq!(unreached, [(instances[3].runtime(), StopError::NoReply)], "a full queue is not hidden");
+        assert!(foreign().iter().any(|found| found.runtime == instances[3].runtime()));
         drop(answers.join().unwrap());
     }
 }
