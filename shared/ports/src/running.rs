@@ -33,6 +33,7 @@ const RETRY_MS: u16 = 1;
 const JUDGED_MAX: Duration = Duration::from_millis(200);
 /// Mode bits: users other than the owner may create files in a directory, and only their owners may rename these.
 const OTHERS_WRITE: u32 = 0o022;
+const GROUP_WRITES: u32 = 0o020;
 const STICKY: u32 = 0o1000;
 
 /// A daemon that runs in this network namespace.
@@ -379,7 +380,10 @@ fn is_trusted_directory(path: &Path, users: &TrustedUsers) -> bool {
     // In a namespace of users, root of the computer may have another number.
     let root = fstat(&reached).map(|root| root.st_uid);
     let is_fixed = |above: FileStat| {
-        let is_replaced_by_others = above.st_mode & OTHERS_WRITE != 0 && above.st_mode & STICKY == 0;
+        // A group with the number of its user is that user's own, by Debian's convention: umask 002 is usual there.
+        let is_private_group = above.st_gid == above.st_uid;
+        let others_write = if is_private_group { OTHERS_WRITE & !GROUP_WRITES } else { OTHERS_WRITE };
+        let is_replaced_by_others = above.st_mode & others_write != 0 && above.st_mode & STICKY == 0;
         let is_directory = above.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFDIR.bits();
         is_directory && !is_replaced_by_others && (users.contains(above.st_uid) || root == Ok(above.st_uid))
     };
@@ -404,7 +408,7 @@ mod tests {
     use crate::stop_socket::address;
     use nix::sys::socket::{Backlog, accept, bind, listen};
     use std::fs::Permissions;
-    use std::os::unix::fs::{PermissionsExt, symlink};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
     fn listening(instance: &Instance, backlog: i32) -> OwnedFd {
         let socket = open(SockFlag::empty()).unwrap();
@@ -447,11 +451,20 @@ mod tests {
         assert!(is_trusted(&open.join("robot")));
         assert!(!is_trusted(&link) && !is_trusted(&link.join("robot")), "a link");
         assert!(!is_trusted(&open.join("../open")) && !is_trusted(Path::new("open")));
+        // Only root may give it to another group than that of the user.
+        let _owned = std::os::unix::fs::chown(&open, None, Some(1));
+        let owner = fs::metadata(&open).unwrap();
+        let is_private_group = owner.uid() == owner.gid();
         for (mode, who) in [(0o777, "all users"), (0o770, "its group")] {
             set_mode(&open, mode);
-            assert!(!is_trusted(&open.join("robot")), "{who} may rename it");
+            let is_private = is_private_group && mode == 0o770;
+            assert_eq!(is_trusted(&open.join("robot")), is_private, "{who} may rename it");
             set_mode(&open, 0o1000 | mode);
             assert!(is_trusted(&open.join("robot")), "{who} may not rename it");
+        }
+        if std::os::unix::fs::chown(&open, None, Some(owner.uid())).is_ok() {
+            set_mode(&open, 0o770);
+            assert!(is_trusted(&open.join("robot")), "the group of its user may rename it");
         }
         set_mode(&open, 0o2770);
         assert!(is_trusted(&open), "members may write to the runtime directory");
