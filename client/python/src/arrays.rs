@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::PyTypeInfo;
 use pyo3::exceptions::{PyKeyError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyString};
+use pyo3::types::{PyDict, PyFrozenSet, PyList, PySet, PyString};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -110,8 +110,11 @@ fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<
 /// Reads the numbers of a sequence, at most one more than `count`. Returns them and their number in the sequence.
 fn listed(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<(Vec<f64>, usize)> {
     let py = value.py();
-    // A set has no order, and a mapping has names: neither is a list of values.
-    if !value.hasattr("__getitem__")? || value.hasattr("keys")? {
+    // A set has no order, and a dict has names: neither is a list of values.
+    if value.is_instance_of::<PySet>()
+        || value.is_instance_of::<PyFrozenSet>()
+        || value.is_instance_of::<PyDict>()
+    {
         return Err(no_array(name, value, count));
     }
     let Some(length) = without::<PyTypeError, _>(py, value.len())? else {
