@@ -3,7 +3,7 @@
 use crate::advice::motorctl;
 use crate::confirmation;
 use crate::failure::Failure;
-use crate::instances::{foreign, line, place};
+use crate::instances::{foreign, line, listener_of};
 use crate::report::FirstStopReport;
 use crate::say::say;
 use crate::status::{self, PATIENCE};
@@ -60,7 +60,7 @@ fn stop_all() -> Result<(), Failure> {
     for (other, error) in unreached {
         match error {
             // It may be a daemon of this user: nothing is known.
-            StopError::System(_) => unconfirmed.push(format!("{}: {error}", place(&other))),
+            StopError::System(_) => unconfirmed.push(format!("{}: {error}", listener_of(&other))),
             _ => full.push(other),
         }
     }

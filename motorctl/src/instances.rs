@@ -101,7 +101,7 @@ pub(crate) fn foreign(verb: &str, reached: &[RunningInstance], unreached: &[Runn
     let of = |other: &RunningInstance, is_reached: bool| {
         let how = if ends { format!(": {}", remedy(other)) } else { String::new() };
         let not = if is_reached { "" } else { ", NOT REACHED: it takes no connection" };
-        format!("\n  {}{not}{how}", place(other))
+        format!("\n  {}{not}{how}", listener_of(other))
     };
     let unreached = unreached.iter().map(|other| of(other, false));
     let all = unreached.chain(reached.iter().map(|other| of(other, true)));
@@ -118,7 +118,7 @@ pub(crate) fn foreign(verb: &str, reached: &[RunningInstance], unreached: &[Runn
 }
 
 /// Returns who listens under the name of a daemon, and which directory it names.
-pub(crate) fn place(other: &RunningInstance) -> String {
+pub(crate) fn listener_of(other: &RunningInstance) -> String {
     let RunningInstance { name, runtime, pid, uid } = other;
     let process = if *pid == 0 { "a process".to_owned() } else { format!("process {pid}") };
     let of = format!("{process} of user {}, instance {name} in {}", user(*uid), runtime.display());

@@ -35,7 +35,7 @@ pub struct OtherSender {
 
 /// How the daemon ended to listen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Heard {
+pub enum Listened {
     /// The daemon may send.
     Silence,
     /// The daemon was asked to end.
@@ -76,7 +76,7 @@ pub fn listen(
     buses: &mut [Box<dyn Bus>],
     clock: &mut dyn Clock,
     is_ended: impl FnMut() -> bool,
-) -> Result<Heard, OtherSender> {
+) -> Result<Listened, OtherSender> {
     let is_can = |index: &usize| matches!(settings.buses[*index].kind, BusKind::SocketCan { .. });
     let monitors = buses.iter_mut().enumerate().filter(|(index, _)| is_can(index));
     let monitors = monitors.map(|(index, bus)| Monitor::new(settings, index, bus.as_mut()));
@@ -88,16 +88,16 @@ fn await_silence(
     settings: &Settings,
     clock: &mut dyn Clock,
     mut is_ended: impl FnMut() -> bool,
-) -> Result<Heard, OtherSender> {
+) -> Result<Listened, OtherSender> {
     if monitors.is_empty() {
-        return Ok(Heard::Silence);
+        return Ok(Listened::Silence);
     }
     let begin = clock.now();
     let end = begin + settings.safety.damp + PATIENCE;
     loop {
         listen_for_window(monitors, clock);
         if is_ended() {
-            return Ok(Heard::Interruption);
+            return Ok(Listened::Interruption);
         }
         let now = clock.now();
         let is_over = now >= end;
@@ -108,7 +108,7 @@ fn await_silence(
         }
         let is_used = monitors.iter().any(Monitor::is_used);
         if is_over || now >= begin + WINDOW * WINDOWS as u32 && !is_used {
-            return Ok(Heard::Silence);
+            return Ok(Listened::Silence);
         }
     }
 }
@@ -253,7 +253,7 @@ mod tests {
     }
 
     /// The outcome for a bus with these frames, and the time until then.
-    fn outcome_of(frames: Vec<(Instant, Frame)>) -> (Result<Heard, OtherSender>, Duration) {
+    fn outcome_of(frames: Vec<(Instant, Frame)>) -> (Result<Listened, OtherSender>, Duration) {
         outcome_with(&settings(), frames, u32::MAX)
     }
 
@@ -262,7 +262,7 @@ mod tests {
         settings: &Settings,
         frames: Vec<(Instant, Frame)>,
         mut windows: u32,
-    ) -> (Result<Heard, OtherSender>, Duration) {
+    ) -> (Result<Listened, OtherSender>, Duration) {
         let mut clock = VirtualClock::new(START);
         let is_ended = || {
             windows -= 1;
@@ -305,7 +305,7 @@ mod tests {
         let switch =
             [every(5 * MILLI, 10 * MILLI, 200, damp[0]), every(2005 * MILLI, 10 * MILLI, 3, stop[0])];
         let (outcome, after) = outcome_of([queue, switch.concat()].concat());
-        assert_eq!(outcome, Ok(Heard::Silence));
+        assert_eq!(outcome, Ok(Listened::Silence));
         assert!((2000 * MILLI..2500 * MILLI).contains(&after), "{after:?}");
     }
 
@@ -314,7 +314,7 @@ mod tests {
     fn frames_that_command_no_motor_delay_nothing() {
         for (id, period) in [(0x101, MILLI), (2, MILLI), (1, 100 * MILLI)] {
             let (outcome, after) = outcome_of(every(Duration::ZERO, period, 1000, command(id, [0; 8])));
-            assert_eq!((outcome, after), (Ok(Heard::Silence), 300 * MILLI), "{id:#x}");
+            assert_eq!((outcome, after), (Ok(Listened::Silence), 300 * MILLI), "{id:#x}");
         }
     }
 
@@ -324,7 +324,7 @@ mod tests {
         let mut settings = settings();
         settings.motors[0].excluded = true;
         let frames = every(Duration::ZERO, MILLI, 1000, command(1, COMMAND));
-        assert_eq!(outcome_with(&settings, frames, u32::MAX), (Ok(Heard::Silence), 300 * MILLI));
+        assert_eq!(outcome_with(&settings, frames, u32::MAX), (Ok(Listened::Silence), 300 * MILLI));
     }
 
     const TOLERANT: &str = "[safety]\nstop-on-foreign-master = false\n";
@@ -335,7 +335,7 @@ mod tests {
         for (frame, expected) in [(command(1, COMMAND), 300 * MILLI), (stop, 3000 * MILLI)] {
             let frames = every(Duration::ZERO, MILLI, 10_000, frame);
             let outcome = outcome_with(&settings_with(TOLERANT), frames, u32::MAX);
-            assert_eq!(outcome, (Ok(Heard::Silence), expected), "{frame}");
+            assert_eq!(outcome, (Ok(Listened::Silence), expected), "{frame}");
         }
     }
 
@@ -347,7 +347,7 @@ mod tests {
         let mut frames = [chatter, every(5 * MILLI, 10 * MILLI, 200, damp)].concat();
         frames.sort_by_key(|(at, _)| *at);
         let (outcome, after) = outcome_with(&settings_with(TOLERANT), frames, u32::MAX);
-        assert_eq!(outcome, Ok(Heard::Silence));
+        assert_eq!(outcome, Ok(Listened::Silence));
         assert!((2000 * MILLI..2500 * MILLI).contains(&after), "{after:?}");
     }
 
@@ -356,7 +356,7 @@ mod tests {
         let damp = BusFrames::of(&settings(), 0).damp[0];
         for frame in [damp, command(1, COMMAND)] {
             let frames = every(Duration::ZERO, MILLI, 10_000, frame);
-            assert_eq!(outcome_with(&settings(), frames, 2), (Ok(Heard::Interruption), 200 * MILLI));
+            assert_eq!(outcome_with(&settings(), frames, 2), (Ok(Listened::Interruption), 200 * MILLI));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::arming;
-use crate::buses::other_senders::{self, Heard};
+use crate::buses::other_senders::{self, Listened};
 use crate::buses::{self, BusError, Buses};
 use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
@@ -71,7 +71,8 @@ fn drive(
     deep_sleep.log("main");
 
     let is_ended = || signals.pending().any(|origin| heed_unstarted(&origin));
-    if other_senders::listen(&settings, &mut buses.buses, &mut Monotonic, is_ended)? == Heard::Interruption {
+    if other_senders::listen(&settings, &mut buses.buses, &mut Monotonic, is_ended)? == Listened::Interruption
+    {
         return Ok(());
     }
     (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;

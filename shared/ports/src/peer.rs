@@ -61,7 +61,7 @@ impl TrustedUsers {
     }
 
     /// Adds the owner of the runtime directory of `instance`, which this process was told to use. A directory that must belong to
-    /// this user adds nobody: another user may create it at any time.
+    /// this user adds no user: another one may create it at any time.
     #[must_use]
     pub fn and_of(mut self, instance: &Instance) -> Self {
         if !instance.is_private() {

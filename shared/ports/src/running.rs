@@ -30,7 +30,7 @@ const LISTENING: &[u8] = b"00010000";
 /// Pause between two attempts to reach a daemon that has too many connections, ms.
 const RETRY_MS: u16 = 1;
 /// Longest wait for the directories: a file system may not answer.
-const JUDGED_MAX: Duration = Duration::from_millis(200);
+const CHECK_MAX: Duration = Duration::from_millis(200);
 /// Mode bits: users other than the owner may create files in a directory, and only their owners may rename these.
 const OTHERS_WRITE: u32 = 0o022;
 const GROUP_WRITES: u32 = 0o020;
@@ -88,13 +88,13 @@ pub fn stop_all(timeout: Duration) -> AllStops {
     let users = trusted_users();
     let mut candidates = candidates();
     candidates.iter_mut().for_each(|candidate| candidate.request(&users));
-    candidates.retain(|candidate| !candidate.is_nobody());
+    candidates.retain(|candidate| !candidate.is_unbound());
     while candidates.iter().any(|candidate| !candidate.is_over()) && Instant::now() < end {
         await_answers(&candidates, end);
         candidates.iter_mut().for_each(|candidate| candidate.turn(&users));
     }
     let mut stops = AllStops { trusted: Vec::new(), foreign: Vec::new(), unreached: Vec::new() };
-    for (candidate, verdict) in judged(candidates, &users) {
+    for (candidate, verdict) in check_directories(candidates, &users) {
         let unreached = candidate.outcome.and_then(Result::err).unwrap_or(candidate.obstacle);
         match verdict {
             Verdict::Daemon(instance) => {
@@ -192,8 +192,8 @@ impl Candidate {
         self.socket = may_count.then_some(socket);
     }
 
-    /// Returns true if nobody listened from the beginning.
-    fn is_nobody(&self) -> bool {
+    /// Returns true if no process listened under the name at the first attempt.
+    fn is_unbound(&self) -> bool {
         self.standing == Standing::Unknown && self.outcome.is_some()
     }
 
@@ -238,7 +238,7 @@ enum Verdict {
 /// A candidate whose directory is to be looked at.
 #[derive(Debug, Clone)]
 struct Case {
-    /// Its place among the candidates.
+    /// Its index among the candidates.
     index: usize,
     instance: RunningInstance,
     standing: Standing,
@@ -265,9 +265,9 @@ impl Case {
     }
 }
 
-/// Closes all connections, and decides about each candidate. Waits at most [`JUDGED_MAX`]: any user may name a directory whose file
+/// Closes all connections, and decides about each candidate. Waits at most [`CHECK_MAX`]: any user may name a directory whose file
 /// system does not answer. Processes of trusted users come first.
-fn judged(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidate, Verdict)> {
+fn check_directories(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidate, Verdict)> {
     candidates.iter_mut().for_each(|candidate| candidate.socket = None);
     let mut verdicts = vec![Verdict::Foreign; candidates.len()];
     let mut cases = Vec::new();
@@ -278,7 +278,7 @@ fn judged(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidat
         }
     }
     cases.sort_by_key(|case| case.standing != Standing::Trusted);
-    let (end, left, users) = (Instant::now() + JUDGED_MAX, cases.len(), users.clone());
+    let (end, left, users) = (Instant::now() + CHECK_MAX, cases.len(), users.clone());
     let (sender, verdict_of) = channel();
     let judge = move || {
         for case in cases {
@@ -303,8 +303,8 @@ fn listening() -> Vec<(Candidate, Verdict)> {
     let users = trusted_users();
     let mut candidates = candidates();
     candidates.iter_mut().for_each(|candidate| drop(candidate.meet(&users)));
-    candidates.retain(|candidate| !candidate.is_nobody());
-    judged(candidates, &users)
+    candidates.retain(|candidate| !candidate.is_unbound());
+    check_directories(candidates, &users)
 }
 
 /// Waits for an answer until `end`, or for the next attempt to connect.
