@@ -133,7 +133,8 @@
 //!
 //! A [`Client`], [`Claim`], [`ImuPublisher`] and [`Records`] belong to the process that created them.
 //! In a forked process each call that needs the daemon returns [`Error::Forked`], and dropping them
-//! does nothing: the parent keeps its claim. The child may connect anew. States, names and limits
+//! does nothing: the parent keeps its claim. The child may connect anew: a fork waits until no thread
+//! connects or disconnects. States, names and limits
 //! are plain values and stay readable. [`Client::emergency_stop`] and
 //! [`Client::emergency_stop_signal_safe`] stop the robot from a forked process too.
 //!

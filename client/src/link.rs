@@ -119,11 +119,12 @@ impl Connection {
     ) -> Result<Self, Error> {
         let attachment = instance.attach().map_err(Error::of_instance)?;
         let attachment = attachment.ok_or_else(|| Error::not_running(&instance))?;
-        let ports = open(attachment).map_err(|error| Error::of_service(error, &instance))?;
+        let ports =
+            ForkGuard::open(|| open(attachment)).map_err(|error| Error::of_service(error, &instance))?;
         let stop_path = StopPath::of(&instance).map_err(StopError::System);
         let link = Self {
             instance,
-            ports: ForkGuard::new(ports),
+            ports,
             stop_path,
             events: OnceLock::new(),
             view: Mutex::default(),
@@ -466,8 +467,8 @@ impl Connection {
     }
 
     pub(crate) fn record_port(&self) -> Result<ForkGuard<RecordPort>, Error> {
-        let port = self.ports.get()?.record_port();
-        port.map(ForkGuard::new).map_err(|error| match error.obstacle {
+        let ports = self.ports.get()?;
+        ForkGuard::open(|| ports.record_port()).map_err(|error| match error.obstacle {
             // The daemon's version lacks this service.
             Obstacle::Missing if !self.is_dead() => Error::version(error.part, &self.instance),
             _ => Error::of_service(error, &self.instance),
@@ -475,13 +476,13 @@ impl Connection {
     }
 
     pub(crate) fn imu_sender(&self) -> Result<ForkGuard<ImuSender>, Error> {
-        let port = self.ports.get()?.imu_sender();
-        port.map(ForkGuard::new).map_err(|error| Error::of_service(error, &self.instance))
+        let ports = self.ports.get()?;
+        ForkGuard::open(|| ports.imu_sender()).map_err(|error| Error::of_service(error, &self.instance))
     }
 
     pub(crate) fn setpoint_port(&self) -> Result<ForkGuard<SetpointPort>, Error> {
-        let port = self.ports.get()?.setpoint_port();
-        port.map(ForkGuard::new).map_err(|error| Error::of_service(error, &self.instance))
+        let ports = self.ports.get()?;
+        ForkGuard::open(|| ports.setpoint_port()).map_err(|error| Error::of_service(error, &self.instance))
     }
 
     /// Checks that the calling process opened this connection. Allocates nothing, and makes no system call.
@@ -496,8 +497,9 @@ impl Connection {
         if let Some(events) = self.events.get() {
             return Ok(events.get()?.as_fd());
         }
-        let events = ports.state_events().map_err(|error| Error::of_service(error, &self.instance))?;
-        Ok(self.events.get_or_init(|| ForkGuard::new(events)).get()?.as_fd())
+        let events = ForkGuard::open(|| ports.state_events());
+        let events = events.map_err(|error| Error::of_service(error, &self.instance))?;
+        Ok(self.events.get_or_init(|| events).get()?.as_fd())
     }
 
     /// Makes the file descriptor unreadable until the next state, if the caller wanted one.

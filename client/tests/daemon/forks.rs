@@ -1,7 +1,7 @@
 //! Objects in a process that was forked from the one that created them.
 
 use super::fake_daemon::Running;
-use super::{INSTANCE, PATIENCE, connect, place};
+use super::{INSTANCE, PATIENCE, connect, place, spawn, until};
 use motord_client::{Claim, Client, Error, Phase, Records, Setpoint, State};
 use motord_shared::CycleRecord;
 use nix::sys::wait::{WaitStatus, waitpid};
@@ -176,15 +176,43 @@ fn fork_beside_waiting_threads_hangs_no_child() {
     });
 }
 
+/// Runs the ignored test `body` in a process without a daemon: the daemon's threads would hold locks of iceoryx2 in a fork.
+fn in_controller(body: &str) {
+    let place = place();
+    let mut daemon = spawn("killed_daemon", &place, 1);
+    let ended = spawn(body, &place, 1).wait();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    assert!(ended.unwrap().success(), "{body}");
+}
+
+/// Returns the runtime directory of a process that [`in_controller`] started, once its daemon runs.
+fn controller() -> Option<PathBuf> {
+    let runtime = PathBuf::from(std::env::var_os("MOTORD_TEST_RUNTIME")?);
+    until("a connection", || Client::connect_in(&runtime, INSTANCE).ok());
+    Some(runtime)
+}
+
+/// Connects in a forked process and waits for a state.
+fn connect_anew(runtime: &Path) -> Result<Client, String> {
+    let own = Client::connect_in(runtime, INSTANCE).map_err(|error| error.to_string())?;
+    own.wait(PATIENCE).map_err(|error| error.to_string())?;
+    Ok(own)
+}
+
 #[test]
 fn forked_process_connects_and_stops_anew() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let inherited = connect(&place);
+    in_controller("forks::controller_whose_child_stops");
+}
+
+#[test]
+#[ignore = "the body of a process"]
+fn controller_whose_child_stops() {
+    let Some(runtime) = controller() else { return };
+    let inherited = Client::connect_in(&runtime, INSTANCE).unwrap();
     let claim = inherited.claim("leg").unwrap();
     in_child(|| {
-        let own = Client::connect_in(place.path(), INSTANCE).map_err(|error| error.to_string())?;
-        own.wait(PATIENCE).map_err(|error| error.to_string())?;
+        let own = connect_anew(&runtime)?;
         in_child(
             || if own.newest() == Err(Error::Forked) { Ok(()) } else { Err("a grandchild reads".into()) },
         )?;
@@ -194,4 +222,29 @@ fn forked_process_connects_and_stops_anew() {
     })
     .unwrap();
     inherited.wait(PATIENCE).unwrap().of(&claim).unwrap();
+}
+
+/// A fork copies the locks of iceoryx2 that other threads hold while they connect and disconnect.
+#[test]
+fn fork_beside_connecting_threads_hangs_no_child() {
+    in_controller("forks::controller_with_connecting_threads");
+}
+
+#[test]
+#[ignore = "the body of a process"]
+fn controller_with_connecting_threads() {
+    let Some(runtime) = controller() else { return };
+    let end = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !end.load(Ordering::Relaxed) {
+                    drop(Client::connect_in(&runtime, INSTANCE).unwrap());
+                }
+            });
+        }
+        let ended = (0..FORKS).try_for_each(|_| in_child(|| connect_anew(&runtime).map(drop)));
+        end.store(true, Ordering::Relaxed);
+        ended.unwrap();
+    });
 }

@@ -7,6 +7,7 @@
 //! whichever call created it. A process that shares the memory is not distinguished: one of vfork(2), or of clone(2) with
 //! `CLONE_VM`. It may only call `execve` or `_exit`.
 
+use crate::fork_gate::apart_from_forks;
 use crate::mapping::cleared_by_fork;
 use std::mem::forget;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -72,9 +73,13 @@ pub struct ForkGuard<T> {
 }
 
 impl<T> ForkGuard<T> {
-    /// Binds `value` to the calling process.
-    pub fn new(value: T) -> Self {
-        Self { value: Some(value), creator: Creator::this() }
+    /// Opens a value with `open` and binds it to the calling process. A fork in another thread waits until it is open.
+    ///
+    /// # Errors
+    /// Those of `open`.
+    pub fn open<E>(open: impl FnOnce() -> Result<T, E>) -> Result<Self, E> {
+        let value = Some(apart_from_forks(open)?);
+        Ok(Self { value, creator: Creator::this() })
     }
 
     /// Returns the value. Allocates nothing, and makes no system call: see [`Creator::check`].
@@ -90,8 +95,10 @@ impl<T> ForkGuard<T> {
 
 impl<T> Drop for ForkGuard<T> {
     fn drop(&mut self) {
-        if self.creator.check().is_err() {
-            forget(self.value.take());
+        let value = self.value.take();
+        match self.creator.check() {
+            Ok(()) => apart_from_forks(|| drop(value)),
+            Err(Forked) => forget(value),
         }
     }
 }
@@ -141,8 +148,8 @@ mod tests {
     fn own_value_is_dropped_once() {
         let (value, kept) = (std::sync::Arc::new(()), std::sync::Arc::new(()));
         let held = std::sync::Arc::clone(&value);
-        drop(ForkGuard::new(held));
-        let guard = ForkGuard::new(std::sync::Arc::clone(&kept));
+        drop(ForkGuard::open(|| Ok::<_, Forked>(held)));
+        let guard = ForkGuard::open(|| Ok::<_, Forked>(std::sync::Arc::clone(&kept))).unwrap();
         assert_eq!(guard.get().map(std::sync::Arc::strong_count), Ok(2));
         assert_eq!((std::sync::Arc::strong_count(&value), std::sync::Arc::strong_count(&kept)), (1, 2));
     }

@@ -19,6 +19,8 @@ pub mod clock;
 mod daemon;
 mod directory;
 mod fork;
+#[allow(unsafe_code, reason = "no safe crate registers a handler of forks")]
+mod fork_gate;
 mod futex;
 mod housekeeper;
 #[allow(unsafe_code, reason = "iceoryx2 has no other way")]

@@ -17,6 +17,7 @@ const UNSAFE: &[&str] = &[
     "daemon/realtime/src/kernel.rs",
     "motors/bus/src/kernel.rs",
     "motors/bus/tests/socketcan/counting.rs",
+    "shared/ports/src/fork_gate.rs",
     "shared/ports/src/iceoryx.rs",
     "shared/ports/src/mapping.rs",
 ];
