@@ -4,7 +4,7 @@ use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::{self, caught, raised};
 use crate::interpreter::{unused, without_lock};
 use crate::motion::Begun;
-use crate::state::{Order, State};
+use crate::state::{Clock, Order, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -234,7 +234,7 @@ impl Claim {
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
         let state = self.call(py, |client, _| client.wait(timeout))?;
-        Ok(State { state, order: Arc::clone(&self.order) })
+        Ok(State { state, order: Arc::clone(&self.order), clock: Clock::Monotonic })
     }
 
     fn __enter__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
@@ -305,6 +305,6 @@ impl Cycles {
             state.of(claim)?.must_be_active()?;
             Ok(state)
         })?;
-        Ok(State { state, order: Arc::clone(&claim.order) })
+        Ok(State { state, order: Arc::clone(&claim.order), clock: Clock::Monotonic })
     }
 }

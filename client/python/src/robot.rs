@@ -4,7 +4,7 @@ use crate::arrays::{Names, duration};
 use crate::claim::Claim;
 use crate::errors::{caught, raised};
 use crate::interpreter::{probe, without_lock};
-use crate::state::{Order, State};
+use crate::state::{Clock, Order, State};
 use motord_client::{
     Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop, emergency_stop_in, named_telemetry,
 };
@@ -119,14 +119,16 @@ impl Robot {
     fn wait(&self, py: Python<'_>, timeout: f64, names: Option<Names>) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
         let state = self.call(py, |client| client.wait(timeout))?;
-        Ok(State { state, order: self.order(names)? })
+        Ok(State { state, order: self.order(names)?, clock: Clock::Monotonic })
     }
 
     /// The newest state; `None` when the previous call, or one of another thread, returned it. Does not wait.
     #[pyo3(signature = (*, names = None))]
     fn newest(&self, names: Option<Names>) -> PyResult<Option<State>> {
         let newest = caught(|| self.client.newest())?.map_err(|error| raised(&error))?;
-        newest.map(|state| Ok(State { state, order: self.order(names)? })).transpose()
+        newest
+            .map(|state| Ok(State { state, order: self.order(names)?, clock: Clock::Monotonic }))
+            .transpose()
     }
 
     /// A file descriptor that becomes readable with each state; it belongs to this object.

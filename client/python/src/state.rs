@@ -1,6 +1,7 @@
 //! The state of a cycle, as numpy arrays in the order of a claim or of the robot.
 
 use motord_client::{Group, Imu as ClientImu, Joint, State as ClientState};
+use motord_twin::TwinClock;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -25,6 +26,16 @@ pub(crate) struct Order {
 pub(crate) struct State {
     pub(crate) state: ClientState,
     pub(crate) order: Arc<Order>,
+    pub(crate) clock: Clock,
+}
+
+/// The clock of the times in a state, on which ages count.
+#[derive(Debug, Clone)]
+pub(crate) enum Clock {
+    /// `CLOCK_MONOTONIC`.
+    Monotonic,
+    /// The virtual time of a twin.
+    Virtual(TwinClock),
 }
 
 type Array<'py> = Bound<'py, PyArray1<f64>>;
@@ -40,9 +51,12 @@ impl State {
         self.state.group(self.order.group?)
     }
 
-    /// Now, ns of `CLOCK_MONOTONIC`, by the age of this state.
+    /// Now, ns of the clock of this state.
     fn now_ns(&self) -> u64 {
-        self.state.publish_ns().saturating_add(self.state.age().as_nanos() as u64)
+        match &self.clock {
+            Clock::Monotonic => self.state.publish_ns().saturating_add(self.state.age().as_nanos() as u64),
+            Clock::Virtual(clock) => clock.now_ns(),
+        }
     }
 
     fn joints(&self) -> impl Iterator<Item = Option<Joint>> + '_ {
@@ -146,10 +160,10 @@ impl State {
     /// Time since the states were complete, s.
     #[getter]
     fn age(&self) -> f64 {
-        self.state.age().as_secs_f64()
+        self.now_ns().saturating_sub(self.state.publish_ns()) as f64 * 1e-9
     }
 
-    /// Time of the tick, s of `CLOCK_MONOTONIC`, as `time.monotonic()`.
+    /// Time of the tick, s of `CLOCK_MONOTONIC`, as `time.monotonic()`; of a twin, virtual time.
     #[getter]
     fn time(&self) -> f64 {
         self.state.time().as_secs_f64()
@@ -188,7 +202,8 @@ impl State {
     /// The IMUs, by name.
     #[getter]
     fn imu(&self) -> Imus {
-        Imus { state: self.state.clone(), order: Arc::clone(&self.order) }
+        let (order, clock) = (Arc::clone(&self.order), self.clock.clone());
+        Imus(Self { state: self.state.clone(), order, clock })
     }
 
     fn __repr__(&self) -> String {
@@ -198,25 +213,22 @@ impl State {
 
 /// The IMUs after a cycle, by name.
 #[pyclass(frozen, mapping, module = "motord")]
-pub(crate) struct Imus {
-    state: ClientState,
-    order: Arc<Order>,
-}
+pub(crate) struct Imus(State);
 
 #[pymethods]
 impl Imus {
     fn __getitem__(&self, name: &str) -> PyResult<Imu> {
-        let index = self.order.imus.iter().position(|imu| imu == name);
-        let imu = index.and_then(|index| self.state.imu(index));
-        imu.map(Imu).ok_or_else(|| {
-            let known =
-                if self.order.imus.is_empty() { "none".to_owned() } else { self.order.imus.join(", ") };
+        let State { state, order, clock } = &self.0;
+        let index = order.imus.iter().position(|imu| imu == name);
+        let imu = index.and_then(|index| state.imu(index));
+        imu.map(|imu| Imu { imu, clock: clock.clone() }).ok_or_else(|| {
+            let known = if order.imus.is_empty() { "none".to_owned() } else { order.imus.join(", ") };
             PyKeyError::new_err(format!("there is no IMU {name:?}; there are {known}"))
         })
     }
 
     fn __len__(&self) -> usize {
-        self.order.imus.len()
+        self.0.order.imus.len()
     }
 
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -224,13 +236,16 @@ impl Imus {
     }
 
     fn keys(&self) -> Vec<String> {
-        self.order.imus.clone()
+        self.0.order.imus.clone()
     }
 }
 
 /// An IMU after a cycle. Arrays are NaN before the first sample.
 #[pyclass(frozen, module = "motord")]
-pub(crate) struct Imu(ClientImu);
+pub(crate) struct Imu {
+    imu: ClientImu,
+    clock: Clock,
+}
 
 fn vector<'py, const N: usize>(py: Python<'py>, values: Option<[f32; N]>) -> Array<'py> {
     read_only(py, values.map_or([f64::NAN; N], |values| values.map(f64::from)).into_iter())
@@ -241,52 +256,56 @@ impl Imu {
     /// Unit quaternion w, x, y, z from the body to the world.
     #[getter]
     fn orientation<'py>(&self, py: Python<'py>) -> Array<'py> {
-        vector(py, self.0.orientation())
+        vector(py, self.imu.orientation())
     }
 
     #[getter]
     fn roll_pitch_yaw<'py>(&self, py: Python<'py>) -> Array<'py> {
-        vector(py, self.0.roll_pitch_yaw())
+        vector(py, self.imu.roll_pitch_yaw())
     }
 
     #[getter]
     fn projected_gravity<'py>(&self, py: Python<'py>) -> Array<'py> {
-        vector(py, self.0.projected_gravity())
+        vector(py, self.imu.projected_gravity())
     }
 
     #[getter]
     fn angular_velocity<'py>(&self, py: Python<'py>) -> Array<'py> {
-        vector(py, self.0.angular_velocity())
+        vector(py, self.imu.angular_velocity())
     }
 
     #[getter]
     fn acceleration<'py>(&self, py: Python<'py>) -> Array<'py> {
-        vector(py, self.0.acceleration())
+        vector(py, self.imu.acceleration())
     }
 
     #[getter]
     fn temperature(&self) -> Option<f32> {
-        self.0.temperature
+        self.imu.temperature
     }
 
     /// Time since the sample was received, s; `None` before the first.
     #[getter]
     fn age(&self) -> Option<f64> {
-        self.0.age().map(|age| age.as_secs_f64())
+        let age = match &self.clock {
+            Clock::Monotonic => self.imu.age(),
+            Clock::Virtual(clock) => self.imu.age_at(clock.now_ns()),
+        };
+        age.map(|age| age.as_secs_f64())
     }
 
     #[getter]
     fn fresh(&self) -> bool {
-        self.0.fresh
+        self.imu.fresh
     }
 
     #[getter]
     fn lost(&self) -> bool {
-        self.0.lost
+        self.imu.lost
     }
 
     #[getter]
     fn sequence(&self) -> u64 {
-        self.0.sequence
+        self.imu.sequence
     }
 }

@@ -3,7 +3,7 @@
 use crate::arrays::{JOINTS_MAX, duration, setpoints};
 use crate::errors::{caught, raised, refused};
 use crate::interpreter::unused;
-use crate::state::{Order, State};
+use crate::state::{Clock, Order, State};
 use motord_client::{Error as ClientError, Operation, State as ClientState};
 use motord_shared::JointSetpoint;
 use motord_shared::description::RobotDescription;
@@ -184,7 +184,8 @@ impl Engine {
     fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> PyResult<State> {
         let imus = self.description.imus.iter().map(|imu| imu.name.clone()).collect();
         let state = ClientState::from(self.twin()?.state());
-        Ok(State { state, order: Arc::new(Order { joints, names, imus, group }) })
+        let order = Arc::new(Order { joints, names, imus, group });
+        Ok(State { state, order, clock: Clock::Virtual(self.clock.clone()) })
     }
 
     /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values.

@@ -42,6 +42,13 @@ class Alone:
         return None
 
 
+class Level(Alone):
+    """With an IMU on a body that is level and at rest."""
+
+    def imu(self) -> tuple[Array, Array, Array]:  # type: ignore[override]
+        return np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81])
+
+
 class Clocked(Alone):
     """A plant that asks its twin for the time, and once for more than it may."""
 
@@ -94,21 +101,32 @@ def mjcf(edit: Callable[[str], str] = str) -> str:
       <worldbody><site name="imu"/>{bodies}</worldbody></mujoco>""")
 
 
-def trot(twin: Twin, seconds: float) -> Array:
-    """The positions of a trot, in each cycle."""
-    track = []
+def positions(state: motord.State) -> Array:
+    return state.q
+
+
+def everything(state: motord.State) -> Array:
+    """Each number that a controller can read."""
+    imu = state.imu["base"]
+    joints = [state.q, state.dq, state.tau, state.temperature, state.joint_age, *state.applied.values()]
+    sensor = [imu.orientation, imu.angular_velocity, imu.acceleration, [imu.age if imu.age is not None else np.nan]]
+    return np.concatenate([*joints, *sensor, [state.time, state.age, float(state.cycle), float(state.sequence)]])
+
+
+def trot(twin: Twin, seconds: float, of: Callable[[motord.State], Array] = positions) -> Array:
+    """What of returns for each cycle of a trot: the positions by default."""
+    track, begin = [], None
     with twin.claim("legs") as legs:
         legs.enable(hold=(60.0, 1.5))
-        begin = None
         for state in legs.cycles():
-            track.append(state.q)
-            begin = state.time if begin is None else begin
-            now = state.time - begin
+            track.append(of(state))
+            begin = state if begin is None else begin
+            now = state.time - begin.time
             if now >= seconds:
                 break
             angle, soft = 4.0 * np.pi * now + PHASE, min(now / 0.5, 1.0)
             legs.send(
-                q=track[0] + soft * REACH * np.sin(angle), dq=soft * REACH * 4.0 * np.pi * np.cos(angle), kp=60.0, kd=1.5
+                q=begin.q + soft * REACH * np.sin(angle), dq=soft * REACH * 4.0 * np.pi * np.cos(angle), kp=60.0, kd=1.5
             )
     return np.array(track)
 
@@ -136,8 +154,9 @@ def test_mujoco_reproduces_builtin_mechanics(tmp_path: Path) -> None:
 RUN = """
 import hashlib, sys
 sys.path.insert(0, sys.argv[1])
-from test_twin import CONFIG, Alone, Twin, trot
-print(hashlib.sha256(trot(Twin(CONFIG, Alone(), compute_us=300, seed=int(sys.argv[2])), 1.0).tobytes()).hexdigest())
+from test_twin import CONFIG, Level, Twin, everything, trot
+twin = Twin(CONFIG, Level(), compute_us=300, seed=int(sys.argv[2]))
+print(hashlib.sha256(trot(twin, 1.0, everything).tobytes()).hexdigest())
 """
 
 
@@ -146,6 +165,20 @@ def test_processes_with_equal_seeds_agree() -> None:
     command = [sys.executable, "-c", RUN, folder, "5"]
     first, again = (subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2))
     assert first == again and len(first.strip()) == hashlib.sha256().digest_size * 2
+
+
+def test_ages_are_on_virtual_time() -> None:
+    twin = Twin(CONFIG, Level())
+    state = [twin.wait() for _ in range(20)][-1]
+    imu = state.imu["base"]
+    assert 0.0 <= state.age < 1e-3
+    assert ((state.joint_age >= 0.0) & (state.joint_age < 2e-3)).all(), state.joint_age
+    assert imu.age is not None and 0.0 <= imu.age < 5e-3
+    before = np.array([state.age, *state.joint_age, imu.age])
+    for _ in range(50):
+        twin.wait()
+    after = np.array([state.age, *state.joint_age, imu.age])
+    assert after - before == pytest.approx(50 / twin.rate_hz, abs=1e-4)
 
 
 def test_lost_motor_stops_as_on_the_robot() -> None:

@@ -37,6 +37,12 @@ impl TwinClock {
     pub fn time(&self) -> Duration {
         self.0.now().since(START)
     }
+
+    /// Returns the time, ns, on the scale of the times in the states of the twin.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.0.now().as_nanos()
+    }
 }
 
 /// The cycle of a configuration on virtual time, with simulated motors and IMUs. Time passes only in [`step`](Self::step) and

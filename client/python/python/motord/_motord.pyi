@@ -129,7 +129,7 @@ class State:
         """Faults that the motors report."""
     @property
     def joint_age(self) -> _Array:
-        """Times since the motors answered, s; NaN before their first answer."""
+        """Times since the motors answered, s; NaN before their first answer. In a twin, virtual time, as each age."""
     @property
     def applied(self) -> _Applied:
         """The commands that the motors got, after all limits."""
@@ -138,7 +138,7 @@ class State:
         """Time since the states were complete, s."""
     @property
     def time(self) -> float:
-        """Time of the tick, s, on the clock of time.monotonic()."""
+        """Time of the tick, s, on the clock of time.monotonic(); in a twin, virtual time."""
     @property
     def cycle(self) -> int:
         """Number of the cycle. A gap means missed ticks, or a slow loop."""
@@ -316,6 +316,11 @@ def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, i
 
 def every(rate_hz: float, hz: float) -> int:
     """The number of cycles between two states at hz. ValueError when that is none."""
+
+def setpoints(
+    q: _Values | None, dq: _Values | None, kp: _Values | None, kd: _Values | None, tau: _Values | None, count: int
+) -> list[list[float]]:
+    """The values of a setpoint for each of count joints, checked as those of Claim.send."""
 
 def describe(config: str | PathLike[str]) -> tuple[str, list[dict[str, Any]]]:
     """The description of a configuration, as JSON, and name, armature, damping, friction and begin of each joint."""
