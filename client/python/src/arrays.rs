@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::PyTypeInfo;
 use pyo3::exceptions::{PyKeyError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyFrozenSet, PyList, PySet, PyString};
+use pyo3::types::{PyDict, PyFloat, PyFrozenSet, PyList, PySet, PyString, PyTuple};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -40,6 +40,23 @@ pub(crate) fn setpoints(given: [Option<&Bound<'_, PyAny>>; 5], count: usize) -> 
         *read = values(name, value, count)?;
     }
     Ok(read)
+}
+
+/// Returns position, velocity, stiffness, damping and torque of `count` joints, as [`setpoints`] reads them.
+#[pyfunction]
+#[pyo3(name = "setpoints")]
+pub(crate) fn checked_setpoints(
+    q: Option<&Bound<'_, PyAny>>,
+    dq: Option<&Bound<'_, PyAny>>,
+    kp: Option<&Bound<'_, PyAny>>,
+    kd: Option<&Bound<'_, PyAny>>,
+    tau: Option<&Bound<'_, PyAny>>,
+    count: usize,
+) -> PyResult<Vec<Vec<f32>>> {
+    if count > JOINTS_MAX {
+        return Err(PyValueError::new_err(format!("{count} joints: at most {JOINTS_MAX}")));
+    }
+    Ok(setpoints([q, dq, kp, kd, tau], count)?.iter().map(|values| values[..count].to_vec()).collect())
 }
 
 /// Reads the position of each joint: a number, an array, or a mapping that names each joint.
@@ -79,8 +96,14 @@ fn without<E: PyTypeInfo, T>(py: Python<'_>, outcome: PyResult<T>) -> PyResult<O
     }
 }
 
-/// Reads a number; `None` for a value of another type. An integer that is too large is infinite.
+/// Reads a number; `None` for a value of another type, and for one with a length: libraries convert an array of one value to a
+/// number. An integer that is too large is infinite.
 fn number(value: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    let has_length = || without::<PyTypeError, _>(value.py(), value.len()).map(|length| length.is_some());
+    // The check of a float would cost more than its conversion.
+    if !value.is_instance_of::<PyFloat>() && has_length()? {
+        return Ok(None);
+    }
     let read = without::<PyTypeError, _>(value.py(), value.extract::<f64>());
     Ok(without::<PyOverflowError, _>(value.py(), read)?.unwrap_or(Some(f64::INFINITY)))
 }
@@ -132,13 +155,29 @@ fn listed(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<(Vec<f
 }
 
 fn no_array(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyErr {
-    match value.get_type().repr() {
-        Ok(found) => PyValueError::new_err(format!(
-            "{name} is {}: give a number, or a one-dimensional array of {count}",
-            found.to_string_lossy()
-        )),
+    match no_array_text(name, value, count) {
+        Ok(text) => PyValueError::new_err(text),
         Err(raised) => raised,
     }
+}
+
+fn no_array_text(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<String> {
+    let Some(shape) = shape(value)? else {
+        let found = value.get_type().repr()?;
+        let found = found.to_string_lossy();
+        return Ok(format!("{name} is {found}: give a number, or a one-dimensional array of {count}"));
+    };
+    // A network returns a batch of one.
+    let row = if shape == [1, count] { format!(", such as {name}[0]") } else { String::new() };
+    let shape = PyTuple::new(value.py(), shape)?.repr()?;
+    let shape = shape.to_string_lossy();
+    Ok(format!("{name} has the shape {shape}: give a number, or an array of {count}{row}"))
+}
+
+/// Returns the shape of an array of any library; `None` of another value.
+fn shape(value: &Bound<'_, PyAny>) -> PyResult<Option<Vec<usize>>> {
+    let Some(shape) = value.getattr_opt("shape")? else { return Ok(None) };
+    without::<PyTypeError, _>(value.py(), shape.extract())
 }
 
 /// Names of a caller, in their order. A conversion to `Vec` would ignore an exception of `__len__`.

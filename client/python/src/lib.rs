@@ -25,6 +25,8 @@ mod twin;
 #[pyo3::pymodule]
 mod _motord {
     #[pymodule_export]
+    use crate::arrays::checked_setpoints;
+    #[pymodule_export]
     use crate::bench::measure;
     #[pymodule_export]
     use crate::claim::{Claim, Cycles, every};

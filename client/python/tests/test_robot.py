@@ -50,7 +50,8 @@ def test_joints_follow_setpoints(robot: motord.Robot) -> None:
     ("arguments", "part"),
     [
         ({"q": [1.0, 2.0]}, "q has 2 values; the group has 12 joints"),
-        ({"q": np.zeros((3, 4))}, "one-dimensional array of 12"),
+        ({"q": np.array([1.0])}, "q has 1 values; the group has 12 joints"),
+        ({"q": np.zeros((3, 4))}, r"q has the shape \(3, 4\): give a number, or an array of 12"),
         ({"q": {float(joint): 0.0 for joint in range(12)}}, "one-dimensional array of 12"),
         ({"q": {float(joint) for joint in range(12)}}, "one-dimensional array of 12"),
         ({"q": "0"}, "give a number"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import motord
-from motord.sim import Mujoco, Twin, fit_mjcf
+from motord.sim import Ideal, Mujoco, Twin, fit_mjcf
 from motord.sim.plant import Array
 
 CONFIG = Path(__file__).parents[3] / "config" / "quadruped-simulated.toml"
@@ -179,6 +179,52 @@ def test_ages_are_on_virtual_time() -> None:
         twin.wait()
     after = np.array([state.age, *state.joint_age, imu.age])
     assert after - before == pytest.approx(50 / twin.rate_hz, abs=1e-4)
+
+
+class Tensor:
+    """An array of another library, such as torch: with one value it is a number to float()."""
+
+    def __init__(self, values: Any) -> None:
+        self._values = np.asarray(values)
+        self.shape = self._values.shape
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __getitem__(self, at: int) -> "Tensor":
+        return Tensor(self._values[at])
+
+    def __float__(self) -> float:
+        return float(self._values.item())
+
+
+@pytest.mark.parametrize(
+    ("value", "part"),
+    [
+        (np.array([0.3]), "q has 1 values; the group has 12 joints"),
+        ([0.3], "q has 1 values; the group has 12 joints"),
+        (Tensor([0.3]), "q has 1 values; the group has 12 joints"),
+        (np.full((1, 12), 0.3), r"q has the shape \(1, 12\): give a number, or an array of 12, such as q\[0\]"),
+        (np.full((12, 1), 0.3), r"q has the shape \(12, 1\): give a number, or an array of 12$"),
+        (Tensor(np.full((1, 12), 0.3)), r"q has the shape \(1, 12\)"),
+        (np.full((1, 1), 0.3), r"q has the shape \(1, 1\)"),
+        ([[0.3]] * 12, "one-dimensional array of 12"),
+    ],
+)
+def test_setpoints_of_other_shapes_are_refused(value: Any, part: str) -> None:
+    for kind in (Twin, Ideal):
+        with kind(CONFIG, Alone()).claim("legs") as legs, pytest.raises(ValueError, match=part):
+            legs.enable()
+            legs.send(q=value, kp=20.0, kd=0.5)
+
+
+@pytest.mark.parametrize("value", [np.array(0.3), np.float32(0.3), Tensor(0.3), Tensor(np.full(12, 0.3)), [Tensor(0.3)] * 12])
+def test_numbers_and_arrays_of_other_libraries_are_sent(value: Any) -> None:
+    for kind in (Twin, Ideal):
+        with kind(CONFIG, Alone()).claim("legs") as legs:
+            legs.enable()
+            legs.send(dq=value, kd=0.5)
+            assert legs.wait().applied["dq"][11] > 0.0
 
 
 def test_lost_motor_stops_as_on_the_robot() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._motord import setpoints
 from .plant import Array, Plant
 from .twin import Twin
 
@@ -23,6 +24,7 @@ class IdealImu:
     acceleration: Array
     fresh: bool = True
     lost: bool = False
+    age: float = 0.0
 
     @property
     def roll_pitch_yaw(self) -> Array:
@@ -57,6 +59,8 @@ class IdealState:
     applied: dict[str, Array]
     imu: dict[str, IdealImu]
     fresh: Array
+    joint_age: Array
+    age: float = 0.0
     sequence: int = 1
     stop: str | None = None
     stop_joint: str | None = None
@@ -125,15 +129,15 @@ class IdealEngine:
             applied={name: value[joints] for name, value in values.items()},
             imu=imus,
             fresh=np.ones(len(joints), dtype=bool),
+            joint_age=np.zeros(len(joints)),
         )
 
     def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float) -> None:
-        if q is None and kp is not None:
-            raise ValueError("kp without q: a stiffness needs a position to follow")
+        values = setpoints(q, dq, kp, kd, tau, len(places))
         joints = np.array(self._robot["groups"][group]["joints"])[places]
         if self._joints.phases.get(group) == "active":
-            for name, value in (("q", q), ("dq", dq), ("kp", kp), ("kd", kd), ("tau", tau)):
-                getattr(self._joints.setpoints, name)[joints] = 0.0 if value is None else value
+            for name, value in zip(("q", "dq", "kp", "kd", "tau"), values, strict=True):
+                getattr(self._joints.setpoints, name)[joints] = value
 
     def ask(self, operation: str, group: int) -> None:
         groups = range(len(self._robot["groups"])) if operation == "emergency-stop" else [group]
