@@ -4,8 +4,12 @@
  * A program connects, claims a group of joints, and sends a setpoint for each joint in every cycle. If it stops sending, or dies, the
  * daemon damps the group. Every function that can fail returns a motord_status; motord_error_message() explains the failure.
  *
- * Several threads may use a client; one at a time a state and a claim: a second one gets MOTORD_STATUS_BUSY. Do not use a pointer after
- * you freed it: the library finds some of these mistakes, and returns MOTORD_STATUS_BAD_ARGUMENT.
+ * Several threads may use a client; one at a time a state and a claim: a second one gets MOTORD_STATUS_BUSY. Free nothing that another
+ * thread is using.
+ *
+ * A motord_client, motord_state, motord_claim or motord_imu_publisher pointer is a number, no address: the library never follows it, and
+ * gives it to no other object. A call with a null pointer, a freed one or one of another kind returns MOTORD_STATUS_BAD_ARGUMENT, and a
+ * function that frees ignores it.
  *
  * Clients, states, claims and publishers belong to the process that created them. In a forked process each call with one returns
  * MOTORD_STATUS_FORKED, or the value of an object that is none, and a function that frees does nothing. Only the two emergency stops of
@@ -710,7 +714,7 @@ enum motord_status motord_imu_publisher_send(struct motord_imu_publisher *publis
 bool motord_imu_publisher_is_used(struct motord_imu_publisher *publisher);
 
 /**
- * Creates an empty state. Free it with `motord_state_free`. Never null.
+ * Creates an empty state. Free it with `motord_state_free`. Null only while 65 536 states exist.
  */
 struct motord_state *motord_state_new(void);
 

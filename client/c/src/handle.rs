@@ -1,26 +1,25 @@
 //! The objects behind the pointers of a caller.
 
 use crate::status::{Failure, Status, fail};
+use crate::table::{Kind, OBJECTS_MAX, Table};
 use motord_client::{Claim, Client, Creator, Error, ImuPublisher, State};
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::ptr;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-/// An object with a mark by which a freed or foreign pointer is found, where its memory was not used again.
-#[repr(C)]
-struct Marked<T> {
-    mark: AtomicU32,
+/// An object, and the process that created it.
+pub struct Owned<T> {
     creator: Creator,
     body: T,
 }
 
 /// A kind of handle.
-pub trait Handle: Sized {
-    /// Its mark.
-    const MARK: u32;
+pub trait Handle: Sized + 'static {
     /// Its name in messages.
     const NAME: &'static str;
+    /// Returns the objects of this kind.
+    fn table() -> &'static Table<Owned<Self>>;
 }
 
 /// A connection.
@@ -40,106 +39,85 @@ pub struct ClaimHandle(pub(crate) Mutex<Option<Claim>>);
 pub struct PublisherHandle(pub(crate) Mutex<Option<ImuPublisher>>);
 
 impl Handle for ClientHandle {
-    const MARK: u32 = 0x6d6f_7401;
     const NAME: &'static str = "motord_client";
+    fn table() -> &'static Table<Owned<Self>> {
+        static TABLE: Table<Owned<ClientHandle>> = Table::new(Kind::Client);
+        &TABLE
+    }
 }
 
 impl Handle for StateHandle {
-    const MARK: u32 = 0x6d6f_7402;
     const NAME: &'static str = "motord_state";
+    fn table() -> &'static Table<Owned<Self>> {
+        static TABLE: Table<Owned<StateHandle>> = Table::new(Kind::State);
+        &TABLE
+    }
 }
 
 impl Handle for ClaimHandle {
-    const MARK: u32 = 0x6d6f_7403;
     const NAME: &'static str = "motord_claim";
+    fn table() -> &'static Table<Owned<Self>> {
+        static TABLE: Table<Owned<ClaimHandle>> = Table::new(Kind::Claim);
+        &TABLE
+    }
 }
 
 impl Handle for PublisherHandle {
-    const MARK: u32 = 0x6d6f_7404;
     const NAME: &'static str = "motord_imu_publisher";
+    fn table() -> &'static Table<Owned<Self>> {
+        static TABLE: Table<Owned<PublisherHandle>> = Table::new(Kind::Publisher);
+        &TABLE
+    }
 }
 
-/// Moves an object to the caller.
+/// Moves an object to the caller, who gets a number of it in place of its address. Null while [`OBJECTS_MAX`] of its kind exist.
 pub(crate) fn give<T: Handle>(body: T) -> *mut T {
-    let marked =
-        Box::into_raw(Box::new(Marked { mark: AtomicU32::new(T::MARK), creator: Creator::this(), body }));
-    // SAFETY: a field of a box that was just made.
-    unsafe { &raw mut (*marked).body }
+    let handle = T::table().insert(Owned { creator: Creator::this(), body });
+    handle.map_or(ptr::null_mut(), ptr::without_provenance_mut)
 }
 
-/// A pointer that leads to no handle of its kind.
-#[derive(Debug, Clone, Copy)]
-enum Mistake {
-    Null,
-    Freed,
-    Forked,
+/// Returns the failure of a pointer that is no handle of its kind.
+fn no_handle<T: Handle>(pointer: *mut T) -> Failure {
+    let name = T::NAME;
+    Failure::bad_argument(match pointer.is_null() {
+        true => format!("this {name} is a null pointer"),
+        false => format!("this {name} was freed, or is no {name}"),
+    })
 }
 
-impl Mistake {
-    fn explained<T: Handle>(self) -> Failure {
-        let name = T::NAME;
-        match self {
-            Self::Null => {
-                Failure::bad_argument(format!("this {name} is a null pointer, or no pointer to one"))
-            }
-            Self::Freed => Failure::bad_argument(format!("this {name} was freed, or is no {name}")),
-            Self::Forked => Error::Forked.into(),
-        }
-    }
-}
-
-fn marked<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Mistake> {
-    if pointer.is_null() || !pointer.is_aligned() {
-        return Err(Mistake::Null);
-    }
-    let marked = pointer.wrapping_byte_sub(core::mem::offset_of!(Marked<T>, body)).cast::<Marked<T>>();
-    // SAFETY: by the contract of the header the pointer is one of `give`.
-    let mark = unsafe { (*marked).mark.load(Ordering::Relaxed) };
-    if mark == T::MARK { Ok(marked) } else { Err(Mistake::Freed) }
-}
-
-/// Returns an object of the calling process.
-fn own<T: Handle>(pointer: *mut T) -> Result<*mut Marked<T>, Mistake> {
-    let marked = marked(pointer)?;
-    // SAFETY: it has the mark of its kind.
-    let creator = unsafe { (*marked).creator };
-    creator.check().map_or(Err(Mistake::Forked), |()| Ok(marked))
-}
-
-/// Returns the object of the caller, also of one in a forked process; `None` for a pointer that leads to none. Async-signal-safe.
+/// Returns the object of the caller, also of one in a forked process; `None` for every other pointer. Async-signal-safe.
 ///
 /// # Safety
 ///
 /// As [`borrow`].
 pub(crate) unsafe fn found<'a, T: Handle>(pointer: *mut T) -> Option<&'a T> {
-    // SAFETY: it has the mark of its kind.
-    marked(pointer).ok().map(|marked| unsafe { &(*marked).body })
+    // SAFETY: the table has it, and no thread removes it during `'a`.
+    T::table().find(pointer.addr()).map(|owned| unsafe { &(*owned).body })
 }
 
 /// Returns the object of the caller. In a forked process it is an error: a lock of the object may be held by a thread of the parent.
 ///
 /// # Safety
 ///
-/// The pointer is null, or was given by [`give`] and is freed by no other thread during `'a`. A freed pointer is an error where
-/// its memory was not used again.
+/// No other thread frees the object during `'a`. The pointer may have any value: it is never followed.
 pub(crate) unsafe fn borrow<'a, T: Handle>(pointer: *mut T) -> Result<&'a T, Failure> {
-    let marked = own(pointer).map_err(Mistake::explained::<T>)?;
-    // SAFETY: it has the mark of its kind.
-    Ok(unsafe { &(*marked).body })
+    let owned = T::table().find(pointer.addr()).ok_or_else(|| no_handle(pointer))?;
+    // SAFETY: the table has it, and no thread removes it during `'a`.
+    let owned = unsafe { &*owned };
+    owned.creator.check().map_err(|_| Error::Forked)?;
+    Ok(&owned.body)
 }
 
-/// Frees the object of the caller; null is no error. In a forked process it does nothing. A panic does not reach the caller.
+/// Frees the object of the caller. Every other pointer, and an object of a parent process, is ignored. A panic does not reach the caller.
 ///
 /// # Safety
 ///
-/// As [`borrow`], and no other thread uses it now or later.
+/// No other thread uses the object.
 pub(crate) unsafe fn free<T: Handle>(pointer: *mut T) {
-    if let Ok(marked) = own(pointer) {
-        // SAFETY: it has the mark of its kind.
-        unsafe { (*marked).mark.store(0, Ordering::Relaxed) };
-        // SAFETY: `give` made it of a box.
-        let marked = unsafe { Box::from_raw(marked) };
-        guarded_or((), || drop(marked));
+    // SAFETY: by the contract of this function.
+    if unsafe { borrow(pointer) }.is_ok() {
+        let owned = T::table().remove(pointer.addr());
+        guarded_or((), || drop(owned));
     }
 }
 
@@ -213,8 +191,12 @@ pub(crate) unsafe fn put_new<T: Handle>(
     make: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<(), Failure> {
     // SAFETY: by the contract of this function.
-    unsafe { put(pointer, core::ptr::null_mut()) }?;
+    unsafe { put(pointer, ptr::null_mut()) }?;
     let made = give(make()?);
+    if made.is_null() {
+        let message = format!("{OBJECTS_MAX} {}s exist: free those that are no longer in use", T::NAME);
+        return Err(Failure::new(Status::Unavailable, message));
+    }
     // SAFETY: by the contract of this function.
     unsafe { put(pointer, made) }
 }

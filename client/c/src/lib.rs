@@ -1,8 +1,9 @@
 //! The client library for C and C++: `include/motord.h`, which cbindgen makes of this crate, describes each function.
 //!
 //! - [`abi`]: the functions, which check each pointer and let no panic out.
-//! - [`handle`]: what the pointers of a caller lead to.
+//! - [`handle`]: the objects behind the pointers of a caller.
 //! - [`status`]: the results, and the message of the last failure.
+//! - [`table`]: which object a pointer of a caller names.
 //! - [`arrays`]: values of all joints of a group.
 //!
 //! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first messages; a failure allocates.
@@ -12,3 +13,5 @@ pub mod arrays;
 #[expect(unsafe_code, reason = "the callers are written in C")]
 pub mod handle;
 pub mod status;
+#[expect(unsafe_code, reason = "its objects belong to callers in C")]
+pub mod table;

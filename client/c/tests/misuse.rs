@@ -88,6 +88,49 @@ fn handle_of_another_kind_is_refused() {
 }
 
 #[test]
+fn freed_handle_is_refused_after_memory_is_reused() {
+    // SAFETY: live and freed objects of this library.
+    unsafe {
+        let mut cycle = std::mem::zeroed();
+        let freed: Vec<_> = (0..200)
+            .map(|_| {
+                let state = motord_state_new();
+                motord_state_free(state);
+                state
+            })
+            .collect();
+        let live = motord_state_new();
+        for state in freed {
+            assert_refused(motord_state_cycle(state, &mut cycle), "this motord_state was freed");
+            assert_refused(motord_hold(ptr::null_mut(), state, 1.0, 1.0), "this motord_state was freed");
+            motord_state_free(state);
+        }
+        assert_refused(motord_state_cycle(live, &mut cycle), "is empty: wait for the first state");
+        motord_state_free(live);
+    }
+}
+
+/// Goal: a pointer to anything else is an error, and is not followed.
+#[test]
+fn pointer_that_is_no_handle_is_refused() {
+    let mut memory = [0_u64; 8];
+    let own = ptr::from_mut(&mut memory).cast::<u8>();
+    for pointer in
+        [own, own.wrapping_add(3), ptr::without_provenance_mut(0x1000), ptr::without_provenance_mut(8)]
+    {
+        // SAFETY: the library follows no pointer of a handle.
+        unsafe {
+            assert_refused(motord_commit(pointer.cast()), "was freed, or is no motord_claim");
+            assert_refused(motord_wait(pointer.cast(), 0, ptr::null_mut()), "or is no motord_client");
+            assert_eq!(motord_emergency_stop_signal_safe(pointer.cast()), Status::BadArgument);
+            assert!(!motord_imu_publisher_is_used(pointer.cast()));
+            motord_client_free(pointer.cast());
+            motord_claim_free(pointer.cast());
+        }
+    }
+}
+
+#[test]
 fn forked_process_is_refused_and_frees_nothing() {
     let state = motord_state_new();
     // SAFETY: live objects of this library; the child ends by `_exit`.

@@ -11,6 +11,7 @@ const UNSAFE: &[&str] = &[
     "client/c/src/abi/publisher.rs",
     "client/c/src/abi/state.rs",
     "client/c/src/handle.rs",
+    "client/c/src/table.rs",
     "client/c/tests/misuse.rs",
     "client/tests/daemon/forks.rs",
     "daemon/deadman/src/kernel.rs",

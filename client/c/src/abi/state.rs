@@ -37,7 +37,7 @@ impl From<Option<Phase>> for GroupPhase {
     }
 }
 
-/// Creates an empty state. Free it with `motord_state_free`. Never null.
+/// Creates an empty state. Free it with `motord_state_free`. Null only while 65 536 states exist.
 #[unsafe(no_mangle)]
 pub extern "C" fn motord_state_new() -> *mut StateHandle {
     give(StateHandle(Mutex::default()))
