@@ -187,9 +187,10 @@ impl Client {
         })
     }
 
-    /// Sleeps until the state of a cycle whose number is a multiple of `n` arrives, or of the next
-    /// cycle if that one was missed. It serves a controller at an `n`th of the daemon's rate. The
-    /// first call returns the next state.
+    /// Sleeps until the state of a cycle whose number is a multiple of `n` arrives. Returns the state
+    /// of a later cycle if the daemon missed that one, or if a still newer state arrived before this
+    /// thread ran: [`State::cycle`] returns its number. The next call waits for the next multiple. The
+    /// first call returns the next state. For a controller at an `n`th of the daemon's rate.
     ///
     /// The call sleeps on a timer until the state is nearly due, so that other cycles do not wake
     /// it, and then as [`wait`](Self::wait) does. `timeout` must be longer than `n` cycles.

@@ -105,6 +105,19 @@ mod tests {
     }
 
     #[test]
+    fn late_caller_gets_newest_state_and_keeps_grid() {
+        let mut view = View::default();
+        let mut take = |cycles: std::ops::RangeInclusive<u64>| {
+            cycles.for_each(|cycle| view.put(state(1, cycle, 0)));
+            view.take_unseen(5).map(|state| state.cycle())
+        };
+        assert_eq!(take(8..=10), Some(10));
+        assert_eq!(take(11..=16), Some(16), "the caller slept through the state of cycle 15");
+        assert_eq!(take(17..=19), None);
+        assert_eq!(take(20..=20), Some(20));
+    }
+
+    #[test]
     fn one_late_cycle_hardly_shifts_expected_state_time() {
         let mut view = View::default();
         (1..100).for_each(|cycle| view.put(state(1, cycle, 700_000)));

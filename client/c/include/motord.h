@@ -739,7 +739,10 @@ enum motord_status motord_wait(struct motord_client *client,
                                struct motord_state *state);
 
 /**
- * Sleeps as `motord_wait`, until the next cycle whose number is a multiple of `cycles`.
+ * Sleeps as `motord_wait`, until the state of a cycle whose number is a multiple of `cycles` arrives. Stores the state of a later cycle
+ * when that one was missed by the daemon, or when a still newer one arrived before this thread ran: `motord_state_cycle` returns its
+ * number. The next call waits for the next multiple. The first call stores the next state. For a controller that runs at an integer
+ * part of the daemon's rate; `timeout_ns` must be longer than `cycles` cycles.
  *
  * # Safety
  * As `motord_wait`.

@@ -225,7 +225,9 @@ public:
         return motord_wait(get(), detail::nanoseconds(timeout), state.get());
     }
 
-    /// Sleeps until the next cycle whose number is a multiple of `cycles`.
+    /// Sleeps until the state of a cycle whose number is a multiple of `cycles` arrives, or of a later cycle when that one was missed or
+    /// this thread woke too late for it: State::cycle returns its number. The next call waits for the next multiple. The first call
+    /// returns the next state.
     void wait_cycles(State &state, std::uint32_t cycles, Nanoseconds timeout = std::chrono::seconds(1)) const {
         detail::check(try_wait_cycles(state, cycles, timeout));
     }

@@ -69,7 +69,10 @@ pub unsafe extern "C" fn motord_wait(
     unsafe { receive(client, state, |client| client.wait(Duration::from_nanos(timeout_ns))) }
 }
 
-/// Sleeps as `motord_wait`, until the next cycle whose number is a multiple of `cycles`.
+/// Sleeps as `motord_wait`, until the state of a cycle whose number is a multiple of `cycles` arrives. Stores the state of a later cycle
+/// when that one was missed by the daemon, or when a still newer one arrived before this thread ran: `motord_state_cycle` returns its
+/// number. The next call waits for the next multiple. The first call stores the next state. For a controller that runs at an integer
+/// part of the daemon's rate; `timeout_ns` must be longer than `cycles` cycles.
 ///
 /// # Safety
 /// As `motord_wait`.
