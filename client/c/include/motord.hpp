@@ -10,6 +10,13 @@
 #ifndef MOTORD_HPP
 #define MOTORD_HPP
 
+#if !defined(__cplusplus) || __cplusplus < 201703L
+#error "motord.hpp needs C++17: compile with -std=c++17 or later, or include motord.h, which works in C and in each C++"
+#endif
+#if !defined(__cpp_exceptions)
+#error "motord.hpp reports failures by exceptions: compile without -fno-exceptions, or include motord.h, whose functions return a motord_status"
+#endif
+
 #include "motord.h"
 
 #include <chrono>
