@@ -17,8 +17,9 @@
  * with CLONE_VM: such a child may only call execve or _exit.
  *
  * After the first cycles `motord_wait`, `motord_wait_cycles`, `motord_spin`, `motord_newest`, `motord_read`, `motord_state_group`,
- * `motord_state_imu`, `motord_must_be_active`, `motord_send` and `motord_commit` allocate nothing while they succeed, wait for no
- * other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other functions may allocate.
+ * `motord_state_joint`, `motord_state_imu`, `motord_must_be_active`, `motord_send` and `motord_commit` allocate nothing while they
+ * succeed, wait for no other thread, and log nothing: a real-time thread may call them. A failure allocates its message. All other
+ * functions may allocate.
  * Functions that change a claim or ask the daemon wait for its answer, a cycle or two, at most a second.
  * Only `motord_emergency_stop_signal_safe` may be called from a signal handler.
  *
@@ -145,6 +146,44 @@ typedef enum motord_phase {
 } motord_phase;
 
 /**
+ * Mode of a motor.
+ */
+typedef enum motord_mode {
+  /**
+   * The motor has not answered, or stopped answering.
+   */
+  MOTORD_MODE_OFFLINE = 0,
+  /**
+   * The motor answers and is stopped.
+   */
+  MOTORD_MODE_IDLE = 1,
+  /**
+   * The motor receives neutral commands and is being started.
+   */
+  MOTORD_MODE_STARTING = 2,
+  /**
+   * The motor follows setpoints.
+   */
+  MOTORD_MODE_ACTIVE = 3,
+  /**
+   * The motor is being damped; it will be stopped.
+   */
+  MOTORD_MODE_DAMPING = 4,
+  /**
+   * The motor reported a fault; it is stopped until the fault is cleared.
+   */
+  MOTORD_MODE_FAULT = 5,
+  /**
+   * The joint is excluded: its motor gets stop frames only, and its group runs without it.
+   */
+  MOTORD_MODE_EXCLUDED = 6,
+  /**
+   * This library does not know the mode.
+   */
+  MOTORD_MODE_UNKNOWN = 7,
+} motord_mode;
+
+/**
  * A quantity of a joint.
  */
 typedef enum motord_quantity {
@@ -176,6 +215,18 @@ typedef enum motord_quantity {
    * Torque of the applied command, N·m.
    */
   MOTORD_QUANTITY_APPLIED_TORQUE = 6,
+  /**
+   * Stiffness of the applied command, N·m/rad.
+   */
+  MOTORD_QUANTITY_APPLIED_KP = 7,
+  /**
+   * Damping of the applied command, N·m·s/rad.
+   */
+  MOTORD_QUANTITY_APPLIED_KD = 8,
+  /**
+   * Time from the motor's last reply to now, s; NaN before its first.
+   */
+  MOTORD_QUANTITY_AGE = 9,
 } motord_quantity;
 
 /**
@@ -195,6 +246,134 @@ typedef enum motord_list {
    */
   MOTORD_LIST_IMUS = 2,
 } motord_list;
+
+/**
+ * A fault that a motor reports: a bit of `faults` of a `motord_joint`.
+ */
+typedef enum motord_fault {
+  /**
+   * The current loop could not keep its rate.
+   */
+  MOTORD_FAULT_FOC_FREQUENCY = (1 << 0),
+  /**
+   * The bus voltage is above the driver's threshold.
+   */
+  MOTORD_FAULT_OVER_VOLTAGE = (1 << 1),
+  /**
+   * The bus voltage is below the driver's threshold.
+   */
+  MOTORD_FAULT_UNDER_VOLTAGE = (1 << 2),
+  /**
+   * The motor or its driver is hotter than the driver's threshold.
+   */
+  MOTORD_FAULT_OVER_TEMPERATURE = (1 << 3),
+  /**
+   * The motor could not be started.
+   */
+  MOTORD_FAULT_START_FAILURE = (1 << 4),
+  /**
+   * The current was above what the driver allows.
+   */
+  MOTORD_FAULT_OVER_CURRENT = (1 << 6),
+  /**
+   * The driver's software met a condition it could not handle.
+   */
+  MOTORD_FAULT_SOFTWARE = (1 << 7),
+  /**
+   * The driver's transistors are hotter than its threshold.
+   */
+  MOTORD_FAULT_DRIVER_OVER_TEMPERATURE = (1 << 8),
+  /**
+   * The motor's winding is hotter than the driver's threshold.
+   */
+  MOTORD_FAULT_MOTOR_OVER_TEMPERATURE = (1 << 9),
+  /**
+   * The driver received no command for longer than its timeout.
+   */
+  MOTORD_FAULT_HOST_SILENT = (1 << 10),
+  /**
+   * The motor was overloaded or stalled for too long.
+   */
+  MOTORD_FAULT_OVERLOAD = (1 << 11),
+  /**
+   * The driver's gate driver chip reports a fault.
+   */
+  MOTORD_FAULT_DRIVER_CHIP = (1 << 12),
+  /**
+   * The encoder is not calibrated, or does not work.
+   */
+  MOTORD_FAULT_ENCODER = (1 << 13),
+  /**
+   * The driver does not recognise its own hardware.
+   */
+  MOTORD_FAULT_HARDWARE = (1 << 14),
+  /**
+   * The driver could not find the motor's position at its start.
+   */
+  MOTORD_FAULT_POSITION = (1 << 15),
+  /**
+   * A fault that is in no document. Its number is the highest byte of `faults`.
+   */
+  MOTORD_FAULT_UNRECOGNISED = (1 << 23),
+} motord_fault;
+
+/**
+ * A limit that changed a command: a bit of `limits` of a `motord_joint`.
+ */
+typedef enum motord_limit {
+  /**
+   * The position was clamped.
+   */
+  MOTORD_LIMIT_POSITION = (1 << 0),
+  /**
+   * The velocity was clamped.
+   */
+  MOTORD_LIMIT_VELOCITY = (1 << 1),
+  /**
+   * The stiffness was clamped.
+   */
+  MOTORD_LIMIT_KP = (1 << 2),
+  /**
+   * The damping was clamped.
+   */
+  MOTORD_LIMIT_KD = (1 << 3),
+  /**
+   * The torque was clamped.
+   */
+  MOTORD_LIMIT_TORQUE = (1 << 4),
+  /**
+   * The position changed too fast.
+   */
+  MOTORD_LIMIT_POSITION_SLEW = (1 << 5),
+  /**
+   * The stiffness changed too fast.
+   */
+  MOTORD_LIMIT_KP_SLEW = (1 << 6),
+  /**
+   * The damping changed too fast.
+   */
+  MOTORD_LIMIT_KD_SLEW = (1 << 7),
+  /**
+   * The torque changed too fast.
+   */
+  MOTORD_LIMIT_TORQUE_SLEW = (1 << 8),
+  /**
+   * Stiffness, damping and torque together asked for too much torque.
+   */
+  MOTORD_LIMIT_TOTAL_TORQUE = (1 << 9),
+  /**
+   * The motor is hot: its torque is derated.
+   */
+  MOTORD_LIMIT_TEMPERATURE = (1 << 10),
+  /**
+   * The gains are still rising after the start.
+   */
+  MOTORD_LIMIT_START_RAMP = (1 << 11),
+  /**
+   * The motor gave more than its rated torque for too long: its torque is derated.
+   */
+  MOTORD_LIMIT_OVERLOAD = (1 << 12),
+} motord_limit;
 
 /**
  * The ownership of a group; empty once it is released. One thread uses it at a time.
@@ -343,6 +522,86 @@ typedef struct motord_group {
    */
   uint32_t late;
 } motord_group;
+
+/**
+ * A joint after a cycle. A value is NaN while the motor does not report it.
+ */
+typedef struct motord_joint {
+  /**
+   * Position, rad.
+   */
+  double position;
+  /**
+   * Velocity, rad/s.
+   */
+  double velocity;
+  /**
+   * Torque, N·m.
+   */
+  double torque;
+  /**
+   * Temperature of the motor, °C.
+   */
+  double temperature;
+  /**
+   * Position of the command that the motor got after all limits, rad.
+   */
+  double applied_position;
+  /**
+   * Velocity of that command, rad/s.
+   */
+  double applied_velocity;
+  /**
+   * Stiffness of that command, N·m/rad.
+   */
+  double applied_kp;
+  /**
+   * Damping of that command, N·m·s/rad.
+   */
+  double applied_kd;
+  /**
+   * Torque of that command, N·m.
+   */
+  double applied_torque;
+  /**
+   * Time from the motor's last reply to now, s; NaN before its first.
+   */
+  double age;
+  /**
+   * Age in turns of the motor when the states were published; 0 for a reply to its last command. A turn is a cycle, or N cycles with
+   * `every = N`.
+   */
+  uint32_t age_cycles;
+  /**
+   * Turns without a reply since the daemon started.
+   */
+  uint32_t missed;
+  /**
+   * Replies that arrived after the end of their turn.
+   */
+  uint32_t late;
+  /**
+   * Faults that the motor reports: bits of `motord_fault`.
+   */
+  uint32_t faults;
+  /**
+   * Limits that changed the applied command: bits of `motord_limit`.
+   */
+  uint32_t limits;
+  /**
+   * Mode of the motor.
+   */
+  enum motord_mode mode;
+  /**
+   * The motor answered the command of its last turn.
+   */
+  bool fresh;
+  /**
+   * The motor differs from its configuration, or has not reported its registers: its group is not enabled. The daemon's log has the
+   * difference.
+   */
+  bool mismatch;
+} motord_joint;
 
 /**
  * An IMU after a cycle. Values are NaN before the first sample.
@@ -822,6 +1081,31 @@ enum motord_status motord_state_group(struct motord_state *state,
  * `state` is a state, `claim` a claim.
  */
 enum motord_status motord_must_be_active(struct motord_state *state, struct motord_claim *claim);
+
+/**
+ * Reads a joint, by its index in the robot: `motord_find` and `motord_claim_joints` return it.
+ *
+ * # Safety
+ * `state` is a state; `joint` leads to a place for it.
+ */
+enum motord_status motord_state_joint(struct motord_state *state,
+                                      size_t index,
+                                      struct motord_joint *joint);
+
+/**
+ * Returns the name of a `motord_mode`, such as `active`; null for a number that is none.
+ */
+const char *motord_mode_name(uint32_t mode);
+
+/**
+ * Returns the name of a `motord_fault`, such as `over-voltage`; null for a number that is none.
+ */
+const char *motord_fault_name(uint32_t fault);
+
+/**
+ * Returns the name of a `motord_limit`, such as `torque-slew`; null for a number that is none.
+ */
+const char *motord_limit_name(uint32_t limit);
 
 /**
  * Reads an IMU, by its index in the robot.

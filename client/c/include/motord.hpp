@@ -119,6 +119,17 @@ inline void check(motord_status status) {
     }
 }
 
+/// The names of the bits of a set.
+inline std::vector<std::string> names(std::uint32_t set, const char *(*name_of)(std::uint32_t)) {
+    std::vector<std::string> names;
+    for (std::uint32_t bit = 1; bit != 0; bit <<= 1) {
+        const char *name = (set & bit) != 0 ? name_of(bit) : nullptr;
+        if (name)
+            names.emplace_back(name);
+    }
+    return names;
+}
+
 inline std::uint64_t nanoseconds(Nanoseconds time) noexcept {
     return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : 0;
 }
@@ -137,6 +148,18 @@ template <void (*Free)(motord_claim *)> struct FreeClaim {
 };
 
 } // namespace detail
+
+/// The name of a mode, such as `active`.
+inline std::string_view name(motord_mode mode) noexcept {
+    const char *name = motord_mode_name(mode);
+    return name ? name : "unknown";
+}
+
+/// The names of the faults that a motor reports.
+inline std::vector<std::string> faults(const motord_joint &joint) { return detail::names(joint.faults, motord_fault_name); }
+
+/// The names of the limits that changed the applied command of a joint.
+inline std::vector<std::string> limits(const motord_joint &joint) { return detail::names(joint.limits, motord_limit_name); }
 
 class Claim;
 
@@ -162,6 +185,17 @@ public:
 
     /// The group of `claim`.
     motord_group group(const Claim &claim) const;
+
+    /// The joint with this index in the robot: Client::joint and Claim::joints return it.
+    motord_joint joint(std::size_t index) const {
+        motord_joint joint{};
+        detail::check(try_joint(index, joint));
+        return joint;
+    }
+    /// As `joint`, with a status instead of exceptions.
+    motord_status try_joint(std::size_t index, motord_joint &joint) const noexcept {
+        return motord_state_joint(get(), index, &joint);
+    }
 
     /// The IMU with this index.
     motord_imu imu(std::size_t index) const {

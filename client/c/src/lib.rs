@@ -5,6 +5,7 @@
 //! - [`status`]: the results, and the message of the last failure.
 //! - [`table`]: which object a pointer of a caller names.
 //! - [`arrays`]: values of all joints of a group.
+//! - [`joint`]: all values of a joint.
 //!
 //! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first messages; a failure allocates.
 
@@ -12,6 +13,7 @@ pub mod abi;
 pub mod arrays;
 #[expect(unsafe_code, reason = "the callers are written in C")]
 pub mod handle;
+pub mod joint;
 pub mod status;
 #[expect(unsafe_code, reason = "its objects belong to callers in C")]
 pub mod table;

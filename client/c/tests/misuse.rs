@@ -131,6 +131,34 @@ fn pointer_that_is_no_handle_is_refused() {
 }
 
 #[test]
+fn codes_have_names_and_other_numbers_none() {
+    let name = |text: *const c_char| {
+        // SAFETY: null, or ends with a null byte.
+        (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_str().unwrap())
+    };
+    assert_eq!([3, 7, 8].map(|mode| name(motord_mode_name(mode))), [Some("active"), Some("unknown"), None]);
+    assert_eq!(
+        [2, 3, 1 << 5].map(|fault| name(motord_fault_name(fault))),
+        [Some("over-voltage"), None, None]
+    );
+    assert_eq!(
+        [256, 0, u32::MAX].map(|limit| name(motord_limit_name(limit))),
+        [Some("torque-slew"), None, None]
+    );
+}
+
+#[test]
+fn empty_state_has_no_joint() {
+    let state = motord_state_new();
+    // SAFETY: a state, and a place for the result.
+    unsafe {
+        let mut joint = std::mem::zeroed();
+        assert_refused(motord_state_joint(state, 0, &mut joint), "is empty");
+        motord_state_free(state);
+    }
+}
+
+#[test]
 fn forked_process_is_refused_and_frees_nothing() {
     let state = motord_state_new();
     // SAFETY: live objects of this library; the child ends by `_exit`.

@@ -1,7 +1,10 @@
 //! States: waiting for them and reading them.
 
 use crate::arrays::{ImuValues, Number, Quantity, read};
-use crate::handle::{ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, put};
+use crate::handle::{
+    ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, guarded_or, put,
+};
+use crate::joint::{JointInfo, fault_name, limit_name, mode_name};
 use crate::status::{Failure, Status};
 use motord_client::{Cause, Client, Error, GroupView, Phase, State};
 use std::ffi::{CString, c_char};
@@ -282,6 +285,44 @@ pub unsafe extern "C" fn motord_must_be_active(state: *mut StateHandle, claim: *
             state.with(|state| Ok(state.of(claim).and_then(|view: GroupView<'_>| view.must_be_active())?))
         })
     })
+}
+
+/// Reads a joint, by its index in the robot: `motord_find` and `motord_claim_joints` return it.
+///
+/// # Safety
+/// `state` is a state; `joint` leads to a place for it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn motord_state_joint(
+    state: *mut StateHandle,
+    index: usize,
+    joint: *mut JointInfo,
+) -> Status {
+    guarded(|| {
+        let unknown = || Failure::new(Status::Unknown, format!("there is no joint with index {index}"));
+        // SAFETY: by the contract of this function.
+        let info = unsafe { borrow(state) }?
+            .with(|state| Ok(JointInfo::new(&state.joint(index).ok_or_else(unknown)?, state)))?;
+        // SAFETY: by the contract of this function.
+        unsafe { put(joint, info) }
+    })
+}
+
+/// Returns the name of a `motord_mode`, such as `active`; null for a number that is none.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_mode_name(mode: u32) -> *const c_char {
+    guarded_or(ptr::null(), || mode_name(mode))
+}
+
+/// Returns the name of a `motord_fault`, such as `over-voltage`; null for a number that is none.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_fault_name(fault: u32) -> *const c_char {
+    guarded_or(ptr::null(), || fault_name(fault))
+}
+
+/// Returns the name of a `motord_limit`, such as `torque-slew`; null for a number that is none.
+#[unsafe(no_mangle)]
+pub extern "C" fn motord_limit_name(limit: u32) -> *const c_char {
+    guarded_or(ptr::null(), || limit_name(limit))
 }
 
 /// Reads an IMU, by its index in the robot.
