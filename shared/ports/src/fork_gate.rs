@@ -66,7 +66,7 @@ fn register() {
 
 extern "C" fn close() {
     GATE.fetch_add(FORK, Ordering::Relaxed);
-    poll(|| GATE.load(Ordering::Acquire) % FORK == 0);
+    poll(|| GATE.load(Ordering::Acquire).is_multiple_of(FORK));
 }
 
 extern "C" fn open_in_parent() {
