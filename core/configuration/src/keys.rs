@@ -141,7 +141,7 @@ sections! {
         "stop-on-foreign-master" stop_on_foreign_master: bool, "" = is(true),
             "Stop the group of a motor that receives 5 or more frames a second with its command id from another program or device (`foreign-master`). `false`: motord only logs it, and the motor obeys both senders. In both cases it enables no group with such a motor. An excluded motor stops no group. CAN only.";
         "error-feedback" error_feedback: bool, "" = is(true),
-            "Carry the rounding error of the torque from cycle to cycle. This makes the mean torque exact.";
+            "Carry the rounding errors of torque and velocity from cycle to cycle. This makes the mean torque exact, also with damping.";
     }
 
     /// `[[bus]]`, the keys of every type.

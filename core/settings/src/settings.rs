@@ -158,7 +158,7 @@ pub struct SafetySettings {
     pub require_deadman: bool,
     /// A group is stopped while another sender commands its motors.
     pub stop_on_foreign_master: bool,
-    /// Carry the rounding error of the torque from cycle to cycle.
+    /// Carry the rounding errors of torque and velocity from cycle to cycle.
     pub error_feedback: bool,
 }
 

@@ -528,8 +528,9 @@ fn judge_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [
     let excess = |[at, speed]: [f64; 2]| {
         let (far, fast) = (position - at, velocity - speed);
         let total = kp * far + kd * fast + torque;
-        let noise = NEAREST
-            * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs() + codes.velocity * kd)
+        // Velocity and torque are up to a code off: their errors are carried.
+        let noise = NEAREST * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs())
+            + codes.velocity * kd
             + codes.torque;
         total.abs() - (limits.torque + noise)
     };

@@ -192,45 +192,42 @@ impl ControlCodes {
     /// When a value is NaN or infinite.
     #[inline]
     pub fn nearest(impedance: &Impedance, scales: &Scales) -> Result<Self, EncodeError> {
-        let torque = f64::from(impedance.torque);
-        if !(impedance.sum() + torque).is_finite() {
-            return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
-        }
-        Ok(Self::nearest_of_finite(impedance, scales.torque.encode_finite(torque) & TWELVE_BITS, scales))
+        // The masks change nothing, because a field of 12 bits has no wider code. They let the
+        // compiler remove the saturation from `pack`.
+        Self::nearest_with(impedance, scales, |&Impedance { velocity, torque, .. }| {
+            [
+                scales.velocity.encode_finite(velocity.into()) & TWELVE_BITS,
+                scales.torque.encode_finite(torque.into()) & TWELVE_BITS,
+            ]
+        })
     }
 
-    /// Returns the nearest codes, after clamping, with the torque code that the caller passes.
+    /// Returns the nearest codes, after clamping, with the codes of velocity and torque that
+    /// `quantise` returns. It is called with finite values only.
     ///
-    /// Real-time: does not allocate or block; takes constant time.
+    /// Real-time: does not allocate or block; takes constant time, where `quantise` does.
     ///
     /// # Errors
     ///
-    /// When a value other than the torque is NaN or infinite.
-    #[inline]
-    pub fn nearest_with_torque(
+    /// When a value is NaN or infinite.
+    #[inline(always)]
+    pub fn nearest_with(
         impedance: &Impedance,
-        torque: u16,
         scales: &Scales,
+        quantise: impl FnOnce(&Impedance) -> [u16; 2],
     ) -> Result<Self, EncodeError> {
-        if !impedance.sum().is_finite() {
+        let Impedance { position, kp, kd, torque, .. } = *impedance;
+        if !(impedance.sum() + f64::from(torque)).is_finite() {
             return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
         }
-        Ok(Self::nearest_of_finite(impedance, torque, scales))
-    }
-
-    /// Returns the nearest codes of finite values, with this torque code. The masks change nothing,
-    /// because a field of 12 bits has no wider code. They let the compiler remove the saturation
-    /// from `pack`.
-    #[inline]
-    fn nearest_of_finite(impedance: &Impedance, torque: u16, scales: &Scales) -> Self {
-        let Impedance { position, velocity, kp, kd, .. } = *impedance;
-        Self {
+        let [velocity, torque] = quantise(impedance);
+        Ok(Self {
             position: scales.position.encode_finite(position.into()),
-            velocity: scales.velocity.encode_finite(velocity.into()) & TWELVE_BITS,
+            velocity,
             kp: scales.kp.encode_finite(kp.into()) & TWELVE_BITS,
             kd: scales.kd.encode_finite(kd.into()) & TWELVE_BITS,
             torque,
-        }
+        })
     }
 
     /// Returns the setpoint that a motor with these scales reads from the codes.
