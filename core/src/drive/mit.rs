@@ -45,6 +45,12 @@ struct Last {
     at: Instant,
 }
 
+impl Last {
+    const fn of(state: &State, at: Instant) -> Self {
+        Self { position: state.position, velocity: state.velocity, at }
+    }
+}
+
 /// A payload that may be a fault report or a state. The faults count when the next answer to a fault request has the same ones,
 /// and until then no reply is late and no state continues this one.
 #[derive(Debug, Clone, Copy)]
@@ -199,17 +205,13 @@ impl Mit {
     /// Returns whether the payload, read as a state, continues the motion.
     #[cold]
     fn may_continue(&self, payload: &[u8], at: Instant) -> bool {
-        self.profile.decode_state(payload, &self.scales).is_ok_and(|state| self.continues(&state, at))
-    }
-
-    /// Returns whether the motor can have reached `state` since its last accepted state.
-    fn continues(&self, state: &State, at: Instant) -> bool {
-        self.last.is_some_and(|last| self.follows(last, state, at))
+        let Ok(state) = self.profile.decode_state(payload, &self.scales) else { return false };
+        self.last.is_some_and(|last| self.follows(last, Last::of(&state, at)))
     }
 
     /// Returns whether the motor can have reached `state` since `last`. False after a long silence.
-    fn follows(&self, last: Last, state: &State, at: Instant) -> bool {
-        let silence = at.since(last.at);
+    fn follows(&self, last: Last, state: Last) -> bool {
+        let silence = state.at.since(last.at);
         let reach = self.scales.velocity.max() as f32 * silence.as_secs_f32() + POSITION_MARGIN;
         silence <= SILENCE_MAX
             && (state.position - last.position).abs() < reach
@@ -219,9 +221,10 @@ impl Mit {
     /// Stores `state` as the newest, and returns it joint side.
     #[inline(always)]
     fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
-        self.last = Some(Last { position: state.position, velocity: state.velocity, at });
+        let last = Last::of(state, at);
+        self.last = Some(last);
         if self.ambiguous.is_some() {
-            self.compare_ambiguous(state, at);
+            self.compare_ambiguous(last);
         }
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
@@ -297,7 +300,7 @@ impl Mit {
             return Reported::Fault(faults);
         }
         let state = self.profile.decode_state(payload, &self.scales).ok();
-        let state = state.map(|state| Last { position: state.position, velocity: state.velocity, at });
+        let state = state.map(|state| Last::of(&state, at));
         self.ambiguous = Some(Ambiguous { faults, state });
         Reported::Ambiguous(faults)
     }
@@ -309,9 +312,9 @@ impl Mit {
 
     /// Forgets an ambiguous answer that `state` continues: it was a state.
     #[cold]
-    fn compare_ambiguous(&mut self, state: &State, at: Instant) {
+    fn compare_ambiguous(&mut self, state: Last) {
         let before = self.ambiguous.and_then(|ambiguous| ambiguous.state);
-        if before.is_some_and(|before| self.follows(before, state, at)) {
+        if before.is_some_and(|before| self.follows(before, state)) {
             self.refute();
         }
     }

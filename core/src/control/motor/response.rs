@@ -39,7 +39,7 @@ const STATES: u32 = 5;
 #[derive(Debug)]
 pub(super) struct Response {
     /// The last commands, a ring.
-    commands: [Impedance<JointSide>; COMMANDS],
+    commands: [Setpoint; COMMANDS],
     /// Index of the newest command.
     newest: usize,
     /// The first of the latest states in a row without the commanded torque, and their number.
@@ -57,7 +57,7 @@ pub(super) struct Response {
 impl Response {
     pub(super) fn of(settings: &MotorSettings) -> Self {
         let mut response = Self {
-            commands: [Impedance::NEUTRAL; COMMANDS],
+            commands: [Setpoint::NEUTRAL; COMMANDS],
             newest: 0,
             lacking: None,
             share: settings.limits.torque_response,
@@ -87,18 +87,15 @@ impl Response {
 
     /// Forgets commands and states.
     pub(super) const fn forget(&mut self) {
-        self.commands = [Impedance::NEUTRAL; COMMANDS];
+        self.commands = [Setpoint::NEUTRAL; COMMANDS];
         self.lacking = None;
     }
 
     /// Records a command after all limits, as it is sent.
+    #[inline]
     pub(super) const fn command(&mut self, sent: &Setpoint) {
         self.newest = (self.newest + 1) % COMMANDS;
-        self.commands[self.newest] = match sent.mode {
-            SetpointMode::Impedance => sent.values,
-            SetpointMode::Torque => Impedance::new(0.0, 0.0, 0.0, 0.0, sent.values.torque),
-            SetpointMode::Speed | SetpointMode::Position => Impedance::NEUTRAL,
-        };
+        self.commands[self.newest] = *sent;
     }
 
     /// Takes a state that was current at `at`. Returns whether the motor is off.
@@ -113,17 +110,21 @@ impl Response {
         states >= STATES && at.since(since) >= TIME
     }
 
+    /// Most states are decided without a call: their torque, or the one asked for, is below the floor.
+    #[inline(always)]
     fn lacks_torque(&self, state: &Measured<JointSide>) -> bool {
-        let Measured { position, velocity, torque, .. } = *state;
-        // Most states end here.
+        let torque = state.torque;
         if torque.abs() >= self.floor {
             return false;
         }
-        let newest = self.commands[self.newest].predicted_torque(position, velocity);
-        if newest.abs() <= self.floor {
-            return false;
-        }
-        let sign = newest.signum();
+        let newest = known_torque(&self.commands[self.newest], state);
+        newest.abs() > self.floor && self.lacks_all(state, newest.signum())
+    }
+
+    /// Returns whether `state` lacks the torque with this sign that each of the last commands asks for.
+    #[inline(never)]
+    fn lacks_all(&self, state: &Measured<JointSide>, sign: f32) -> bool {
+        let Measured { velocity, torque, .. } = *state;
         let commanded = self.commanded(sign, state);
         let turns_on = sign * velocity > self.velocity_max;
         !turns_on && commanded > self.floor && torque.abs() < self.share * commanded
@@ -132,22 +133,32 @@ impl Response {
     /// Returns the least torque with this sign that any of the last commands asks for at `state`,
     /// N·m. Negative where one of them has the other sign.
     fn commanded(&self, sign: f32, state: &Measured<JointSide>) -> f32 {
-        let least = |least: f32, command: &Impedance<JointSide>| {
-            let torque = sign * command.predicted_torque(state.position, state.velocity);
-            least.min(torque - self.rounding(command, state))
+        let least = |least: f32, command: &Setpoint| {
+            least.min(sign * known_torque(command, state) - self.rounding(command, state))
         };
         self.commands.iter().fold(f32::INFINITY, least)
     }
 
     /// Returns the largest change of the torque of `command` by the rounding of its codes, N·m.
-    fn rounding(&self, command: &Impedance<JointSide>, state: &Measured<JointSide>) -> f32 {
-        let Impedance { position, velocity, kp, kd, .. } = *command;
+    fn rounding(&self, command: &Setpoint, state: &Measured<JointSide>) -> f32 {
+        let Impedance { position, velocity, kp, kd, .. } = command.values;
         let code = &self.steps;
         let spring = kp * code.position + code.kp * (position - state.position).abs();
         let damper = kd * code.velocity + code.kd * (velocity - state.velocity).abs();
-        let spring = if kp > 0.0 { spring } else { 0.0 };
-        let damper = if kd > 0.0 { damper } else { 0.0 };
+        let is_impedance = command.mode == SetpointMode::Impedance;
+        let spring = if is_impedance && kp > 0.0 { spring } else { 0.0 };
+        let damper = if is_impedance && kd > 0.0 { damper } else { 0.0 };
         spring + damper + code.torque
+    }
+}
+
+/// Returns the torque that `command` asks for at `state`, N·m: 0 in a mode whose torque the drive decides.
+#[inline]
+fn known_torque(command: &Setpoint, state: &Measured<JointSide>) -> f32 {
+    match command.mode {
+        SetpointMode::Impedance => command.values.predicted_torque(state.position, state.velocity),
+        SetpointMode::Torque => command.values.torque,
+        SetpointMode::Speed | SetpointMode::Position => 0.0,
     }
 }
 

@@ -76,7 +76,7 @@ impl Profile {
     /// Returns the status of newer firmware; `None` where all its bits are zero.
     #[inline]
     fn flags(&self, payload: &[u8]) -> Option<u8> {
-        let flags = self.reply.flags?;
+        let flags = self.reply.flags.as_ref()?;
         payload.get(flags.at).map(|byte| byte >> FLAGS_SHIFT).filter(|status| *status != 0)
     }
 
@@ -98,7 +98,7 @@ impl Profile {
     pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
             FaultReport::InEveryReply(status) => Some(!status.is_off(state.status?)),
-            FaultReport::Asked(_) => self.reply.flags?.is_on(state.status?),
+            FaultReport::Asked(_) => self.reply.flags.as_ref()?.is_on(state.status?),
         }
     }
 
@@ -107,7 +107,7 @@ impl Profile {
     #[must_use]
     #[inline]
     pub fn has_unnamed_fault(&self, state: &State) -> bool {
-        let (Some(flags), Some(status)) = (self.reply.flags, state.status) else { return false };
+        let (Some(status), Some(flags)) = (state.status, &self.reply.flags) else { return false };
         flags.is_on(status).is_some() && status & flags.fault != 0
     }
 
