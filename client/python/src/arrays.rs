@@ -1,4 +1,4 @@
-//! Values of a caller: one number for all joints, or one for each; and times.
+//! Values of a caller: one number for all joints, one for each, or a mapping by name; and times.
 //!
 //! Reading a value may run code of the caller, and the handler of a signal. An exception of these passes on: `KeyboardInterrupt` too.
 
@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::PyTypeInfo;
 use pyo3::exceptions::{PyKeyError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyFloat, PyFrozenSet, PyList, PySet, PyString, PyTuple};
+use pyo3::types::{PyDict, PyFloat, PyFrozenSet, PySet, PyString, PyTuple};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -15,34 +15,43 @@ pub(crate) const JOINTS_MAX: usize = 64;
 /// A number for each joint.
 pub(crate) type Values = [f32; JOINTS_MAX];
 
-/// Reads finite numbers for `count` joints; see [`read`]. The daemon would reject any other, and with it the whole message.
-pub(crate) fn values(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Values> {
-    let values = read(name, value, count)?;
+/// Reads finite numbers for the joints; see [`read`]. The daemon would reject any other, and with it the whole message.
+pub(crate) fn values(
+    name: &str,
+    value: Option<&Bound<'_, PyAny>>,
+    joints: &[impl AsRef<str>],
+) -> PyResult<Values> {
+    let values = read(name, value, joints)?;
     let is_gain = name == "kp" || name == "kd";
     let is_bad = |value: &f32| !value.is_finite() || is_gain && *value < 0.0;
-    match values.iter().take(count).position(is_bad) {
+    match values.iter().take(joints.len()).position(is_bad) {
         None => Ok(values),
         Some(at) => {
             let expected = if is_gain { "a finite number, 0 or more" } else { "a finite number" };
-            Err(PyValueError::new_err(format!("{name}[{at}] is {}: give {expected}", values[at])))
+            let is_named = value.map_or(Ok(false), is_mapping)?;
+            let key = if is_named { format!("{:?}", joints[at].as_ref()) } else { at.to_string() };
+            Err(PyValueError::new_err(format!("{name}[{key}] is {}: give {expected}", values[at])))
         }
     }
 }
 
-/// Reads position, velocity, stiffness, damping and torque of `count` joints. A stiffness needs a position.
-pub(crate) fn setpoints(given: [Option<&Bound<'_, PyAny>>; 5], count: usize) -> PyResult<[Values; 5]> {
+/// Reads position, velocity, stiffness, damping and torque of the joints. A stiffness needs a position.
+pub(crate) fn setpoints(
+    given: [Option<&Bound<'_, PyAny>>; 5],
+    joints: &[impl AsRef<str>],
+) -> PyResult<[Values; 5]> {
     let [q, _, kp, ..] = given;
     if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
         return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
     }
     let mut read = [[0.0; JOINTS_MAX]; 5];
     for ((name, value), read) in ["q", "dq", "kp", "kd", "tau"].into_iter().zip(given).zip(&mut read) {
-        *read = values(name, value, count)?;
+        *read = values(name, value, joints)?;
     }
     Ok(read)
 }
 
-/// Returns position, velocity, stiffness, damping and torque of `count` joints, as [`setpoints`] reads them.
+/// Returns position, velocity, stiffness, damping and torque of the joints, as [`setpoints`] reads them.
 #[pyfunction]
 #[pyo3(name = "setpoints")]
 pub(crate) fn checked_setpoints(
@@ -51,41 +60,46 @@ pub(crate) fn checked_setpoints(
     kp: Option<&Bound<'_, PyAny>>,
     kd: Option<&Bound<'_, PyAny>>,
     tau: Option<&Bound<'_, PyAny>>,
-    count: usize,
+    joints: Vec<String>,
 ) -> PyResult<Vec<Vec<f32>>> {
+    let count = joints.len();
     if count > JOINTS_MAX {
         return Err(PyValueError::new_err(format!("{count} joints: at most {JOINTS_MAX}")));
     }
-    Ok(setpoints([q, dq, kp, kd, tau], count)?.iter().map(|values| values[..count].to_vec()).collect())
+    Ok(setpoints([q, dq, kp, kd, tau], &joints)?.iter().map(|values| values[..count].to_vec()).collect())
 }
 
 /// Reads the position of each joint: a number, an array, or a mapping that names each joint.
-pub(crate) fn pose(value: &Bound<'_, PyAny>, names: &[String]) -> PyResult<Values> {
-    if !is_mapping(value)? {
-        return values("pose", Some(value), names.len());
+pub(crate) fn pose(value: &Bound<'_, PyAny>, joints: &[impl AsRef<str>]) -> PyResult<Values> {
+    if value.is_none() {
+        return Err(no_array("pose", value, joints.len()));
     }
+    values("pose", Some(value), joints)
+}
+
+/// Returns `true` for a dict, and for any other value that names its entries, such as a `pandas.Series`.
+fn is_mapping(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    value.hasattr("keys")
+}
+
+/// Reads a mapping that names each joint, and nothing else.
+fn named(name: &str, value: &Bound<'_, PyAny>, joints: &[impl AsRef<str>]) -> PyResult<Vec<f64>> {
     for key in value.call_method0("keys")?.try_iter()? {
         // `to_string` would ignore an exception.
         let key = key?.str()?.to_string_lossy().into_owned();
-        if !names.contains(&key) {
-            let known = names.join(", ");
-            return Err(PyValueError::new_err(format!("pose has {key:?}; there are {known}")));
+        if !joints.iter().any(|joint| joint.as_ref() == key) {
+            let known = joints.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
+            return Err(PyValueError::new_err(format!("{name} has {key:?}; there are {known}")));
         }
     }
     let mut listed = Vec::new();
-    for name in names {
-        let lacks = || PyValueError::new_err(format!("pose lacks {name}: give a position for each joint"));
-        let position = without::<PyKeyError, _>(value.py(), value.get_item(name))?.ok_or_else(lacks)?;
-        let no_number = || PyValueError::new_err(format!("pose[{name:?}] is no number"));
-        listed.push(number(&position)?.ok_or_else(no_number)?);
+    for joint in joints.iter().map(AsRef::as_ref) {
+        let lacks = || PyValueError::new_err(format!("{name} lacks {joint}: give a value for each joint"));
+        let found = without::<PyKeyError, _>(value.py(), value.get_item(joint))?.ok_or_else(lacks)?;
+        let no_number = || PyValueError::new_err(format!("{name}[{joint:?}] is no number"));
+        listed.push(number(&found)?.ok_or_else(no_number)?);
     }
-    values("pose", Some(&PyList::new(value.py(), listed)?.into_any()), names.len())
-}
-
-/// A cast to `PyMapping` would ignore an exception of the check.
-fn is_mapping(value: &Bound<'_, PyAny>) -> PyResult<bool> {
-    let is_dict = value.is_instance_of::<PyDict>();
-    Ok(is_dict || value.is_instance(&value.py().import("collections.abc")?.getattr("Mapping")?)?)
+    Ok(listed)
 }
 
 /// Returns `None` for an exception of the kind `E`. Another one passes on: that of a signal's handler, or of the caller's code.
@@ -108,9 +122,9 @@ fn number(value: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
     Ok(without::<PyOverflowError, _>(value.py(), read)?.unwrap_or(Some(f64::INFINITY)))
 }
 
-/// Nothing is 0, a number is that of every joint, an array has one for each.
-fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Values> {
-    let mut values = [0.0; JOINTS_MAX];
+/// Nothing is 0, a number is that of every joint, an array has one for each, a mapping names each.
+fn read(name: &str, value: Option<&Bound<'_, PyAny>>, joints: &[impl AsRef<str>]) -> PyResult<Values> {
+    let (mut values, count) = ([0.0; JOINTS_MAX], joints.len());
     let Some(value) = value.filter(|value| !value.is_none()) else { return Ok(values) };
     if let Some(number) = number(value)? {
         values[..count.min(JOINTS_MAX)].fill(number as f32);
@@ -123,6 +137,9 @@ fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<
     } else if let Some(array) = without::<PyTypeError, _>(py, value.extract::<PyReadonlyArray1<'_, f32>>())? {
         let array = array.as_array();
         fill(name, &mut values, count, array.len(), array.iter().copied())?;
+    } else if is_mapping(value)? {
+        let named = named(name, value, joints)?;
+        fill(name, &mut values, count, count, named.into_iter().map(|value| value as f32))?;
     } else {
         let (listed, received) = listed(name, value, count)?;
         fill(name, &mut values, count, received, listed.into_iter().map(|value| value as f32))?;
@@ -133,11 +150,8 @@ fn read(name: &str, value: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<
 /// Reads the numbers of a sequence, at most one more than `count`. Returns them and their number in the sequence.
 fn listed(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<(Vec<f64>, usize)> {
     let py = value.py();
-    // A set has no order, and a dict has names: neither is a list of values.
-    if value.is_instance_of::<PySet>()
-        || value.is_instance_of::<PyFrozenSet>()
-        || value.is_instance_of::<PyDict>()
-    {
+    // A set has no order.
+    if value.is_instance_of::<PySet>() || value.is_instance_of::<PyFrozenSet>() {
         return Err(no_array(name, value, count));
     }
     let Some(length) = without::<PyTypeError, _>(py, value.len())? else {
@@ -165,7 +179,9 @@ fn no_array_text(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult
     let Some(shape) = shape(value)? else {
         let found = value.get_type().repr()?;
         let found = found.to_string_lossy();
-        return Ok(format!("{name} is {found}: give a number, or a one-dimensional array of {count}"));
+        return Ok(format!(
+            "{name} is {found}: give a number, a one-dimensional array of {count}, or a mapping by name"
+        ));
     };
     // A network returns a batch of one.
     let row = if shape == [1, count] { format!(", such as {name}[0]") } else { String::new() };

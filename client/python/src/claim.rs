@@ -99,7 +99,7 @@ impl Claim {
         kd: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<(Values, Values)> {
         let or = |name, given: Option<&Bound<'_, PyAny>>, default: f64| match given {
-            Some(given) => values(name, Some(given), self.order.joints.len()),
+            Some(given) => values(name, Some(given), &self.order.names),
             None => Ok([default as f32; JOINTS_MAX]),
         };
         let hold = self.owned()?.hold;
@@ -163,8 +163,8 @@ impl Claim {
         py.detach(|| caught(|| claim.release()))?.map_err(|error| raised(&error))
     }
 
-    /// Sends a setpoint for each joint. Each argument is a number for all of them, or an array in the order of the claim. The
-    /// daemon moves to the setpoints within `horizon`, s.
+    /// Sends a setpoint for each joint. Each argument is a number for all of them, an array in the order of the claim, or a
+    /// mapping that names each. The daemon moves to the setpoints within `horizon`, s.
     #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None, horizon = 0.0))]
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
@@ -178,7 +178,7 @@ impl Claim {
     ) -> PyResult<()> {
         let count = self.order.joints.len();
         let horizon = duration("horizon", horizon)?;
-        let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], count)?;
+        let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], &self.order.names)?;
         let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
         for (at, place) in self.places.iter().enumerate() {
             setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);

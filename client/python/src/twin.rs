@@ -125,6 +125,14 @@ impl Engine {
         })
     }
 
+    /// The names of the joints at these places of a group.
+    fn names(&self, group: usize, places: &[usize]) -> PyResult<Vec<&str>> {
+        let members = self.description.groups.get(group).map_or(&[][..], |group| &group.joints);
+        let name = |place: &usize| Some(&*self.description.joints.get(*members.get(*place)?)?.name);
+        let names = places.iter().map(name).collect::<Option<_>>();
+        names.ok_or_else(|| PyValueError::new_err("no such joint in the group"))
+    }
+
     /// Raises the exception of a callable.
     fn checked<T>(&self, value: T) -> PyResult<T> {
         match self.raised.lock().unwrap_or_else(PoisonError::into_inner).take() {
@@ -202,7 +210,8 @@ impl Engine {
         horizon: f64,
     ) -> PyResult<()> {
         let count = places.len();
-        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], count)?;
+        let names = self.names(group, &places)?;
+        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], &names)?;
         let mut joints = [JointSetpoint::default(); JOINTS_MAX];
         for (at, place) in places.into_iter().enumerate() {
             let setpoint = JointSetpoint {

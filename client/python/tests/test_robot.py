@@ -16,6 +16,9 @@ import motord
 from conftest import Daemon
 
 
+NAMES = [f"{leg}-{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "thigh", "knee")]
+
+
 def phase(robot: motord.Robot) -> str | None:
     with robot.claim("legs") as legs:
         return legs.wait().phase
@@ -52,7 +55,10 @@ def test_joints_follow_setpoints(robot: motord.Robot) -> None:
         ({"q": [1.0, 2.0]}, "q has 2 values; the group has 12 joints"),
         ({"q": np.array([1.0])}, "q has 1 values; the group has 12 joints"),
         ({"q": np.zeros((3, 4))}, r"q has the shape \(3, 4\): give a number, or an array of 12"),
-        ({"q": {float(joint): 0.0 for joint in range(12)}}, "one-dimensional array of 12"),
+        ({"q": {float(joint): 0.0 for joint in range(12)}}, 'q has "0.0"; there are fl-hip'),
+        ({"q": {"fl-hip": 0.0}}, "q lacks fl-thigh: give a value for each joint"),
+        ({"q": 0.0, "kp": {"fl-hip": 1.0}}, "kp lacks fl-thigh: give a value for each joint"),
+        ({"q": {name: 0.0 for name in NAMES}, "kd": {name: -1.0 for name in NAMES}}, r'kd\["fl-hip"\] is -1'),
         ({"q": {float(joint) for joint in range(12)}}, "one-dimensional array of 12"),
         ({"q": "0"}, "give a number"),
         ({"q": np.full(12, np.nan)}, r"q\[0\] is NaN: give a finite number"),
@@ -147,6 +153,7 @@ def test_move_is_smooth_and_arrives(robot: motord.Robot) -> None:
         ({"fl-hip": 0.0}, 1.0, "pose lacks fl-thigh"),
         ({"tail": 0.0}, 1.0, 'pose has "tail"; there are fl-hip'),
         (float("nan"), 1.0, r"pose\[0\] is NaN"),
+        (None, 1.0, "pose is <class 'NoneType'>: give a number"),
         (0.0, -1.0, "seconds is -1"),
     ],
 )

@@ -45,7 +45,7 @@ def unraisable(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 @pytest.mark.parametrize(
     "made",
     [
-        lambda: of(object, __class__=property(raises))(),
+        lambda: of(object, keys=property(raises))(),
         lambda: of(object, __float__=raises)(),
         lambda: of(object, __len__=raises)(),
         lambda: of(object, __len__=lambda _: 12, __iter__=raises)(),

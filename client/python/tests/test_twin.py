@@ -131,6 +131,39 @@ def trot(twin: Twin, seconds: float, of: Callable[[motord.State], Array] = posit
     return np.array(track)
 
 
+@pytest.mark.parametrize("make", [lambda: Twin(CONFIG), lambda: Ideal(CONFIG, Alone())])
+def test_mapping_moves_joints_by_name(make: Callable[[], Twin]) -> None:
+    for names in (NAMES, NAMES[::-1]):
+        with make().claim("legs", names=names) as legs:
+            legs.enable()
+            begin = dict(zip(names, legs.wait().q, strict=True))
+            goal = {name: begin[name] + 0.001 * at for at, name in enumerate(NAMES)}
+            gains = {name: 10.0 + at for at, name in enumerate(NAMES)}
+            state = legs.wait()
+            for state, _ in zip(legs.cycles(), range(600)):
+                legs.send(q=goal, dq=dict.fromkeys(NAMES, 0.1), kp=gains, kd=dict.fromkeys(NAMES, 1.0), tau=dict.fromkeys(NAMES, 0.5))
+        applied = state.applied
+        assert dict(zip(names, applied["q"], strict=True)) == pytest.approx(goal, abs=2e-3)
+        assert dict(zip(names, applied["kp"], strict=True)) == pytest.approx(gains, rel=0.02)
+        assert applied["dq"] == pytest.approx(0.1, abs=0.05) and state.phase == "active"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        ({"q": {"fl-hip": 0.0}}, "q lacks fl-thigh"),
+        ({"q": {**dict.fromkeys(NAMES, 0.0), "tail": 0.0}}, 'q has "tail"; there are fl-hip'),
+        ({"q": np.zeros(3)}, "q has 3 values; the group has 12 joints"),
+        ({"q": float("nan")}, "finite"),
+        ({"kp": 1.0}, "kp without q"),
+    ],
+)
+@pytest.mark.parametrize("make", [lambda: Twin(CONFIG), lambda: Ideal(CONFIG, Alone())])
+def test_bad_setpoints_are_explained(make: Callable[[], Twin], arguments: dict[str, Any], part: str) -> None:
+    with make().claim("legs") as legs, pytest.raises(ValueError, match=part):
+        legs.send(**arguments)
+
+
 def rms(difference: Array) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 

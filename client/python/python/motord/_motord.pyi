@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _Array = NDArray[np.float64]
-_Values = float | Sequence[float] | NDArray[np.float64] | NDArray[np.float32]
+_Values = float | Sequence[float] | NDArray[np.float64] | NDArray[np.float32] | Mapping[str, float]
 
 class Error(RuntimeError):
     """A call failed. Its text says what to do."""
@@ -202,8 +202,9 @@ class Claim:
     ) -> None:
         """Sends a setpoint for each joint: rad, rad/s, N·m/rad, N·m·s/rad, N·m.
 
-        Each argument is a number for all joints, or an array in the order of the claim; the default is 0. The motor's
-        torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does not wait. Call it in every cycle.
+        Each argument is a number for all joints, an array in the order of the claim, or a mapping that names each joint, in any
+        order; the default is 0. The motor's torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does
+        not wait. Call it in every cycle.
 
         With a horizon, s, the daemon moves q, dq and tau linearly from the present command to these within that time after
         they were sent; the setpoint timeout begins at its end. For a controller slower than the cycle: a horizon of its
@@ -211,7 +212,7 @@ class Claim:
         """
     def move_to(
         self,
-        pose: _Values | Mapping[str, float],
+        pose: _Values,
         seconds: float,
         *,
         kp: _Values | None = None,
@@ -318,9 +319,14 @@ def every(rate_hz: float, hz: float) -> int:
     """The number of cycles between two states at hz. ValueError when that is none."""
 
 def setpoints(
-    q: _Values | None, dq: _Values | None, kp: _Values | None, kd: _Values | None, tau: _Values | None, count: int
+    q: _Values | None,
+    dq: _Values | None,
+    kp: _Values | None,
+    kd: _Values | None,
+    tau: _Values | None,
+    joints: Sequence[str],
 ) -> list[list[float]]:
-    """The values of a setpoint for each of count joints, checked as those of Claim.send."""
+    """The values of a setpoint for joints of these names, checked as those of Claim.send: a row for each argument."""
 
 def describe(config: str | PathLike[str]) -> tuple[str, list[dict[str, Any]]]:
     """The description of a configuration, as JSON, and name, armature, damping, friction and begin of each joint."""

@@ -133,8 +133,9 @@ class IdealEngine:
         )
 
     def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float) -> None:
-        values = setpoints(q, dq, kp, kd, tau, len(places))
         joints = np.array(self._robot["groups"][group]["joints"])[places]
+        names = [self._robot["joints"][joint]["name"] for joint in joints]
+        values = setpoints(q, dq, kp, kd, tau, names)
         if self._joints.phases.get(group) == "active":
             for name, value in zip(("q", "dq", "kp", "kd", "tau"), values, strict=True):
                 getattr(self._joints.setpoints, name)[joints] = value

@@ -10,7 +10,7 @@ import numpy as np
 from .._motord import Engine, Motion, MotorsOffline, Refused, State, Stopped, TimedOut, describe, every
 from .plant import Array, Plant
 
-Values = float | Array
+Values = float | Array | Mapping[str, float]
 
 CHANGE_CYCLES = 20_000
 """More cycles than motors need to start or to stop."""
@@ -194,7 +194,7 @@ class TwinClaim:
 
     def move_to(
         self,
-        pose: Values | Mapping[str, float],
+        pose: Values,
         seconds: float,
         *,
         kp: Values | None = None,
