@@ -23,7 +23,7 @@ def main() -> int:
     horizon = policy.horizon(robot.description)
     name = robot.imus[0] if policy.needs_imu else None
     steps = 0
-    with robot.claim(group, names=policy.joints) as legs:
+    with robot.claim(group) as legs:
         legs.enable()
         legs.move_to(policy.default, 2.0, kp=policy.kp, kd=policy.kd)
         begun = legs.wait().time

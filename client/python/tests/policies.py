@@ -3,6 +3,7 @@
 good.onnx fits config/quadruped-simulated.toml; every other file is spoiled in one way.
 """
 
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,8 +43,14 @@ def save(
     bias: float = 0.0,
     inputs: int = 1,
     kind: int = TensorProto.FLOAT,
+    bound: float | None = None,
+    length: int | str | None = None,
+    endless: bool = False,
 ) -> Path:
-    """Saves a policy: each action follows its velocity command a little, and its joint back to the default pose."""
+    """Saves a policy: each action follows its velocity command a little, and its joint back to the default pose.
+
+    With bound, the network leaves out the actions above it; length is the declared one. An endless one never returns.
+    """
     weights = np.zeros((observed, actions), dtype=np.float32)
     weights[8 % observed, :] = 0.2
     for at in range(min(actions, observed - 9)):
@@ -52,15 +59,19 @@ def save(
         [
             helper.make_node("Cast", ["observation"], ["cast"], to=TensorProto.FLOAT),
             helper.make_node("MatMul", ["cast", "weights"], ["product"]),
-            helper.make_node("Add", ["product", "bias"], ["action"]),
+            helper.make_node("Add", ["product", "bias"], ["action" if bound is None and not endless else "sum"]),
+            *([] if bound is None else _bounded()),
+            *([_loop()] if endless else []),
         ],
         "policy",
         [helper.make_tensor_value_info("observation", kind, [1, observed])]
         + [helper.make_tensor_value_info(f"more{at}", TensorProto.FLOAT, [1, 1]) for at in range(inputs - 1)],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, actions])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, actions if length is None else length])],
         [
             numpy_helper.from_array(weights, "weights"),
             numpy_helper.from_array(np.full(actions, bias, dtype=np.float32), "bias"),
+            *([] if bound is None else [numpy_helper.from_array(np.array(bound, dtype=np.float32), "bound")]),
+            *([numpy_helper.from_array(np.array(True), "true")] if endless else []),
         ],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
@@ -68,6 +79,35 @@ def save(
     helper.set_model_props(model, {key: value for key, value in values.items() if value is not None})
     onnx.save(model, str(path))
     return path
+
+
+def _bounded() -> list[onnx.NodeProto]:
+    """Leaves out the actions above the bound."""
+    return [
+        helper.make_node("Less", ["sum", "bound"], ["is_less"]),
+        helper.make_node("Flatten", ["is_less"], ["flat"], axis=0),
+        helper.make_node("Squeeze", ["flat"], ["condition"]),
+        helper.make_node("Compress", ["sum", "condition"], ["action"], axis=1),
+    ]
+
+
+def _loop() -> onnx.NodeProto:
+    """Repeats the action for ever."""
+    shape = [1, len(JOINTS)]
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Identity", ["here"], ["there"])],
+        "body",
+        [
+            helper.make_tensor_value_info("count", TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("here", TensorProto.FLOAT, shape),
+        ],
+        [
+            helper.make_tensor_value_info("goes", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("there", TensorProto.FLOAT, shape),
+        ],
+    )
+    return helper.make_node("Loop", ["", "true", "sum"], ["action"], body=body)
 
 
 def _with(key: str, at: int, value: str) -> dict[str, str]:
@@ -121,11 +161,26 @@ def spoiled(folder: Path) -> dict[str, tuple[Path, str]]:
     add("scaled", "observation_terms_scale has 0.5: .* scale inside the network", {"observation_terms_scale": "1.000,0.5"})
     add("clipped", "observation_terms_clip has -5.0: .* clip inside the network", {"observation_terms_clip": "-inf;inf,-5.0;5.0"})
     add("stacked", "observation_history_lengths has 3: .* own history", {"observation_history_lengths": "1,1,3"})
+    positions = TERMS.replace("joint_pos_rel", "joint_pos")
+    add("joint-pos-unsaid", "observation_names has joint_pos, .* relative .*, or to absolute", {"observation_names": positions})
+    add("joint-pos-word", "joint_pos is rel: give relative or absolute", {"observation_names": positions, "joint_pos": "rel"})
+    add("no-length", "the output action has no fixed length", bound=1.0, length="n")  # type: ignore[arg-type]
+    add("no-actions", "the network returns 0 actions for 12 joints", bound=-1.0)
+    add("terminal", r"joint_names has .u{1b}.31mfl-hip, which is not in", _with("joint_names", 0, "\x1b[31mfl-hip"))
+    add("bidirectional", r"joint_names has .u{202e}fl-hip, which is not in", _with("joint_names", 0, "\u202efl-hip"))
     (folder / "text.onnx").write_text("no model")
     made["text"] = (folder / "text.onnx", "text.onnx is no readable ONNX model")
     whole = (folder / "stiff.onnx").read_bytes()
     (folder / "cut-off.onnx").write_bytes(whole[: len(whole) // 2])
     made["cut-off"] = (folder / "cut-off.onnx", "cut-off.onnx is no readable ONNX model")
+    with (folder / "huge.onnx").open("wb") as file:
+        file.truncate(1 << 40)
+    made["huge"] = (folder / "huge.onnx", "it has 1048576 MiB; at most 256 MiB are read")
+    os.mkfifo(folder / "pipe.onnx")
+    made["pipe"] = (folder / "pipe.onnx", "pipe.onnx: it is no regular file")
+    (folder / "zeros.onnx").symlink_to("/dev/zero")
+    made["zeros"] = (folder / "zeros.onnx", "zeros.onnx: it is no regular file")
+    made["folder"] = (folder, "it is no regular file")
     made["absent"] = (folder / "absent.onnx", "there is no such file")
     return made
 

@@ -3,18 +3,31 @@
 import os
 import re
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import motord
-from conftest import Daemon
+from conftest import CONFIG, Daemon
+from motord.sim import Twin
+from motord.sim.plant import Array
+from test_twin import Alone
 
 pytest.importorskip("onnxruntime")
 pytest.importorskip("onnx")
 
 import policies  # noqa: E402
+
+
+
+class Level(Alone):
+    """Joints alone, and an IMU that lies level."""
+
+    def imu(self) -> tuple[Array, Array, Array]:  # type: ignore[override]
+        return np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81])
+
 
 SECONDS = float(os.environ.get("MOTORD_POLICY_SECONDS", "5"))
 
@@ -37,7 +50,7 @@ def test_every_spoiled_policy_is_refused(robot: motord.Robot, folder: Path) -> N
             motord.Policy(path).check(robot.description, "legs")
         text = str(refused.value)
         print(text.replace(str(folder) + "/", ""))
-        assert re.search(pattern, text) and str(path) in text, (name, text)
+        assert re.search(pattern, text) and str(path) in text and text.isprintable(), (name, text)
 
 
 def test_rate_and_group_must_fit(robot: motord.Robot, good: Path) -> None:
@@ -68,6 +81,91 @@ def test_observation_has_order_of_policy(robot: motord.Robot, good: Path) -> Non
     assert policy.observe(state, imu=state.imu["base"])[33:] == pytest.approx((pose - policy.default) / 0.25, abs=1e-5)
     with pytest.raises(motord.PolicyError, match="base_ang_vel needs an IMU"):
         policy.step(state)
+
+
+@pytest.mark.parametrize("names", [policies.JOINTS, policies.ORDER, policies.JOINTS[::-1]])
+def test_policy_moves_its_joints_in_every_order(folder: Path, names: list[str]) -> None:
+    gains = {name: 30.0 + at for at, name in enumerate(policies.ORDER)}
+    stiffness = ",".join(str(value) for value in gains.values())
+    policy = motord.Policy(policies.save(folder / "gains.onnx", {"joint_stiffness": stiffness}))
+    with Twin(CONFIG, Level()).claim("legs", names=names) as legs:
+        legs.enable()
+        legs.move_to(policy.default, 2.0, kp=policy.kp, kd=policy.kd)
+        goal = policy.default
+        for _, state in zip(range(10), legs.cycles(hz=policy.rate_hz)):
+            goal = policy.step(state, motord.policy.Command(turn=0.5), state.imu["base"])
+            legs.send(q=goal, kp=policy.kp, kd=policy.kd)
+        state = legs.wait()
+    applied = dict(zip(state.names, state.applied["q"], strict=True))
+    assert applied == pytest.approx(dict(goal), abs=0.01) and goal["rr-knee"] < -1.6 and abs(goal["fl-hip"]) < 0.1
+    assert dict(zip(state.names, state.applied["kp"], strict=True)) == pytest.approx(gains, rel=0.01)
+
+
+def test_state_without_a_joint_is_refused(robot: motord.Robot, good: Path) -> None:
+    policy = motord.Policy(good)
+    with pytest.raises(motord.PolicyError, match="the state lacks rr-knee of joint_names; it has fl-hip"):
+        policy.step(robot.wait(names=policies.JOINTS[:-1]))
+
+
+def test_values_are_arrays_in_order_of_policy(good: Path) -> None:
+    policy = motord.Policy(good)
+    assert list(policy.default) == policies.ORDER and policy.default["rr-knee"] == -1.7
+    assert np.asarray(policy.default)[8:] == pytest.approx([-1.7] * 4)
+    doubled = 2.0 * policy.default + policy.kp
+    assert type(doubled) is np.ndarray and doubled[8] == pytest.approx(36.6)
+
+
+def test_absolute_positions_are_observed_as_measured(robot: motord.Robot, folder: Path) -> None:
+    terms = policies.TERMS.replace("joint_pos_rel", "joint_pos")
+    unsaid = policies.save(folder / "unsaid.onnx", {"observation_names": terms})
+    said = policies.save(folder / "said.onnx", {"observation_names": terms, "joint_pos": "absolute"})
+    state = robot.wait()
+    measured = robot.wait(names=policies.ORDER).q
+    for policy in (motord.Policy(said), motord.Policy(unsaid, joint_pos="absolute")):
+        assert policy.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured, abs=0.02)
+    relative = motord.Policy(unsaid, joint_pos="relative")
+    assert relative.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured - relative.default, abs=0.02)
+    with pytest.raises(motord.PolicyError, match="joint_pos is absolute in the metadata, and relative in the call"):
+        motord.Policy(said, joint_pos="relative")
+
+
+def test_zero_gains_are_warned_of(daemon: Daemon, folder: Path) -> None:
+    zero = {"joint_stiffness": policies.numbers(0.0), "joint_damping": "0," + policies.numbers(1.0, 11), "action_scale": "0"}
+    for key, part in (
+        ("joint_stiffness", "is 0: nothing moves them to their setpoints"),
+        ("joint_damping", "joint_damping of fl-hip is 0: nothing damps them"),
+        ("action_scale", "is 0: the policy does not move them"),
+    ):
+        limp = policies.save(folder / "limp.onnx", {key: zero[key]})
+        with pytest.warns(RuntimeWarning, match=part):
+            motord.Policy(limp)
+        with daemon.python("-m", "motord.policy", "check", str(limp), "--group", "legs") as program:
+            _, errors = program.communicate(timeout=60.0)
+        assert program.returncode == 0 and errors.startswith("motord.policy: warning: ") and part in errors
+
+
+def test_step_checks_length_of_action(robot: motord.Robot, folder: Path) -> None:
+    policy = motord.Policy(policies.save(folder / "shrinks.onnx", bound=0.05))
+    state = robot.wait()
+    with pytest.raises(motord.PolicyError, match="the network returns 0 actions for 12 joints"):
+        policy.step(state, motord.policy.Command(turn=0.5), state.imu["base"])
+
+
+def test_endless_network_ends_by_limit(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motord.policy, "TRIAL_S", 1.0)
+    with pytest.raises(motord.PolicyError, match="the network has run for 1 s, and does not end"):
+        motord.Policy(policies.save(folder / "endless.onnx", endless=True))
+
+
+def test_signal_ends_check_of_endless_network(daemon: Daemon, folder: Path) -> None:
+    path = policies.save(folder / "endless.onnx", endless=True)
+    with daemon.python("-m", "motord.policy", "check", str(path)) as program:
+        time.sleep(3.0)
+        sent = time.monotonic()
+        program.send_signal(signal.SIGINT)
+        _, errors = program.communicate(timeout=60.0)
+    assert program.returncode == 130 and "Traceback" not in errors, errors
+    assert time.monotonic() - sent < 5.0
 
 
 def test_good_policy_runs_at_its_rate(daemon: Daemon, robot: motord.Robot, good: Path) -> None:

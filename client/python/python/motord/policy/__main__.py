@@ -4,11 +4,13 @@ import argparse
 import signal
 import sys
 import time
+import warnings
 
 import numpy as np
 
 import motord
 
+from .._text import printable
 from . import Command, Policy, PolicyError
 
 
@@ -48,7 +50,7 @@ def run(policy: Policy, robot: motord.Robot, options: argparse.Namespace) -> int
     limit_s = options.stale_ms * 1e-3 if options.stale_ms else 2.0 / policy.rate_hz
     command = Command(*options.command)
     steps = 0
-    with robot.claim(options.group, names=policy.joints) as legs:
+    with robot.claim(options.group) as legs:
         legs.enable()
         legs.move_to(policy.default, options.start_seconds, kp=policy.kp, kd=policy.kd)
         policy.reset()
@@ -67,10 +69,11 @@ def run(policy: Policy, robot: motord.Robot, options: argparse.Namespace) -> int
 
 def describe(policy: Policy) -> None:
     """Prints the policy as a table."""
-    print(f"{policy.path}: {policy.rate_hz:g} Hz, observes {', '.join(policy.terms)}")
+    print(printable(f"{policy.path}: {policy.rate_hz:g} Hz, observes {', '.join(policy.terms)}"))
     print(f"{'joint':<20}{'default rad':>12}{'scale rad':>11}{'kp':>8}{'kd':>8}")
-    for name, *values in zip(policy.joints, policy.default, policy.scale, policy.kp, policy.kd, strict=True):
-        print(f"{name:<20}{values[0]:>12.3f}{values[1]:>11.3f}{values[2]:>8.2f}{values[3]:>8.2f}")
+    for name in policy.joints:
+        default, scale, kp, kd = (values[name] for values in (policy.default, policy.scale, policy.kp, policy.kd))
+        print(f"{printable(name):<20}{default:>12.3f}{scale:>11.3f}{kp:>8.2f}{kd:>8.2f}")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -83,6 +86,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         one.add_argument("--instance", default="demo")
         one.add_argument("--group", required=what == "run")
         one.add_argument("--hz", type=float, help="must be the rate of the policy")
+        one.add_argument("--joint-pos", choices=("relative", "absolute"),
+                         help="the meaning of the term joint_pos, if the metadata lack it")  # fmt: skip
     one = commands.choices["run"]
     one.add_argument("--seconds", type=float, default=float("inf"), help="the default is until Ctrl-C")
     one.add_argument("--start-seconds", type=float, default=3.0, help="time to move to the default pose")
@@ -93,10 +98,20 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def load(options: argparse.Namespace) -> Policy:
+    """Loads the policy, and prints its warnings."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", RuntimeWarning)
+        policy = Policy(options.policy, joint_pos=options.joint_pos)
+    for warning in found:
+        print(f"motord.policy: warning: {warning.message}", file=sys.stderr)
+    return policy
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Ctrl-C and SIGTERM end a run like the end of its time: damped, stopped, released."""
     options = parse(arguments)
-    policy = Policy(options.policy)
+    policy = load(options)
     if options.what == "check":
         # A reader that ends early, such as `head`, is no error.
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
@@ -117,5 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
 if __name__ == "__main__":
     try:
         sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)
     except (motord.Error, ValueError, ImportError) as error:
         sys.exit(f"motord.policy: {error}")

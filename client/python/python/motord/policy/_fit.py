@@ -39,15 +39,15 @@ def _check_joints(policy: Policy, robot: Mapping[str, Any], group: str) -> None:
 
 def _check_limits(policy: Policy, robot: Mapping[str, Any]) -> None:
     limits = {joint["name"]: joint for joint in robot["joints"]}
-    for at, joint in enumerate(policy.joints):
+    for joint in policy.joints:
         of = limits[joint]
         for key, gain, limit in (("joint_stiffness", policy.kp, "kp"), ("joint_damping", policy.kd, "kd")):
-            if gain[at] > of[limit]:
-                raise _fault(policy, f"{key} of {joint} is {gain[at]:g}, above its limit {limit}-max, {of[limit]:g}")
+            if gain[joint] > of[limit]:
+                raise _fault(policy, f"{key} of {joint} is {gain[joint]:g}, above its limit {limit}-max, {of[limit]:g}")
         lower, upper = of["position"]
-        if not lower <= policy.default[at] <= upper:
+        if not lower <= policy.default[joint] <= upper:
             raise _fault(
-                policy, f"default_joint_pos of {joint} is {policy.default[at]:g} rad, outside {lower:g} to {upper:g} rad"
+                policy, f"default_joint_pos of {joint} is {policy.default[joint]:g} rad, outside {lower:g} to {upper:g} rad"
             )
 
 
