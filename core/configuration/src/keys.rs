@@ -259,6 +259,8 @@ sections! {
             "Position of the joint at the start. Within `position-rad`.";
         "load-inertia-kg-m2" load_inertia_kg_m2: f64, "kg·m²" = is(0.01).within(0.0, 100.0),
             "Inertia of the load on the output shaft.";
+        "armature-kg-m2" armature_kg_m2: Option<f64>, "kg·m²" = follows("of the model").within(1e-6, 100.0),
+            "Inertia of the rotor behind its gear. By default by the vendor's table, where it has the model, else estimated.";
         "viscous-friction-nm-s-per-rad" viscous_friction_nm_s_per_rad: Option<f64>, "N·m·s/rad" = follows("estimated from the model").within(0.0, 100.0),
             "Friction of the joint that grows with its velocity. `motorctl identify` measures it.";
         "coulomb-friction-nm" coulomb_friction_nm: Option<f64>, "N·m" = follows("estimated from the model").within(0.0, 1000.0),

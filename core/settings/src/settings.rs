@@ -393,6 +393,8 @@ pub struct MotorSimulation {
     pub initial_position: f64,
     /// Inertia of the load at the output, kg·m².
     pub load_inertia: f64,
+    /// Inertia of the rotor behind its gear, kg·m²; `None`: that of the model.
+    pub armature: Option<f64>,
     /// Viscous friction, N·m·s/rad; `None`: that of the model.
     pub viscous_friction: Option<f64>,
     /// Coulomb friction, N·m; `None`: that of the model.

@@ -66,8 +66,8 @@ fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64
     }
 }
 
-/// Mechanics that no vendor publishes: those of the simulator's default, a GIM8108-8, scaled to the model. An estimate: a real
-/// motor may have half or twice as much.
+/// Mechanics that few vendors publish: else those of the simulator's default, a GIM8108-8, scaled to the model. An estimate: a
+/// real motor may have half or twice as much.
 struct Mechanics {
     rotor_inertia: f64,
     viscous_friction: f64,
@@ -80,8 +80,9 @@ impl Mechanics {
         let reference = Model::by_name(REFERENCE).unwrap_or(model);
         let torque = f64::from(model.rated_torque / reference.rated_torque);
         let velocity = f64::from(model.max_velocity / reference.max_velocity);
+        let estimated = defaults.rotor_inertia * rotor_size(model) / rotor_size(reference);
         Self {
-            rotor_inertia: defaults.rotor_inertia * rotor_size(model) / rotor_size(reference),
+            rotor_inertia: model.rotor_inertia.map_or(estimated, f64::from),
             viscous_friction: defaults.viscous_friction * torque / velocity,
             coulomb_friction: defaults.coulomb_friction * torque,
         }
@@ -110,7 +111,8 @@ fn rotor_size(model: &Model) -> f64 {
     }
 }
 
-/// Inertia of the rotor of a model behind its gear, as it is simulated, kg·m². An estimate; `None` for an unknown model.
+/// Inertia of the rotor of a model behind its gear, as it is simulated, kg·m²: the vendor's, or an estimate. `None` for an
+/// unknown model.
 #[must_use]
 pub fn armature(model: &str) -> Option<f64> {
     let model = Model::by_name(model)?;
@@ -143,7 +145,10 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
         ..defaults
     };
     let twin = model.map_or(twin.clone(), |model| of_model(model, twin));
+    let rotor_inertia =
+        simulation.armature.map_or(twin.rotor_inertia, |armature| armature / gear_ratio.powi(2));
     simulator::MotorSettings {
+        rotor_inertia,
         viscous_friction: simulation.viscous_friction.unwrap_or(twin.viscous_friction),
         coulomb_friction: simulation.coulomb_friction.unwrap_or(twin.coulomb_friction),
         ..twin

@@ -188,16 +188,26 @@ fn joint_physics_are_those_of_the_motors() {
     assert!((physics[0].armature - 3.84e-3).abs() < 1e-6, "{:?}", physics[0]);
 }
 
+/// The vendor's table of the series: 1.8e-5, 1.95e-4 and 2.0e-5 kg·m² of the rotors, behind gears of 10, 9 and 40.
 #[test]
-fn configured_friction_replaces_that_of_the_model() {
+fn rotors_have_the_inertia_of_the_vendor() {
+    for (model, armature) in [("DM-J4310-2EC", 0.0018), ("DM-J8009-2EC", 0.015795), ("DM-J4340-2EC", 0.032)] {
+        let found = motord_twin::armature(model).unwrap();
+        assert!((found / armature - 1.0).abs() < 1e-3, "{model}: {found}");
+    }
+}
+
+#[test]
+fn configured_mechanics_replace_those_of_the_model() {
     let path = configuration("quadruped-simulated.toml");
     let text = include_str!("../../../config/quadruped-simulated.toml");
-    let keys = "simulation = { viscous-friction-nm-s-per-rad = 0.07, coulomb-friction-nm = 0, initial-";
+    let keys = "simulation = { armature-kg-m2 = 0.005, viscous-friction-nm-s-per-rad = 0.07, coulomb-friction-nm = 0, initial-";
     let text = text.replacen("simulation = { initial-", keys, 1);
     let loaded = motord_configuration::parse(&path, text.as_bytes(), &motord_configuration::Machine::here());
     let physics = JointPhysics::of(&loaded.unwrap().settings);
     assert_eq!((physics[0].damping, physics[0].friction), (0.07, 0.0));
+    assert!((physics[0].armature - 0.005).abs() < 1e-9, "{}", physics[0].armature);
     assert_eq!((physics[1].damping, physics[1].friction), (0.02, 0.15), "those of the model");
-    assert!((motord_twin::armature("GIM8108-8").unwrap() - physics[0].armature).abs() < 1e-12);
+    assert!((motord_twin::armature("GIM8108-8").unwrap() - physics[1].armature).abs() < 1e-12);
     assert_eq!(motord_twin::armature("GIM0"), None);
 }

@@ -158,16 +158,21 @@ impl Report {
     }
 }
 
+/// Least value of `armature-kg-m2`, kg·m².
+const ARMATURE_MIN: f64 = 1e-6;
+
 /// Lines for the configuration with what was identified, and a note about a rotor that is estimated too heavy.
 fn lines(joint: &JointDescription, found: &Identified) -> (Vec<String>, Option<String>) {
     let mut lines = vec!["[motor.simulation]".to_owned()];
     let mut lighter = None;
     if let Some((total, rotor)) = found.inertia.identified().zip(motord_twin::armature(&joint.model)) {
+        // Both, whatever the configuration has: their sum was measured.
+        lines.push(format!("armature-kg-m2 = {:.6}", rotor.min(total).max(ARMATURE_MIN)));
         lines.push(format!("load-inertia-kg-m2 = {:.6}", (total - rotor).max(0.0)));
         lighter = (total < rotor).then(|| {
             format!(
-                "the rotor of {} is estimated at {rotor:.5} kg·m² behind its gear, more than the whole joint has: \
-                 simulations of this motor are too heavy by the difference",
+                "the rotor of {} is taken for {rotor:.5} kg·m² behind its gear, more than the whole joint has: \
+                 the lines give the whole inertia to the rotor",
                 joint.model
             )
         });

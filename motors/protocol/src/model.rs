@@ -38,6 +38,8 @@ pub struct Model {
     pub rated_voltage: f32,
     /// The ends of the codes; `None` where the torque code is SteadyWin's current.
     pub ends: Option<Ends>,
+    /// Inertia of the rotor alone, kg·m²; `None` where the vendor publishes none.
+    pub rotor_inertia: Option<f32>,
 }
 
 /// The constants that a SteadyWin motor stores (GIM document, table 7).
@@ -76,6 +78,7 @@ pub(crate) const fn model(
         pole_pairs,
         rated_voltage,
         ends: None,
+        rotor_inertia: None,
     }
 }
 
@@ -120,6 +123,12 @@ impl Model {
             Some(ends) => Self { ends: Some(ends.with_gains(kp, kd)), ..self },
             None => self,
         }
+    }
+
+    /// Returns the model with a rotor of this inertia, kg·m².
+    #[must_use]
+    pub const fn with_rotor_inertia(self, rotor_inertia: f32) -> Self {
+        Self { rotor_inertia: Some(rotor_inertia), ..self }
     }
 
     /// Returns the scales by the model's own constants.

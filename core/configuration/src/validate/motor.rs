@@ -218,6 +218,7 @@ fn simulation(
     MotorSimulation {
         initial_position: capability.to_motor(value),
         load_inertia: keys.load_inertia_kg_m2.value,
+        armature: keys.armature_kg_m2.value,
         viscous_friction: keys.viscous_friction_nm_s_per_rad.value,
         coulomb_friction: keys.coulomb_friction_nm.value,
         reply_latency: micros(keys.reply_latency_us.value),

@@ -57,19 +57,24 @@ const FROST: u16 = 0xD8;
 /// ends from DM_CAN.py. The wiki has the ends of 4340P, 8009P, 3507 and 10010, too; those of 4310P,
 /// 6248P and H3510 are from damiao-motor 1.0.6 (`_MOTOR_LIMIT_PARAM`). The mechanics of these three
 /// have one source, a library that quotes their manuals; the phase resistance is not known: 0. The
-/// peak of the 4310P, 12.5 N·m, is cut at TMAX. The pole pairs of 6248P and H3510 are assumed.
+/// peak of the 4310P, 12.5 N·m, is cut at TMAX. The pole pairs of 6248P and H3510 are assumed. The
+/// inertias of rotors are those of the vendor's table of the series for 4310, 4340 and 8009. A P in
+/// the name of 4340 and 8009 is another bearing of the same motor.
 #[expect(clippy::approx_constant, reason = "a velocity without load of 60 rpm")]
 const MODELS: [Model; 13] = [
     model("DM-J3507-2EC", 7.0, 0.0777, [0.8, 3.0], [2.4, 8.3], 48.2, 0.8, 14, 24.0)
         .with_ends(12.566, 50.0, 5.0),
     model("DM-J4310-2EC", 10.0, 0.0945, [3.0, 7.0], [3.7, 7.2], 20.9, 0.85, 14, 24.0)
-        .with_ends(12.5, 30.0, 10.0),
+        .with_ends(12.5, 30.0, 10.0)
+        .with_rotor_inertia(1.8e-5),
     model("DM-J4310P-2EC", 10.0, 0.0714, [3.5, 10.0], [4.9, 16.0], 20.9, 0.0, 14, 24.0)
         .with_ends(12.5, 50.0, 10.0),
     model("DM-J4340-2EC", 40.0, 0.1019, [9.0, 27.0], [3.0, 8.0], 5.5, 0.88, 14, 24.0)
-        .with_ends(12.5, 8.0, 28.0),
+        .with_ends(12.5, 8.0, 28.0)
+        .with_rotor_inertia(2.0e-5),
     model("DM-J4340P-2EC", 40.0, 0.1019, [9.0, 27.0], [3.0, 8.0], 5.5, 0.88, 14, 24.0)
-        .with_ends(12.5, 8.0, 28.0),
+        .with_ends(12.5, 8.0, 28.0)
+        .with_rotor_inertia(2.0e-5),
     model("DM-J6006-2EC", 6.0, 0.1218, [4.0, 11.0], [5.96, 17.6], 23.7, 0.435, 14, 24.0)
         .with_ends(12.5, 45.0, 20.0),
     model("DM-J6248P-2EC", 48.0, 0.0553, [30.0, 97.0], [11.3, 38.7], 6.28, 0.0, 14, 24.0)
@@ -77,9 +82,11 @@ const MODELS: [Model; 13] = [
     model("DM-J8006-2EC", 6.0, 0.1701, [8.0, 20.0], [9.0, 21.0], 20.3, 0.4, 21, 24.0)
         .with_ends(12.5, 45.0, 40.0),
     model("DM-J8009-2EC", 9.0, 0.1402, [20.0, 40.0], [18.6, 40.0], 17.6, 0.145, 21, 24.0)
-        .with_ends(12.5, 45.0, 54.0),
+        .with_ends(12.5, 45.0, 54.0)
+        .with_rotor_inertia(1.95e-4),
     model("DM-J8009P-2EC", 9.0, 0.1402, [20.0, 40.0], [18.6, 40.0], 17.6, 0.145, 21, 24.0)
-        .with_ends(12.5, 45.0, 54.0),
+        .with_ends(12.5, 45.0, 54.0)
+        .with_rotor_inertia(1.95e-4),
     model("DM-J10010-2EC", 10.0, 0.2599, [40.0, 150.0], [18.4, 80.2], 7.85, 0.125, 21, 24.0)
         .with_ends(12.5, 20.0, 200.0),
     model("DM-J10010L-2EC", 10.0, 0.2, [40.0, 120.0], [23.5, 95.0], 10.5, 0.11, 21, 24.0)
