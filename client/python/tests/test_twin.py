@@ -341,6 +341,128 @@ def test_contradicting_model_is_refused_by_joint(tmp_path: Path, edit: Callable[
         Twin(CONFIG, Mujoco(model))
 
 
+def heavier(folder: Path) -> Path:
+    """A model whose joints have an armature and a damping of their own."""
+    model = folder / "robot.xml"
+    model.write_text(mjcf(lambda text: text.replace('type="hinge"', 'type="hinge" armature="0.01" damping="0.4"')))
+    return model
+
+
+def test_chosen_values_of_joints_count(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = heavier(tmp_path)
+    (motor, *_) = Twin(CONFIG).physics
+    mechanics = {"model": (0.01, 0.4), "configuration": (motor["armature"], motor["damping"])}
+    for motors, expected in mechanics.items():
+        plant = Mujoco(model, motors=motors)  # type: ignore[arg-type]
+        Twin(CONFIG, plant).wait()
+        joint = plant.model.joint("fl-hip")
+        assert (joint.armature[0], np.ravel(joint.damping)[0]) == pytest.approx(expected)
+        assert joint.frictionloss[0] == pytest.approx(motor["friction"]), "the model has none"
+        fit_mjcf(CONFIG, model, tmp_path / "fitted.xml", motors=motors)  # type: ignore[arg-type]
+        Twin(CONFIG, Mujoco(tmp_path / "fitted.xml", motors="model")).wait()
+    with pytest.raises(ValueError, match='give "model" or "configuration"'):
+        Twin(CONFIG, Mujoco(model, motors="both"))  # type: ignore[arg-type]
+
+
+def test_advised_lines_make_model_fit(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model, config = heavier(tmp_path), tmp_path / "robot.toml"
+    with pytest.raises(ValueError) as refused:
+        Twin(CONFIG, Mujoco(model))
+    _, *advice = str(refused.value).split("[motor.simulation] # of ")
+    assert len(advice) == len(NAMES) and "motors=" in str(refused.value)
+    text = CONFIG.read_text()
+    for part in advice:
+        name, *lines = part.strip().splitlines()
+        assert len(lines) == 2, lines
+        before, motor = text.split(f'name = "{name}"')
+        text = f'{before}name = "{name}"' + motor.replace("simulation = { ", "simulation = { " + ", ".join(lines) + ", ", 1)
+    config.write_text(text)
+    plant = Mujoco(model)
+    Twin(config, plant).wait()
+    assert plant.model.joint("rr-knee").armature[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        ('range="-180 180"', "fl-hip: the model has the range -180 to 180 rad, which looks like degrees"),
+        ('range="-4.5 4.5"', None),
+    ],
+)
+def test_ranges_in_degrees_are_named(tmp_path: Path, written: str, expected: str | None) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    text = mjcf(lambda text: text.replace('range="-180 180"', written))
+    model.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
+    if expected is None:
+        Twin(CONFIG, Mujoco(model)).wait()
+        model.write_text(text)
+        expected = "fl-hip: its limits are .*its -4.5 to 4.5 degrees look like rad: write <compiler angle"
+    with pytest.raises(ValueError, match=expected):
+        Twin(CONFIG, Mujoco(model))
+
+
+def test_prefix_of_joints_is_mapped(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model = tmp_path / "robot.xml"
+    sides = [mjcf(lambda text: text.replace('joint name="', f'joint name="{side}_')) for side in ("left", "right")]
+    bodies = [side.partition('<site name="imu"/>')[2].partition("</worldbody>")[0] for side in sides]
+    model.write_text(mjcf(lambda text: text.partition('<site name="imu"/>')[0] + "".join(bodies) + "</worldbody></mujoco>"))
+    with pytest.raises(ValueError, match="give the prefix 'left_' or 'right_'"):
+        Twin(CONFIG, Mujoco(model))
+    with pytest.raises(ValueError, match="no joint of this name behind the prefix 'middle_'"):
+        Twin(CONFIG, Mujoco(model, prefix="middle_"))
+    plant = Mujoco(model, prefix="right_")
+    with Twin(CONFIG, plant).claim("legs") as legs:
+        legs.enable()
+        legs.move_to(legs.wait().q + 0.1, 0.5)
+        assert abs(plant.data.joint("right_fl-hip").qpos[0] - legs.wait().q[0]) < 0.01
+    assert plant.data.joint("left_fl-hip").qpos[0] == 0.0
+
+
+def urdf(folder: Path) -> Path:
+    """A joint whose link has a mesh of the package arm."""
+    folder.mkdir(parents=True)
+    inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    (folder / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="1"/>{inertia}</inertial>
+        <collision><geometry><mesh filename="package://arm/meshes/link.stl"/></geometry></collision></link>
+        <joint name="arm" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    )
+    return folder / "arm.urdf"
+
+
+ONE = """
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+limits = { position-rad = [-0.9, 0.9] }
+"""
+
+
+def test_meshes_of_a_package_are_found(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    config, model = tmp_path / "robot.toml", urdf(tmp_path / "arm" / "urdf")
+    config.write_text(ONE)
+    with pytest.raises(ValueError, match="package://arm/meshes/link.stl is not found: .*Copy the package arm"):
+        Twin(config, Mujoco(model))
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], "<f4")
+    triangles = [np.concatenate([np.zeros(3, "<f4"), corners[list(at)].ravel()]) for at in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))]
+    mesh = bytes(80) + np.uint32(4).tobytes() + b"".join(triangle.tobytes() + bytes(2) for triangle in triangles)
+    (tmp_path / "arm" / "meshes").mkdir()
+    (tmp_path / "arm" / "meshes" / "link.stl").write_bytes(mesh)
+    assert np.isfinite([Twin(config, Mujoco(model)).wait() for _ in range(2)][-1].time)
+
+
 def test_fitted_model_has_motors_and_fits(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco")
     model, fitted = tmp_path / "robot.xml", tmp_path / "fitted.xml"

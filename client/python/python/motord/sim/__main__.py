@@ -15,7 +15,9 @@ from .mujoco import Mujoco, ViewedMujoco, fit_mjcf
 
 def _live(arguments: argparse.Namespace) -> int:
     kind = ViewedMujoco if arguments.view else Mujoco
-    plant = kind(arguments.model, imu=arguments.imu, key=arguments.key)
+    plant = kind(
+        arguments.model, imu=arguments.imu, key=arguments.key, prefix=arguments.prefix, motors=arguments.motors
+    )
     moved, passed = live(arguments.config, plant, motord=arguments.motord)
     place = [round(float(part), 3) for part in plant.data.xpos[1]]
     if arguments.json:
@@ -57,14 +59,20 @@ def main() -> int:
     alive.add_argument("--view", action="store_true", help="show it in a window")
     alive.add_argument("--motord", default="motord", help="the program [default: motord]")
     alive.add_argument("--json", action="store_true", help="print the end as JSON, s and m")
+    for command in (gap, fit, alive):
+        command.add_argument("--prefix", default="", help="before the names of the configuration in those of the model's joints")
+        command.add_argument(
+            "--motors", choices=("model", "configuration"), help="whose armature and friction count where both have them"
+        )
     arguments = parser.parse_args()
     try:
         if arguments.command == "live":
             return _live(arguments)
         if arguments.command == "fit":
-            fit_mjcf(arguments.config, arguments.model, arguments.output)
+            fit_mjcf(arguments.config, arguments.model, arguments.output, prefix=arguments.prefix, motors=arguments.motors)
             return 0
-        found = compare(arguments.recording, arguments.config, arguments.model)
+        plant = Mujoco(arguments.model, prefix=arguments.prefix, motors=arguments.motors)
+        found = compare(arguments.recording, arguments.config, plant=plant)
         print(json.dumps(found.summary()) if arguments.json else found.table())
         if arguments.picture:
             found.picture(arguments.picture)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._motord import describe
+from ._model import ModelFile, Motors
 from .plant import Array
 
 STEP_S = 250e-6
@@ -18,33 +19,38 @@ STEP_S = 250e-6
 PICTURE_S = 1.0 / 30.0
 """From one picture of a window to the next."""
 
-DIFFERENCE = 0.2
-"""Largest relative difference of a value in the model from that of the motors."""
-
-TOLERANCE = 1e-3
-"""Of limits, rad."""
-
 _INSTALL = "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"
 
 
 class Mujoco:
-    """A MuJoCo model whose hinge joints have the names of the configuration.
+    """A MuJoCo model whose hinge joints have the names of the configuration, behind prefix.
 
-    The armature, damping and dry friction that the motors add are written into the model in memory, where it has none.
-    ValueError names each joint whose model contradicts the configuration. imu is the site of the IMU, x forward, z up;
-    without one, the IMUs of the configuration get no samples. key is the keyframe of the beginning; without one, the joints begin
-    as the configuration has them.
+    The armature, damping and dry friction that the motors add are written into the model in memory, where it has none. motors
+    says whose values count where both have one: "model" or "configuration". Without it, ValueError names each joint whose values
+    differ by more than 20 %, as it names each other contradiction. imu is the site of the IMU, x forward, z up; without one, the
+    IMUs of the configuration get no samples. key is the keyframe of the beginning; without one, the joints begin as the
+    configuration has them.
     """
 
-    def __init__(self, model: str | PathLike[str], *, imu: str | None = None, key: str | None = None) -> None:
+    def __init__(
+        self,
+        model: str | PathLike[str],
+        *,
+        imu: str | None = None,
+        key: str | None = None,
+        prefix: str = "",
+        motors: Motors | None = None,
+    ) -> None:
         self._path, self._imu, self._key = fspath(model), imu, key
+        self._prefix, self._motors = prefix, motors
         self.model: Any = None
         self.data: Any = None
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
         mujoco = _mujoco()
-        spec = mujoco.MjSpec.from_file(self._path)
-        _fit(mujoco, spec, self._path, description, physics)
+        file = ModelFile(mujoco, self._path, self._prefix, self._motors)
+        file.fit(description, physics)
+        spec = file.spec
         if self._imu is not None:
             _add_imu(mujoco, spec, self._imu)
         spec.option.timestep = STEP_S
@@ -57,7 +63,7 @@ class Mujoco:
             self._sensors = [_place(self.model.sensor(f"motord-{name}")) for name in ("orientation", "gyro", "acceleration")]
         if self._key is not None:
             mujoco.mj_resetDataKeyframe(self.model, self.data, self._keyframe())
-        joints = [self.model.joint(joint["name"]) for joint in description["joints"]]
+        joints = [self.model.joint(self._prefix + joint["name"]) for joint in description["joints"]]
         self._q = np.array([joint.qposadr[0] for joint in joints])
         self._dq = np.array([joint.dofadr[0] for joint in joints])
         if self._key is None:
@@ -112,18 +118,24 @@ def _has_display(glfw: Any) -> bool:
         return bool(glfw.init())
 
 
-def fit_mjcf(config: str | PathLike[str], model: str | PathLike[str], output: str | PathLike[str]) -> None:
+def fit_mjcf(
+    config: str | PathLike[str],
+    model: str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    prefix: str = "",
+    motors: Motors | None = None,
+) -> None:
     """Writes a copy of a model with the armature, damping and dry friction of the configuration's motors.
 
-    ValueError names each joint that contradicts the configuration.
+    prefix and motors are those of Mujoco. ValueError names each joint that contradicts the configuration.
     """
     description, physics = describe(fspath(config))
-    mujoco = _mujoco()
-    spec = mujoco.MjSpec.from_file(fspath(model))
-    _fit(mujoco, spec, fspath(model), json.loads(description), physics)
-    spec.compile()
+    fitted = ModelFile(_mujoco(), fspath(model), prefix, motors)
+    fitted.fit(json.loads(description), physics)
+    fitted.spec.compile()
     with open(output, "w", encoding="utf-8") as file:
-        file.write(spec.to_xml())
+        file.write(fitted.spec.to_xml())
 
 
 def _mujoco() -> Any:
@@ -132,60 +144,6 @@ def _mujoco() -> Any:
     except ImportError as error:
         raise ImportError(_INSTALL) from error
     return mujoco
-
-
-def _fit(mujoco: Any, spec: Any, path: str, description: dict[str, Any], physics: list[dict[str, Any]]) -> None:
-    """Writes what the motors add into the model, or says what contradicts."""
-    # The compiled model has angles in rad, whatever its text has.
-    compiled = spec.copy().compile()
-    found = {joint.name: joint for joint in spec.joints}
-    problems: list[str] = []
-    for joint, motor in zip(description["joints"], physics, strict=True):
-        name = joint["name"]
-        if name not in found:
-            hinges = ", ".join(sorted(other for other in found if other)) or "none"
-            problems.append(f"{name}: the model has no joint of this name; it has {hinges}")
-            continue
-        problems += _of_joint(mujoco, found[name], joint, motor)
-        problems += _range(name, compiled.joint(name), joint)
-    if problems:
-        raise ValueError(f"{path} does not fit the configuration:\n  " + "\n  ".join(problems))
-
-
-def _of_joint(mujoco: Any, model: Any, joint: dict[str, Any], motor: dict[str, Any]) -> list[str]:
-    name: str = joint["name"]
-    problems: list[str] = []
-    if model.type != mujoco.mjtJoint.mjJNT_HINGE:
-        return [f"{name}: it is no hinge in the model"]
-    for key, ours in (("armature", motor["armature"]), ("damping", motor["damping"]), ("frictionloss", motor["friction"])):
-        theirs = float(np.ravel(getattr(model, key))[0])
-        if theirs == 0.0:
-            _set(model, key, ours)
-        elif abs(theirs - ours) > DIFFERENCE * ours:
-            problems.append(f"{name}: {key} is {theirs:g} in the model and {ours:g} by its motor; remove it from the model")
-    return problems
-
-
-def _range(name: str, compiled: Any, joint: dict[str, Any]) -> list[str]:
-    """The limits of the configuration must be within the range of the model."""
-    low, high = (float(end) for end in compiled.range)
-    lower, upper = joint["position"]
-    if (low, high) == (0.0, 0.0) or (low - TOLERANCE <= lower and upper <= high + TOLERANCE):
-        return []
-    text = f"{name}: its limits are {lower:g} to {upper:g} rad"
-    if -high - TOLERANCE <= lower and upper <= -low + TOLERANCE:
-        return [f"{text}, and the model has {low:g} to {high:g}: its axis is reversed"]
-    return [f"{text}, beyond {low:g} to {high:g} of the model"]
-
-
-def _set(model: Any, key: str, value: float) -> None:
-    now = getattr(model, key)
-    if np.ndim(now) == 0:
-        setattr(model, key, value)
-    else:
-        changed = np.array(now, dtype=float)
-        changed[0] = value
-        setattr(model, key, changed)
 
 
 def _place(sensor: Any) -> slice:
