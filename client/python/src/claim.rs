@@ -67,6 +67,7 @@ impl Claim {
             joints: places.iter().map(|place| claim.joints()[*place]).collect(),
             names: places.iter().map(|place| known[*place].to_owned()).collect(),
             imus: client.description().imus.iter().map(|imu| imu.name.clone()).collect(),
+            has_samples: true,
             group: Some(claim.index()),
         };
         let group = claim.group().to_owned();

@@ -1,8 +1,8 @@
 //! The exceptions.
 
-use motord_client::{Error as ClientError, Refusal, Stop};
+use motord_client::{Cause, Error as ClientError, Phase, Refusal, Stop};
 use pyo3::create_exception;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyBaseException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -65,6 +65,24 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         | ClientError::BadSample { .. } => PyErr::new::<PyValueError, _>(text),
         _ => PyErr::new::<Error, _>(text),
     }
+}
+
+/// Returns the exception for a group in a phase in which it does not follow setpoints, by the names of phase and cause.
+#[pyfunction]
+pub(crate) fn stopped(
+    py: Python<'_>,
+    group: String,
+    phase: Option<&str>,
+    cause: Option<&str>,
+    joint: Option<String>,
+) -> Py<PyBaseException> {
+    let known = |name: &str| Cause::ALL.iter().find(|cause| cause.name() == name).copied();
+    let stop = match cause {
+        Some(name) => known(name).map_or(Stop::Unknown, |cause| Stop::Cause { cause, joint, pid: None }),
+        None if phase == Some(Phase::Starting.name()) => Stop::Starting,
+        None => Stop::Disabled,
+    };
+    raised(&ClientError::Stopped { group, stop }).into_value(py)
 }
 
 /// Converts a refusal of a twin's cycle.

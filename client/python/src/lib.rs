@@ -32,7 +32,7 @@ mod _motord {
     use crate::claim::{Claim, Cycles, every};
     #[pymodule_export]
     use crate::errors::{
-        ClaimLost, Error, Forked, MotorsOffline, NotRunning, Refused, Restarted, Stopped, TimedOut,
+        ClaimLost, Error, Forked, MotorsOffline, NotRunning, Refused, Restarted, Stopped, TimedOut, stopped,
     };
     #[pymodule_export]
     use crate::motion::Motion;

@@ -60,6 +60,7 @@ impl Robot {
             joints: names.iter().map(index).collect::<PyResult<_>>()?,
             names,
             imus: robot.imus.iter().map(|imu| imu.name.clone()).collect(),
+            has_samples: true,
             group: None,
         }))
     }

@@ -3,9 +3,10 @@
 use motord_client::{Group, Imu as ClientImu, Joint, State as ClientState};
 use motord_twin::TwinClock;
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyKeyError;
+use pyo3::exceptions::{PyKeyError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::ffi::CStr;
 use std::sync::Arc;
 
 /// The names of the entries of states.
@@ -17,6 +18,8 @@ pub(crate) struct Order {
     pub(crate) names: Vec<String>,
     /// Names of the IMUs of the robot.
     pub(crate) imus: Vec<String>,
+    /// False for a twin without a body, whose IMUs never get samples.
+    pub(crate) has_samples: bool,
     /// The group, by index in the robot; `None` for the whole robot.
     pub(crate) group: Option<usize>,
 }
@@ -211,20 +214,28 @@ impl State {
     }
 }
 
+const WITHOUT_SAMPLES: &CStr =
+    c"the IMUs of this twin get no samples, and their values are NaN: its plant measures none. Give \
+    Mujoco imu=, the site of the IMU, or a plant whose imu() measures";
+
 /// The IMUs after a cycle, by name.
 #[pyclass(frozen, mapping, module = "motord")]
 pub(crate) struct Imus(State);
 
 #[pymethods]
 impl Imus {
-    fn __getitem__(&self, name: &str) -> PyResult<Imu> {
+    fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<Imu> {
         let State { state, order, clock } = &self.0;
         let index = order.imus.iter().position(|imu| imu == name);
         let imu = index.and_then(|index| state.imu(index));
-        imu.map(|imu| Imu { imu, clock: clock.clone() }).ok_or_else(|| {
+        let imu = imu.map(|imu| Imu { imu, clock: clock.clone() }).ok_or_else(|| {
             let known = if order.imus.is_empty() { "none".to_owned() } else { order.imus.join(", ") };
             PyKeyError::new_err(format!("there is no IMU {name:?}; there are {known}"))
-        })
+        })?;
+        if !order.has_samples {
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), WITHOUT_SAMPLES, 1)?;
+        }
+        Ok(imu)
     }
 
     fn __len__(&self) -> usize {

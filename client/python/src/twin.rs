@@ -114,6 +114,8 @@ pub(crate) struct Engine {
     clock: TwinClock,
     raised: Raised,
     description: RobotDescription,
+    /// The IMUs have a body.
+    has_samples: bool,
 }
 
 impl Engine {
@@ -157,7 +159,7 @@ impl Engine {
     ) -> PyResult<Self> {
         let raised = Raised::default();
         let settings = motord_configuration::load(&config).map_err(refuse)?.settings;
-        let count = settings.motors.len();
+        let (count, has_samples) = (settings.motors.len(), measure.is_some());
         let description = motord_configuration::describe(&settings, seed);
         let mechanics = step.map(|step| {
             let arrays = [(); 3].map(|()| PyArray1::<f64>::zeros(py, count, false).unbind());
@@ -167,7 +169,7 @@ impl Engine {
             measure.map(|measure| Box::new(PyBody { measure, raised: Arc::clone(&raised) }) as Box<dyn Body>);
         let options = Options { seed, compute: duration("compute", compute)? };
         let twin = caught(|| Twin::new(settings, options, mechanics, body))?.map_err(refuse)?;
-        let engine = Self { clock: twin.clock(), twin: Mutex::new(twin), raised, description };
+        let engine = Self { clock: twin.clock(), twin: Mutex::new(twin), raised, description, has_samples };
         engine.checked(())?;
         Ok(engine)
     }
@@ -192,7 +194,7 @@ impl Engine {
     fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> PyResult<State> {
         let imus = self.description.imus.iter().map(|imu| imu.name.clone()).collect();
         let state = ClientState::from(self.twin()?.state());
-        let order = Arc::new(Order { joints, names, imus, group });
+        let order = Arc::new(Order { joints, names, imus, has_samples: self.has_samples, group });
         Ok(State { state, order, clock: Clock::Virtual(self.clock.clone()) })
     }
 

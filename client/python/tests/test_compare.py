@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +78,25 @@ def test_other_robot_is_refused(recorded: Path) -> None:
         mixed = CONFIG.with_name("mixed-simulated.toml")
         recording.names = [*recording.names[1:], recording.names[0]]
         compare(recording, mixed, plant=Alone())
+
+
+def without_first_motor(text: str) -> str:
+    before, _, after = text.partition("[[motor]]")
+    return before + "[[motor]]" + after.partition("[[motor]]")[2].replace('"fl-hip", ', "")
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (without_first_motor, "the recording has the joints fl-hip, .*; the configuration has fl-thigh"),
+        (lambda text: text.replace("GIM8108-8", "GIM8108-9"), "fl-hip is a GIM8108-8 in the recording, and a GIM8108-9"),
+        (lambda text: text.replace("rate-hz = 1000", "rate-hz = 500"), "has 1000 cycles a second; the configuration has 500"),
+    ],
+)
+def test_recording_of_another_robot_is_named(
+    recorded: Path, tmp_path: Path, change: Callable[[str], str], part: str
+) -> None:
+    config = tmp_path / "robot.toml"
+    config.write_text(change(CONFIG.read_text()))
+    with pytest.raises(ValueError, match=part):
+        compare(recorded, config, plant=Alone())

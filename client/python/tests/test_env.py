@@ -40,6 +40,17 @@ def test_episodes_repeat_by_seed_and_end_by_cause() -> None:
     assert next(info for info in ends if info) == {"cause": "motor-lost", "joint": "fl-knee"}
 
 
+def test_actions_of_other_shapes_are_refused() -> None:
+    env = gymnasium.make("motord/Twin-v0", config=CONFIG, plant=Alone).unwrapped
+    env.reset(seed=4)
+    with pytest.raises(ValueError, match=r"action has the shape \(1, 12\): give an array of 12, such as action\[0\]"):
+        env.step(np.zeros((1, 12)))
+    with pytest.raises(ValueError, match=r"action has the shape \(1,\): give an array of 12$"):
+        env.step(np.zeros(1))
+    observed, *_ = env.step(np.zeros(12, dtype=np.float32))
+    assert observed.shape == env.observation_space.shape
+
+
 def test_speed_of_environment(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     model = tmp_path / "robot.xml"

@@ -1,10 +1,12 @@
 """The robot on virtual time, with a plant in Python and with MuJoCo."""
 
 import hashlib
+import re
 import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -269,6 +271,8 @@ def test_lost_motor_stops_as_on_the_robot() -> None:
             for state in legs.cycles(hz=500):
                 legs.send(q=state.q, kp=20.0, kd=0.5)
     assert (stopped.value.cause, stopped.value.joint) == ("motor-lost", "fl-knee")
+    # The words of a claim on the robot.
+    assert re.match(r"group legs was stopped: .* \(joint fl-knee\)\. .*, then reset the group$", str(stopped.value))
     with pytest.raises(ValueError, match="nobody off"):
         twin.at(1.0, "nobody", "off")
 
@@ -486,6 +490,56 @@ def test_imu_of_mujoco_is_in_the_state(tmp_path: Path) -> None:
     assert imu.projected_gravity == pytest.approx([0.0, 0.0, -1.0], abs=0.01)
     with pytest.raises(ValueError, match="no site 'head'"):
         Twin(CONFIG, Mujoco(model, imu="head"))
+
+
+def test_missing_imu_is_named_where_it_is_read() -> None:
+    with pytest.warns(UserWarning, match="Give Mujoco imu=, the site of the IMU"):
+        imu = Twin(CONFIG, Alone()).wait().imu["base"]
+    assert imu.lost and np.isnan(imu.projected_gravity).all()
+    with pytest.raises(KeyError, match="give Mujoco imu="):
+        Ideal(CONFIG, Alone()).wait().imu["base"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Twin(CONFIG, Alone()).wait()
+        Twin(CONFIG, Level()).wait().imu["base"]
+
+
+@pytest.mark.parametrize("kind", [Twin, Ideal])
+def test_plant_moves_its_newest_robot_only(kind: type[Twin]) -> None:
+    plant = Alone()
+    first = kind(CONFIG, plant)
+    first.wait()
+    second = kind(CONFIG, plant)
+    with pytest.raises(RuntimeError, match="give each Twin a plant of its own"):
+        first.wait()
+    second.wait()
+    # A name that is used again, as in a notebook.
+    second = kind(CONFIG, plant)
+    second.wait()
+
+
+@pytest.mark.parametrize(
+    ("begin", "part"),
+    [
+        (np.zeros(11), r"positions of the shape \(11,\): give one for each of fl-hip"),
+        (np.zeros((1, 12)), r"positions of the shape \(1, 12\)"),
+        ([0.0] * 11 + [np.nan], "begins with rr-knee at nan: give a finite position"),
+    ],
+)
+def test_plant_begins_with_each_joint(begin: Any, part: str) -> None:
+    class Elsewhere(Alone):
+        def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Any:
+            super().begin(description, physics)
+            return begin
+
+    for kind in (Twin, Ideal):
+        with pytest.raises(ValueError, match=part):
+            kind(CONFIG, Elsewhere())
+
+
+def test_group_that_is_not_enabled_says_so() -> None:
+    with Twin(CONFIG).claim("legs") as legs, pytest.raises(motord.Stopped, match="does not follow setpoints: enable it"):
+        next(iter(legs.cycles()))
 
 
 def test_exception_of_plant_comes_out_of_the_twin() -> None:

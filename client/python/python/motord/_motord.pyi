@@ -318,6 +318,9 @@ def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, i
 def every(rate_hz: float, hz: float) -> int:
     """The number of cycles between two states at hz. ValueError when that is none."""
 
+def stopped(group: str, phase: str | None, cause: str | None, joint: str | None) -> Stopped:
+    """The exception for a group that does not follow setpoints, as a claim raises it."""
+
 def setpoints(
     q: _Values | None,
     dq: _Values | None,

@@ -1,15 +1,17 @@
 """The gap between a robot and its twin: the commands of a recording, replayed."""
 
+import json
 from dataclasses import asdict, dataclass
-from os import PathLike
+from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._motord import describe
 from ..recording import Recording
 from .mujoco import Mujoco
-from .plant import Array, Plant
+from .plant import Array, Plant, Taken
 from .twin import Twin
 
 DELAY_MAX_S = 0.05
@@ -97,8 +99,8 @@ class _From:
     """A plant that begins where the recording does."""
 
     def __init__(self, plant: Plant, begin: Array) -> None:
-        self._plant, self._begin = plant, begin
-        self.step, self.imu = plant.step, plant.imu
+        self._plant, self._begin = Taken(plant), begin
+        self.step, self.imu = self._plant.step, self._plant.imu
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
         here = [{**motor, "begin": float(at)} for motor, at in zip(physics, self._begin, strict=True)]
@@ -121,16 +123,13 @@ def compare(
     """
     if not isinstance(recording, Recording):
         recording = Recording(recording)
+    _check_robot(recording.robot, recording.names, json.loads(describe(fspath(config))[0]))
     rows = _following(recording)
     begin = recording.q[rows[0]]
     body = plant if plant is not None else Mujoco(model) if model is not None else None
     if body is None:
         raise ValueError("give a model or a plant: it has the mechanics of the robot")
     twin = Twin(config, _From(body, begin), seed=seed)
-    if twin.joints != recording.names:
-        raise ValueError(
-            f"the recording has the joints {', '.join(recording.names)}; the configuration has {', '.join(twin.joints)}"
-        )
     positions, velocities, torques, stop = _replayed(twin, recording, rows)
     rows = rows[: len(positions)]
     period = 1.0 / twin.rate_hz
@@ -151,6 +150,21 @@ def compare(
         ],
         stop=stop,
     )
+
+
+def _check_robot(recorded: dict[str, Any], names: list[str], robot: dict[str, Any]) -> None:
+    """The recording and the configuration must have the same joints with the same motors, and the same rate."""
+    joints = [joint["name"] for joint in robot["joints"]]
+    if joints != names:
+        raise ValueError(f"the recording has the joints {', '.join(names)}; the configuration has {', '.join(joints)}")
+    cure = "give the configuration with which it was made"
+    if recorded["rate_hz"] != robot["rate_hz"]:
+        rates = f"{recorded['rate_hz']:g} cycles a second; the configuration has {robot['rate_hz']:g}"
+        raise ValueError(f"the recording has {rates}: {cure}")
+    for before, now in zip(recorded["joints"], robot["joints"], strict=True):
+        if before["model"] != now["model"]:
+            text = f"{now['name']} is a {before['model']} in the recording, and a {now['model']} in the configuration"
+            raise ValueError(f"{text}: {cure}")
 
 
 def _following(recording: Recording) -> NDArray[np.intp]:

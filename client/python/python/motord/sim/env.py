@@ -90,7 +90,7 @@ class TwinEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float64]]):
     ) -> tuple[NDArray[np.float64], SupportsFloat, bool, bool, dict[str, Any]]:
         """Sends the action and runs the cycles until the next one."""
         assert self._legs is not None, "reset the environment first"
-        self._action = np.asarray(action, dtype=np.float64).clip(-1.0, 1.0)
+        self._action = self._checked(action)
         self._send()
         self._steps += 1
         try:
@@ -103,6 +103,13 @@ class TwinEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float64]]):
             state = self._legs.wait()
         reward = self._reward(state, self._plant, self._action)
         return self._observed(state), reward, bool(self._end), self._steps >= self._steps_max, dict(self._end)
+
+    def _checked(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (self._joints,):
+            row = ", such as action[0]" if values.shape == (1, self._joints) else ""
+            raise ValueError(f"action has the shape {values.shape}: give an array of {self._joints}{row}")
+        return values.clip(-1.0, 1.0)
 
     def close(self) -> None:
         """Forgets the robot."""

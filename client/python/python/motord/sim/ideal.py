@@ -45,6 +45,14 @@ class IdealImu:
         return -np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
 
 
+class _Imus(dict[str, IdealImu]):
+    """By name."""
+
+    def __missing__(self, name: str) -> IdealImu:
+        known = ", ".join(self) or "none: give Mujoco imu=, the site of the IMU, or a plant whose imu() measures"
+        raise KeyError(f"there is no IMU {name!r}; there are {known}")
+
+
 @dataclass
 class IdealState:
     """A state without age, noise or steps of codes."""
@@ -116,7 +124,7 @@ class IdealEngine:
     def state(self, names: list[str], joints: list[int], group: int | None) -> IdealState:
         of, wanted = self._joints, self._joints.setpoints
         measured = self._plant.imu()
-        imus = {} if measured is None else {imu["name"]: IdealImu(*measured) for imu in self._robot["imus"]}
+        imus = _Imus() if measured is None else _Imus({imu["name"]: IdealImu(*measured) for imu in self._robot["imus"]})
         values = {"q": wanted.q, "dq": wanted.dq, "kp": wanted.kp, "kd": wanted.kd, "tau": wanted.tau}
         return IdealState(
             names=list(names),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .plant import Plant
+from .plant import Plant, Taken
 
 VERSION = 1
 """Of the messages on the socket."""
@@ -28,6 +28,7 @@ def serve(plant: Plant, listener: socket.socket) -> float:
 
     Returns the time that the plant has moved, s. An error of the plant's begin is reported to the daemon, and raised here.
     """
+    plant = Taken(plant)
     connection, _ = listener.accept()
     with connection, connection.makefile("rb") as reader:
         line = _received(reader.readline)

@@ -1,6 +1,7 @@
 """Mechanics of a robot, which a twin moves by torques."""
 
 from typing import Any, Protocol
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,3 +27,37 @@ class Plant(Protocol):
     def imu(self) -> tuple[Array, Array, Array] | None:
         """The orientation w, x, y, z, angular velocity, rad/s, and specific force, m/s², of the body; None without one."""
         ...
+
+
+class Taken:
+    """A plant while it moves one robot. Another robot may take it, and begins anew; it then moves this one no more."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        _TAKEN[id(plant)] = self
+
+    def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
+        begin = self._plant.begin(description, physics)
+        return None if begin is None else _positions(begin, [joint["name"] for joint in description["joints"]])
+
+    def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        if _TAKEN.get(id(self._plant)) is not self:
+            raise RuntimeError("another robot began with the plant of this one: give each Twin a plant of its own")
+        self._plant.step(torques, seconds, q, dq)
+
+    def imu(self) -> tuple[Array, Array, Array] | None:
+        return self._plant.imu()
+
+
+_TAKEN: WeakValueDictionary[int, Taken] = WeakValueDictionary()
+"""By identity of the plant, which its value keeps alive: who took it last."""
+
+
+def _positions(begin: Array, names: list[str]) -> Array:
+    positions = np.asarray(begin, dtype=np.float64)
+    if positions.shape != (len(names),):
+        raise ValueError(f"the plant begins with positions of the shape {positions.shape}: give one for each of {', '.join(names)}")
+    for name, position in zip(names, positions, strict=True):
+        if not np.isfinite(position):
+            raise ValueError(f"the plant begins with {name} at {position}: give a finite position, rad")
+    return positions

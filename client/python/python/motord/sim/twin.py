@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._motord import Engine, Motion, MotorsOffline, Refused, State, Stopped, TimedOut, describe, every
-from .plant import Array, Plant
+from .._motord import Engine, Motion, MotorsOffline, Refused, State, Stopped, TimedOut, describe, every, stopped
+from .plant import Array, Plant, Taken
 
 Values = float | Array | Mapping[str, float]
 
@@ -23,7 +23,7 @@ class Twin:
     """A robot of a configuration on virtual time, which passes only in its calls.
 
     The cycle, its limits, the drives and every frame are those of the daemon, on simulated buses. The plant moves the
-    joints; without one, each motor moves its own inertia. compute_us is the time that the controller computes: from the
+    joints, of one twin at a time; without one, each motor moves its own inertia. compute_us is the time that the controller computes: from the
     states of a cycle to the sending of its setpoints. seed decides everything random in motors and sensors.
 
     ValueError for a configuration or a plant that does not fit, with every problem.
@@ -36,7 +36,7 @@ class Twin:
         self.description: dict[str, Any] = json.loads(description)
         self.physics: list[dict[str, Any]] = physics
         self.plant = plant
-        self.engine = self._built(config, plant, compute_us * 1e-6, seed)
+        self.engine = self._built(config, None if plant is None else Taken(plant), compute_us * 1e-6, seed)
         self.instance: str = self.description["instance"]
         self.rate_hz: float = self.description["rate_hz"]
         self.joints: list[str] = [joint["name"] for joint in self.description["joints"]]
@@ -53,7 +53,7 @@ class Twin:
             seed=seed,
             compute=compute,
             step=plant.step,
-            begin=None if begin is None else [float(position) for position in begin],
+            begin=None if begin is None else begin.tolist(),
             measure=plant.imu if plant.imu() is not None else None,
         )
 
@@ -262,11 +262,7 @@ class TwinClaim:
 
     def _must_be(self, state: State, phases: tuple[str, ...]) -> None:
         if state.phase not in phases:
-            error = Stopped(f"group {self.group} is stopped: {state.stop or state.phase}")
-            joint = state.stop_joint
-            setattr(error, "cause", state.stop)
-            setattr(error, "joint", joint)
-            raise error
+            raise stopped(self.group, state.phase, state.stop, state.stop_joint)
 
     def __repr__(self) -> str:
         return f"<motord.sim.TwinClaim of {self.group!r}: {len(self)} joints>"
