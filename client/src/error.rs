@@ -7,7 +7,7 @@ use motord_ports::stop_socket::StopError;
 use motord_ports::{Forked, Instance, InstanceError, ServiceError};
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
-use motord_shared::{Cause, Operation, Phase, Refusal, Rejection};
+use motord_shared::{AdminReply, Cause, Operation, Phase, Refusal, Rejection};
 use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -382,6 +382,20 @@ impl Error {
         Self::Version { service: part.name(), client: env!("CARGO_PKG_VERSION"), daemon }
     }
 
+    /// Returns the error for a reply that refuses `operation`. `position` returns that of a joint of `robot`, rad, by index; a
+    /// joint outside its limits is reported with it.
+    #[must_use]
+    pub fn refusal(
+        operation: Operation,
+        reply: AdminReply,
+        robot: &RobotDescription,
+        position: impl FnOnce(usize) -> Option<f32>,
+    ) -> Self {
+        let is_outside = reply.refusal == Refusal::OutsideLimits.code();
+        let position = if is_outside { position(reply.detail as usize) } else { None };
+        Self::refused(operation, reply.refusal, reply.detail, robot).at(position, robot)
+    }
+
     /// Returns the refusal with this code.
     pub(crate) fn refused(operation: Operation, code: u32, detail: u32, robot: &RobotDescription) -> Self {
         match Refusal::try_from(code) {
@@ -392,7 +406,7 @@ impl Error {
 
     /// Adds the position of the joint, `position`, rad, and its limits to a refusal that names a
     /// joint.
-    pub(crate) fn at(mut self, position: Option<f32>, robot: &RobotDescription) -> Self {
+    fn at(mut self, position: Option<f32>, robot: &RobotDescription) -> Self {
         if let Self::Refused { about, .. } = &mut self
             && let (About::Joint(name), Some(position)) = (&*about, position)
             && let Some(joint) = robot.joints.iter().find(|joint| joint.name == *name)

@@ -27,7 +27,7 @@ use motord_ports::{
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
-use motord_shared::{AdminRequest, Lease, Operation, Phase, Refusal};
+use motord_shared::{AdminRequest, Lease, Operation, Phase};
 use serde::de::DeserializeOwned;
 use std::ops::ControlFlow;
 use std::os::fd::{AsFd as _, BorrowedFd};
@@ -420,10 +420,7 @@ impl Connection {
 
     /// Names the joint of a refusal, and its position if that is the reason.
     fn refusal(&self, operation: Operation, reply: AdminReply) -> Error {
-        let robot = self.robot();
-        let is_outside = reply.refusal == Refusal::OutsideLimits.code();
-        let position = if is_outside { self.position_of(reply.detail as usize) } else { None };
-        Error::refused(operation, reply.refusal, reply.detail, &robot).at(position, &robot)
+        Error::refusal(operation, reply, &self.robot(), |joint| self.position_of(joint))
     }
 
     /// Returns the newest position of a joint, rad. Waits some cycles for the first state.

@@ -240,10 +240,14 @@ impl Engine {
         let operation = Operation::ALL.iter().find(|known| known.name() == operation);
         let operation = *operation.ok_or_else(|| PyValueError::new_err("no such operation"))?;
         let mut twin = self.twin()?;
-        let outcome = caught(|| twin.ask(operation, group))?;
+        let reply = caught(|| twin.reply_to(operation, group))?;
+        let position = twin.state().joints().get(reply.detail as usize).map(|joint| joint.position);
         drop(twin);
         self.checked(())?;
-        outcome.map(|_| ()).map_err(refused)
+        match reply.refusal {
+            0 => Ok(()),
+            _ => Err(raised(&ClientError::refusal(operation, reply, &self.description, |_| position))),
+        }
     }
 
     /// Gives a bus, a motor or an IMU a fault at a virtual time, s.

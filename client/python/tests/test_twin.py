@@ -537,6 +537,18 @@ def test_plant_begins_with_each_joint(begin: Any, part: str) -> None:
             kind(CONFIG, Elsewhere())
 
 
+def test_refusal_names_joint_as_on_the_robot() -> None:
+    class Straight(Alone):
+        def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Any:
+            super().begin(description, physics)
+            return np.zeros(12)
+
+    text = r"motord refused to enable: .*\(fl-knee is at .* rad, outside -2\.[0-9]+ to -0\.[0-9]+\)"
+    with Twin(CONFIG, Straight()).claim("legs") as legs, pytest.raises(motord.Refused, match=text) as refused:
+        legs.enable()
+    assert refused.value.reason == "outside-limits"
+
+
 def test_group_that_is_not_enabled_says_so() -> None:
     with Twin(CONFIG).claim("legs") as legs, pytest.raises(motord.Stopped, match="does not follow setpoints: enable it"):
         next(iter(legs.cycles()))

@@ -190,7 +190,11 @@ impl LocalClient {
 }
 
 /// Returns the refusal in a reply. An unknown code cannot come from a cycle in this program.
-fn outcome(reply: AdminReply) -> Result<AdminReply, Refusal> {
+///
+/// # Errors
+///
+/// The refusal.
+pub fn outcome(reply: AdminReply) -> Result<AdminReply, Refusal> {
     match reply.refusal {
         0 => Ok(reply),
         code => Err(Refusal::try_from(code).unwrap_or(Refusal::UnknownOperation)),

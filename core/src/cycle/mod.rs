@@ -30,7 +30,7 @@ pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
 pub use history::History;
 pub use link::{Alarms, Counters, Ends, Polled, REQUESTS_MAX, RealTimeEnd, Record, link};
-pub use local::{ANSWER_CYCLES, LocalClient};
+pub use local::{ANSWER_CYCLES, LocalClient, outcome};
 pub use replacement::Supply;
 pub use run::Order;
 pub use timing::Tick;

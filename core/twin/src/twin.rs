@@ -4,8 +4,9 @@ use crate::coupled::{TwinError, alone, coupled, simulate_all};
 use crate::imus::{Body, Sensor};
 use crate::joints::Mechanics;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
-use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble};
+use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble, outcome};
 use motord_core::settings::Settings;
+use motord_shared::message::NO_JOINT;
 use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
 use motord_simulator::{FaultVerb, InjectError, PlantBus, SharedBus};
 use std::collections::VecDeque;
@@ -180,14 +181,22 @@ impl Twin {
     /// # Errors
     /// The refusal of the cycle; [`Refusal::Busy`] after [`ANSWER_CYCLES`] without an answer.
     pub fn ask(&mut self, operation: Operation, group: usize) -> Result<AdminReply, Refusal> {
-        let ticket = self.client.request(operation, group)?;
+        outcome(self.reply_to(operation, group))
+    }
+
+    /// As [`ask`](Self::ask). Returns the whole reply, whose [detail](Refusal::detail) names a joint.
+    pub fn reply_to(&mut self, operation: Operation, group: usize) -> AdminReply {
+        let busy = AdminReply { refusal: Refusal::Busy.code(), detail: NO_JOINT, ..AdminReply::default() };
+        let Ok(ticket) = self.client.request(operation, group) else { return busy };
         for _ in 0..ANSWER_CYCLES {
             self.step();
-            if let Some(outcome) = self.client.answer_to(ticket) {
-                return outcome;
+            while let Some((answered, reply)) = self.client.answer() {
+                if answered == ticket {
+                    return reply;
+                }
             }
         }
-        Err(Refusal::Busy)
+        busy
     }
 
     /// Gives a bus, a motor or an IMU a fault at the first tick that is not before `at`, counted as [`time`](Self::time).
