@@ -3,28 +3,20 @@
 use crate::delay::{Delay, Wire};
 use crate::interval::{Value, Why};
 use crate::law::Torque;
+use crate::model::Model;
 use crate::motion::velocities;
+use crate::regression::{Fit, blocks};
 use crate::sample::Sample;
 use crate::stiction::{code_of, stiction};
-use crate::windows::{Row, UNKNOWNS, rows};
-use nalgebra::{DMatrix, DVector};
-use std::collections::BTreeMap;
+use crate::terms::{By, CONSTANT, COSINE, COULOMB, INERTIA, Motion, SINE, Term, VISCOUS};
+use crate::windows::rows;
+use nalgebra::DVector;
 
-/// Length of a block, s. Residuals of different blocks count as independent.
-const BLOCK: f64 = 1.0;
 /// Fewest blocks, and fewest windows.
 const BLOCKS_MIN: usize = 6;
 const ROWS_MIN: usize = 40;
-/// Columns that are closer to each other are not separated: ratio of the eigenvalues of their correlation.
-const CONDITION: f64 = 1e6;
-/// Error that remains whatever the data say, as a share of a value: the stiffness of a drive and the time of a computer are not
-/// exact.
-const FLOOR: f64 = 0.003;
 /// Time by which the velocity in a drive may be older than its position, s: a period of its control loop, or a filter.
 const VELOCITY_LAG: f64 = 0.2e-3;
-/// Unknowns that every fit has: inertia, viscous and Coulomb friction, and the constant.
-const LEAST: usize = 4;
-
 /// The result for one joint. Torques are in the N·m of the motor's reports.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
@@ -42,6 +34,10 @@ pub struct Identified {
     pub gravity_cosine: Value,
     /// Constant torque, N·m: also the offset of the motor's reports.
     pub offset: Value,
+    /// Friction at rest beyond the Coulomb friction, which falls with the speed (Stribeck), N·m; `None` where nothing shows it.
+    pub stribeck: Option<Value>,
+    /// Stiffness of a spring, N·m/rad; `None` where nothing shows it.
+    pub spring: Option<Value>,
     /// Bounds of the delays; `None` without samples.
     pub delay: Option<Delay>,
     /// Distance from the lowest to the highest position, rad.
@@ -54,11 +50,23 @@ pub struct Identified {
     pub notes: Vec<Note>,
 }
 
-/// A property of the recording that limits what the values mean.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A property of the recording or of the joint that limits what the values mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Note {
     /// The reported torque differs from stiffness and damping times errors; it was used as it is.
     TorqueContradicts,
+    /// The equation is not that of the joint: the share of the torque that it leaves, root mean square.
+    Misfit(f64),
+    /// The friction falls with the speed; 1/e of the difference is left at this one, rad/s.
+    Stribeck(f64),
+    /// The joint has a spring of this stiffness, N·m/rad.
+    Spring(f64),
+    /// The torque by the position is another than that of gravity.
+    Position,
+    /// The torque acts later than the stamps explain, or the position is reported later, s.
+    Late(f64),
+    /// A value differs between two halves of the motion, by as much.
+    Differs(&'static str, By, f64),
 }
 
 impl core::fmt::Display for Note {
@@ -67,6 +75,29 @@ impl core::fmt::Display for Note {
             Self::TorqueContradicts => f.write_str(
                 "the torque that the motor reports differs from stiffness and damping times the errors; the values follow the report",
             ),
+            Self::Misfit(share) => write!(
+                f,
+                "the joint does not fit the equation, which leaves {:.0} % of the torque that moves it: look for play, an elastic \
+                 part, a loose screw or a collision; no value is identified",
+                (100.0 * share).max(1.0)
+            ),
+            Self::Stribeck(speed) => {
+                write!(f, "the friction falls with the speed, most of it below {speed:.2} rad/s; the Coulomb friction is that of high speed")
+            }
+            Self::Spring(stiffness) => {
+                write!(f, "a spring of about {stiffness:.2} N·m/rad acts on the joint; it is not part of the gravity")
+            }
+            Self::Position => f.write_str(
+                "the torque changes with the position in another way than that of gravity, such as by cogging; it is taken out of the other values",
+            ),
+            Self::Late(seconds) => write!(
+                f,
+                "the torque acts, or the position is reported, {:.1} ms later than the stamps explain: a lag or a filter in the drive",
+                1e3 * seconds
+            ),
+            Self::Differs(value, by, difference) => {
+                write!(f, "the {value} differs {by}, by {difference:.4}; its interval contains both")
+            }
         }
     }
 }
@@ -98,11 +129,14 @@ pub fn identify(samples: &[Sample], wire: Wire) -> Identified {
     let notes = torque.is_reported.then_some(Note::TorqueContradicts).into_iter().collect();
     let found = Identified { windows: lines.len(), notes, ..unmoved };
     let noise = code_of(samples) / 12.0_f64.sqrt();
-    let Some(fit) = Fit::of(&lines, noise) else {
-        return Identified { ..found.but(nothing(Why::Separation)) };
+    let motion = Motion::new(samples, &speeds, centre, &lines);
+    let Some(mut model) = Model::of(&motion, &lines, noise, torque.coarse) else {
+        return found.but(nothing(Why::Separation));
     };
     let late = delay.map_or(0.0, |delay| delay.motor.upper);
-    fit.values(samples, &torque, centre, late, found)
+    model.allow_stamps(&motion, &lines, late);
+    let values = values(&model, &motion, &torque, late, found);
+    if model.is_misfit(late) { values.refused(Note::Misfit(model.share)) } else { values.noted(&model, late) }
 }
 
 /// No value, for a reason.
@@ -116,6 +150,8 @@ fn nothing(why: Why) -> Identified {
         gravity_sine: none,
         gravity_cosine: none,
         offset: none,
+        stribeck: None,
+        spring: None,
         delay: None,
         range: 0.0,
         fastest: 0.0,
@@ -125,6 +161,44 @@ fn nothing(why: Why) -> Identified {
 }
 
 impl Identified {
+    /// With what the model has beyond the equation of every joint.
+    fn noted(mut self, model: &Model, late: f64) -> Self {
+        let best = &model.best;
+        for term in &best.terms {
+            self.notes.extend(match term {
+                Term::Stribeck { at, .. } => Some(Note::Stribeck(*at)),
+                Term::Spring => Some(Note::Spring(best.found(Term::Spring))),
+                Term::Knot(0) => Some(Note::Position),
+                Term::Late => model.lag(late).map(Note::Late),
+                _ => None,
+            });
+        }
+        let names = [(INERTIA, "inertia"), (VISCOUS, "viscous friction"), (COULOMB, "Coulomb friction")];
+        for (term, by, difference) in &model.splits {
+            let name = names.iter().find(|(named, _)| named == term);
+            self.notes.extend(name.map(|(_, name)| Note::Differs(name, *by, difference.abs())));
+        }
+        self
+    }
+
+    /// Without a mechanical value: the estimates remain, and must not be used.
+    fn refused(mut self, note: Note) -> Self {
+        for value in [
+            &mut self.inertia,
+            &mut self.viscous,
+            &mut self.coulomb,
+            &mut self.stiction,
+            &mut self.gravity_sine,
+            &mut self.gravity_cosine,
+            &mut self.offset,
+        ] {
+            value.why = Some(Why::Misfit);
+        }
+        (self.stribeck, self.spring) = (None, None);
+        self.notes.push(note);
+        self
+    }
+
     /// With the values of another.
     fn but(self, values: Self) -> Self {
         Self {
@@ -138,136 +212,54 @@ impl Identified {
     }
 }
 
-/// The lines of each block of time.
-fn blocks(lines: &[Row]) -> BTreeMap<i64, Vec<usize>> {
-    let mut blocks: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
-    for (index, line) in lines.iter().enumerate() {
-        blocks.entry((line.time / BLOCK).floor() as i64).or_default().push(index);
-    }
-    blocks
-}
-
-/// Normal equations: their matrix, right side, and that of a shift in time.
-#[derive(Debug, Clone)]
-struct Normal {
-    matrix: DMatrix<f64>,
-    right: DVector<f64>,
-    shift: DVector<f64>,
-}
-
-impl Normal {
-    /// Those of some lines, in the first `count` unknowns.
-    fn of<'a>(lines: impl Iterator<Item = (&'a Row, f64)>, count: usize) -> Self {
-        let (matrix, zeros) = (DMatrix::zeros(count, count), DVector::zeros(count));
-        let mut sum = Self { matrix, right: zeros.clone(), shift: zeros };
-        for (line, weight) in lines {
-            let factors = DVector::from_row_slice(&line.factors[..count]);
-            sum.matrix.ger(weight, &factors, &factors, 1.0);
-            sum.right.axpy(weight * line.torque, &factors, 1.0);
-            sum.shift.axpy(weight * line.shift, &factors, 1.0);
+/// The values of a model.
+fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, late: f64, found: Identified) -> Identified {
+    let (sin, cos) = motion.centre.sin_cos();
+    let best = &model.best;
+    let gravity = |by_sine: f64, by_cosine: f64| {
+        if !best.has(COSINE) {
+            return Value::none(if best.has(Term::Knot(0)) { Why::Misfit } else { Why::Separation });
         }
-        sum
-    }
-
-    /// Without the lines of another.
-    fn without(&self, other: &Self) -> Self {
-        Self {
-            matrix: &self.matrix - &other.matrix,
-            right: &self.right - &other.right,
-            shift: &self.shift - &other.shift,
-        }
-    }
-
-    /// The solutions for the right side and for the shift, if the unknowns are separated.
-    fn solve(&self) -> Option<[DVector<f64>; 2]> {
-        let scale = self.matrix.diagonal().map(|entry| 1.0 / entry.max(f64::MIN_POSITIVE).sqrt());
-        let by = DMatrix::from_diagonal(&scale);
-        let eigen = (&by * &self.matrix * &by).symmetric_eigen();
-        let [low, high] = [eigen.eigenvalues.min(), eigen.eigenvalues.max()];
-        if low.is_nan() || low <= high / CONDITION {
-            return None;
-        }
-        let inverse = |right: &DVector<f64>| {
-            let turned = eigen.eigenvectors.transpose() * (&by * right);
-            &by * (&eigen.eigenvectors * turned.component_div(&eigen.eigenvalues))
+        // A spring is part of the sine.
+        let of = |fit: &Fit, solution: &DVector<f64>| {
+            let sine = fit.unknown(solution, SINE) - fit.unknown(solution, Term::Spring);
+            by_sine * sine + by_cosine * fit.unknown(solution, COSINE)
         };
-        Some([inverse(&self.right), inverse(&self.shift)])
+        let open = if model.may_be_spring { by_sine * best.found(SINE) } else { 0.0 };
+        model.value(of, late, open)
+    };
+    let torque_at = |fit: &Fit, of: &dyn Fn(Term) -> f64, position: f64| -> f64 {
+        fit.terms.iter().map(|term| motion.at(*term, position) * of(*term)).sum()
+    };
+    let at_centre = model.value(
+        |fit, solution| torque_at(fit, &|term| fit.unknown(solution, term), motion.centre),
+        late,
+        0.0,
+    );
+    let held = |position: f64| torque_at(best, &|term| best.found(term), position);
+    let kp = motion.samples.iter().map(|sample| sample.applied.kp).fold(0.0, f64::max);
+    let basic = |term, open| physical(model.basic(term, late, kp, open));
+    let offset =
+        |fit: &Fit, solution: &DVector<f64>| fit.unknown(solution, CONSTANT) + fit.unknown(solution, COSINE);
+    Identified {
+        inertia: basic(INERTIA, damping_lag(motion.samples)),
+        viscous: basic(VISCOUS, 0.0),
+        coulomb: basic(COULOMB, 0.0),
+        stiction: stiction(motion.samples, torque, best.found(INERTIA), held, at_centre.half()),
+        gravity_sine: gravity(cos, -sin),
+        gravity_cosine: gravity(-sin, -cos),
+        offset: if best.has(COSINE) { model.value(offset, late, 0.0) } else { gravity(0.0, 0.0) },
+        stribeck: best.terms.iter().any(Term::is_stribeck).then(|| model.value(stribeck, late, 0.0)),
+        spring: best
+            .has(Term::Spring)
+            .then(|| model.value(|fit, solution| fit.unknown(solution, Term::Spring), late, 0.0)),
+        ..found
     }
 }
 
-/// The solution, those without each block, and the change by a shift in time.
-struct Fit {
-    solution: DVector<f64>,
-    left_out: Vec<DVector<f64>>,
-    shift: DVector<f64>,
-}
-
-impl Fit {
-    /// Fits as many unknowns as the lines separate. `noise` is the standard error of a position, rad.
-    fn of(lines: &[Row], noise: f64) -> Option<Self> {
-        (LEAST..=UNKNOWNS).rev().find_map(|count| {
-            let even = vec![1.0; lines.len()];
-            let [first, _] = Normal::of(lines.iter().zip(even), count).solve()?;
-            Self::weighted(lines, &weights(lines, &first, noise), count)
-        })
-    }
-
-    fn weighted(lines: &[Row], weights: &[f64], count: usize) -> Option<Self> {
-        let all = Normal::of(lines.iter().zip(weights.iter().copied()), count);
-        let [solution, shift] = all.solve()?;
-        let without = |block: &Vec<usize>| {
-            let of_block = block.iter().map(|&index| (&lines[index], weights[index]));
-            all.without(&Normal::of(of_block, count)).solve().map(|[solution, _]| solution)
-        };
-        let left_out = blocks(lines).values().map(without).collect::<Option<_>>()?;
-        Some(Self { solution, left_out, shift })
-    }
-
-    /// A value that follows from the unknowns, and half of its interval.
-    /// `open` is what the interval contains besides.
-    fn value(&self, of: impl Fn(&DVector<f64>) -> f64, late: f64, open: f64) -> Value {
-        let count = self.left_out.len() as f64;
-        let found = of(&self.solution);
-        let square: f64 = self.left_out.iter().map(|solution| (of(solution) - found).powi(2)).sum();
-        let error = student(count - 1.0) * ((count - 1.0) / count * square).sqrt();
-        // Linear in the unknowns, so the change is that of the shift itself.
-        let shift = late * of(&self.shift).abs();
-        let scale = FLOOR * found.abs();
-        Value::around(found, error.hypot(shift).hypot(scale).hypot(open))
-    }
-
-    fn values(
-        &self,
-        samples: &[Sample],
-        torque: &Torque,
-        centre: f64,
-        late: f64,
-        found: Identified,
-    ) -> Identified {
-        let (sin, cos) = centre.sin_cos();
-        let entry = |solution: &DVector<f64>, index: usize| solution.get(index).copied().unwrap_or(0.0);
-        let value = |of: &dyn Fn(&DVector<f64>) -> f64| self.value(of, late, 0.0);
-        let is_curved = self.solution.len() == UNKNOWNS;
-        let of_gravity = |of: &dyn Fn(&DVector<f64>) -> f64| {
-            if is_curved { value(of) } else { Value::none(Why::Separation) }
-        };
-        let gravity = |position: f64| {
-            let (sin, cos) = (position - centre).sin_cos();
-            let [a, b, c] = [3, 4, 5].map(|index| entry(&self.solution, index));
-            a + b * sin + c * (1.0 - cos)
-        };
-        let at_centre = value(&|solution| entry(solution, 3));
-        Identified {
-            inertia: physical(self.value(|solution| entry(solution, 0), late, damping_lag(samples))),
-            viscous: physical(value(&|solution| entry(solution, 1))),
-            coulomb: physical(value(&|solution| entry(solution, 2))),
-            stiction: stiction(samples, torque, entry(&self.solution, 0), gravity, at_centre.half()),
-            gravity_sine: of_gravity(&|solution| entry(solution, 4) * cos - entry(solution, 5) * sin),
-            gravity_cosine: of_gravity(&|solution| -entry(solution, 4) * sin - entry(solution, 5) * cos),
-            offset: of_gravity(&|solution| entry(solution, 3) + entry(solution, 5)),
-            ..found
-        }
-    }
+/// The friction at rest beyond the Coulomb friction, whatever its speed.
+fn stribeck(fit: &Fit, solution: &DVector<f64>) -> f64 {
+    fit.terms.iter().find(|term| term.is_stribeck()).map_or(0.0, |term| fit.unknown(solution, *term))
 }
 
 /// Inertia that a damping imitates whose velocity lags, kg·m².
@@ -281,41 +273,5 @@ fn physical(value: Value) -> Value {
         Value { why: Some(Why::Separation), ..value }
     } else {
         value
-    }
-}
-
-/// Weights by the errors of short windows, in which positions hardly show an acceleration, and of all.
-fn weights(lines: &[Row], solution: &DVector<f64>, noise: f64) -> Vec<f64> {
-    let inertia = solution[0];
-    let residual = |line: &Row| {
-        let model: f64 = solution.iter().zip(line.factors).map(|(unknown, factor)| unknown * factor).sum();
-        line.torque - model
-    };
-    let coarse = |line: &Row| (inertia * noise * line.roughness).powi(2);
-    let mut squares: Vec<f64> = lines.iter().map(|line| residual(line).powi(2)).collect();
-    squares.sort_by(f64::total_cmp);
-    // The median square of a normal distribution is 0.455 of its mean.
-    let floor = squares[squares.len() / 2] / 0.455;
-    lines.iter().map(|line| 1.0 / (coarse(line) + floor).max(f64::MIN_POSITIVE)).collect()
-}
-
-/// The two-sided 95 % quantile of Student's distribution, within 1 % from 5 degrees of freedom on.
-fn student(freedom: f64) -> f64 {
-    let normal = crate::interval::TWO_SIDED;
-    let cube = normal.powi(3);
-    normal
-        + (cube + normal) / (4.0 * freedom)
-        + (5.0 * cube * normal * normal + 16.0 * cube + 3.0 * normal) / (96.0 * freedom * freedom)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_those_of_tables() {
-        for (freedom, quantile) in [(5.0, 2.571), (10.0, 2.228), (30.0, 2.042)] {
-            assert!((student(freedom) / quantile - 1.0).abs() < 0.01, "{freedom}: {}", student(freedom));
-        }
     }
 }

@@ -22,6 +22,8 @@ pub enum Why {
     Rest,
     /// The stamps leave more open than 50 µs.
     Stamps,
+    /// The equation is not that of the joint.
+    Misfit,
 }
 
 impl fmt::Display for Why {
@@ -32,6 +34,7 @@ impl fmt::Display for Why {
             Self::Zero => "its interval contains 0",
             Self::Wide => "its interval is wider than the value",
             Self::Rest => "the joint seldom rested before it moved",
+            Self::Misfit => "the joint does not fit the equation",
             Self::Stamps => "other frames of the bus, or a serial line, hide it",
         })
     }

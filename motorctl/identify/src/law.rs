@@ -21,6 +21,8 @@ pub(crate) struct Torque {
     spans: Vec<[f64; 2]>,
     /// The reports contradict the law, and were used.
     pub(crate) is_reported: bool,
+    /// Error of the torque that its codes cause, N·m.
+    pub(crate) coarse: f64,
 }
 
 /// Result of the reports about the stiffness.
@@ -52,7 +54,8 @@ impl Torque {
         let span = |next| {
             if agrees { law(samples, velocities, next) } else { reported(samples, velocities, next, behind) }
         };
-        Self { spans: (1..samples.len()).map(span).collect(), is_reported: !agrees }
+        let coarse = if agrees { 0.0 } else { CODES * code_of(samples) };
+        Self { spans: (1..samples.len()).map(span).collect(), is_reported: !agrees, coarse }
     }
 
     /// Integral of the torque times a weight from sample `at` to the next, N·m·s. `weights` are those at both ends.

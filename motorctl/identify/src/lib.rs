@@ -7,7 +7,8 @@
 //! No I/O and no clock: [`Plan`] returns the setpoint of a time, [`identify`] takes the samples that were recorded meanwhile.
 //! Nothing is differentiated twice: the equation is integrated over short windows with a weight that is zero at their ends
 //! (modulating functions), so that derivatives act on the weight. Intervals come from residuals of blocks, which may be
-//! correlated, and contain what the time stamps leave open.
+//! correlated, and contain what the time stamps leave open. Terms that some joints have besides are taken where they predict the
+//! motion better: friction that falls with the speed, a spring, cogging, a lag. A joint that fits no equation is named.
 
 #![forbid(unsafe_code)]
 
@@ -17,9 +18,12 @@ mod fit;
 mod interval;
 mod law;
 mod load;
+mod model;
 mod motion;
+mod regression;
 mod sample;
 mod stiction;
+mod terms;
 mod windows;
 
 pub use delay::{Delay, Wire};
@@ -28,3 +32,4 @@ pub use fit::{Identified, Note, identify};
 pub use interval::{Value, Why};
 pub use load::{KnownLoad, torque_scale};
 pub use sample::{Applied, Sample};
+pub use terms::By;

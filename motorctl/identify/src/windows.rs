@@ -18,8 +18,13 @@ const GAP: f64 = 1.5;
 pub(crate) const UNKNOWNS: usize = 6;
 
 /// A line of the regression, N·m.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Row {
+    /// Samples of the window, and the share of each in its means.
+    pub(crate) window: Range<usize>,
+    pub(crate) shares: Vec<f64>,
+    /// Distance from the reversal before the window to its middle, rad.
+    pub(crate) travel: f64,
     /// Middle of the window, s.
     pub(crate) time: f64,
     /// Factors of the unknowns: acceleration, velocity, direction, 1, sine, and 1 - cosine of the distance from the centre.
@@ -32,12 +37,32 @@ pub(crate) struct Row {
     pub(crate) roughness: f64,
 }
 
+impl Row {
+    /// Weighted mean over the samples of the window.
+    pub(crate) fn mean(&self, of: impl Fn(usize) -> f64) -> f64 {
+        self.window.clone().zip(&self.shares).map(|(at, share)| share * of(at)).sum()
+    }
+
+    /// +1 or -1.
+    pub(crate) fn direction(&self) -> f64 {
+        self.factors[2].signum()
+    }
+}
+
 /// Returns the lines of a recording. `centre` is the position from which the gravity is counted, rad.
 pub(crate) fn rows(samples: &[Sample], velocities: &[f64], torque: &Torque, centre: f64) -> Vec<Row> {
     let period = period(samples);
     let runs = runs(samples, velocities, GAP * period);
-    let windows = runs.into_iter().flat_map(|run| windows(samples, run, period));
-    windows.filter_map(|window| row(samples, velocities, torque, centre, window)).collect()
+    let windows = runs.into_iter().flat_map(|run| {
+        let begin = samples[run.start].position;
+        windows(samples, run, period).into_iter().map(move |window| (begin, window))
+    });
+    let line = |(begin, window): (f64, Range<usize>)| {
+        let row: Row = row(samples, velocities, torque, centre, window)?;
+        let travel = (row.mean(|at| samples[at].position) - begin).abs();
+        Some(Row { travel, ..row })
+    };
+    windows.filter_map(line).collect()
 }
 
 /// Spans of samples without a gap in which the joint turns in one direction.
@@ -124,6 +149,9 @@ fn row(
     }
     let factors = [bend, turn, direction * area, area, gravity[0], gravity[1]].map(|sum| sum / area);
     let row = Row {
+        shares: shares(samples, &window),
+        window,
+        travel: 0.0,
         time: (first.time + last.time) / 2.0,
         factors,
         torque: impulse / area,
@@ -131,6 +159,16 @@ fn row(
         roughness: error.sqrt() / area,
     };
     (row.torque.is_finite() && factors.iter().all(|factor| factor.is_finite())).then_some(row)
+}
+
+/// The share of each sample of a window in its means.
+fn shares(samples: &[Sample], window: &Range<usize>) -> Vec<f64> {
+    let (first, last) = (samples[window.start].time, samples[window.end - 1].time);
+    let weight = |index: usize| weight((samples[index].time - first) / (last - first))[0];
+    let shares: Vec<f64> =
+        window.clone().map(|index| weight(index) * width(samples, window, index)).collect();
+    let area: f64 = shares.iter().sum();
+    shares.into_iter().map(|share| share / area).collect()
 }
 
 /// Time that a sample of a window stands for, s (trapezoids).
