@@ -57,8 +57,8 @@ class ModelFile:
             lines += advice
             problems += _range(name, compiled.joint(own), joint["position"], bool(self.spec.compiler.degree))
         if problems:
-            advice = "\n".join(["", _CHOICE, *lines]) if lines else ""
-            raise ValueError(f"{self._file} does not fit the configuration:\n  " + "\n  ".join(problems) + advice)
+            choice = "\n".join(["", _CHOICE, *lines]) if lines else ""
+            raise ValueError(f"{self._file} does not fit the configuration:\n  " + "\n  ".join(problems) + choice)
 
     def _missing(self, names: list[str], found: list[str]) -> Iterator[str]:
         missing = [name for name in names if self._prefix + name not in found]
