@@ -198,7 +198,7 @@ sections! {
         "max-velocity-rad-s" max_velocity_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 1000.0),
             "Velocity without load. Bounds the default of `velocity-rad-s`. Not beyond the end of the velocity codes.";
         "position-end-rad" position_end_rad: Option<f64>, "rad" = follows("of the model").within(0.1, 1000.0),
-            "`mit` only, not SteadyWin: the position of the largest code (Damiao: PMAX). The cycle reads it from a motor with registers: without this key it uses the motor's value, with it only a motor with this value is enabled.";
+            "`mit` only, not SteadyWin: the position of the largest code (Damiao: PMAX). The cycle reads it from a motor with registers: without this key it uses the motor's value, with it only a motor with this value is enabled. A motor that reports none of its registers is enabled if the three keys of PMAX, VMAX and TMAX are written.";
         "velocity-end-rad-s" velocity_end_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 10_000.0),
             "The same for the velocity (Damiao: VMAX).";
         "torque-end-nm" torque_end_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 10_000.0),

@@ -330,11 +330,14 @@ pub struct RegisterRange {
     pub least: f32,
     /// The largest.
     pub most: f32,
+    /// The value of a motor that does not report the register, as the configuration has it. A motor that reports none may start if each of
+    /// its registers has one.
+    pub written: Option<f32>,
 }
 
 impl RegisterRange {
     /// Every finite number.
-    pub const ANY: Self = Self { least: f32::MIN, most: f32::MAX };
+    pub const ANY: Self = Self { least: f32::MIN, most: f32::MAX, written: None };
 
     /// Returns whether the group may start with this `value`; never for NaN and infinity.
     #[must_use]

@@ -57,6 +57,8 @@ pub enum Event {
     Unread {
         /// Its index.
         motor: usize,
+        /// Its group may start with the values that the configuration has.
+        is_assumed: bool,
     },
     /// A motor reported fault bits, or that they are cleared.
     Fault {

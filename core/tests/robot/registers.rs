@@ -178,9 +178,47 @@ fn motor_without_answer_is_asked_once_a_second() {
     assert!((9..=11).contains(&asked), "{asked}");
     let events = robot.take_events();
     let count = |is: fn(&&Event) -> bool| events.iter().filter(is).count();
-    assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0 })), 1);
+    assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0, is_assumed: false })), 1);
     assert_eq!(count(|event| matches!(event, Event::Silent { .. })), 0, "it is not silent");
     assert_eq!(robot.joint(0).missed, 0, "no reply was missed");
+}
+
+const WRITTEN: &str = "position-end-rad = 12.5\nvelocity-end-rad-s = 30\ntorque-end-nm = 10";
+
+/// A drive with old firmware, whose ends its owner knows.
+#[test]
+fn motor_without_answer_starts_with_written_ends() {
+    let mut robot = shoulder(WRITTEN, |motor| (motor.ends, motor.initial_position) = (None, 0.5));
+    robot.steps(900);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::Unread, "not before it was asked for a second");
+    robot.steps(300);
+    let joint = robot.joint(0);
+    assert!((joint.position - 0.5).abs() < 0.001 && joint.flags & JOINT_MISMATCH == 0, "{joint:?}");
+    enable(&mut robot).expect("all ends are written");
+    robot.take_sent();
+    let torque = JointSetpoint { torque: 2.0, ..Default::default() };
+    (0..300).for_each(|_| robot.follow(&[torque]));
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    let sent = robot.take_sent();
+    assert!(sent.iter().all(|sent| sent.id != REQUEST), "a motor that moves is never asked");
+    // DM_CAN.py: 12 bits for -TMAX to TMAX, so 2 N·m is (2 + 10) / 20 · 4095.
+    let [.., high, low] = sent.last().expect("it is commanded").bytes;
+    assert_eq!(u16::from_be_bytes([high & 0x0F, low]), 2457);
+    let events = robot.take_events();
+    let count = |is: fn(&&Event) -> bool| events.iter().filter(is).count();
+    assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0, is_assumed: true })), 1);
+}
+
+#[test]
+fn motor_without_answer_needs_all_ends_written() {
+    for left_out in 0..3 {
+        let mut keys: Vec<_> = WRITTEN.lines().collect();
+        keys.remove(left_out);
+        let mut robot = shoulder(&keys.join("\n"), |motor| motor.ends = None);
+        robot.steps(3000);
+        assert_eq!(enable(&mut robot).unwrap_err(), Refusal::Unread, "{keys:?}");
+        assert!(robot.joint(0).position.is_nan(), "{keys:?}");
+    }
 }
 
 #[test]

@@ -172,7 +172,7 @@ impl Log {
             Event::Late { motor, turns, time } => self.log_late(cycle, motor, turns, time),
             Event::LostTurns { motor, milliradians } => self.log_lost_turns(cycle, motor, milliradians),
             Event::Registers { motor, values, wrong } => self.registers.log(cycle, motor, values, wrong),
-            Event::Unread { motor } => self.registers.log_unread(cycle, motor),
+            Event::Unread { motor, is_assumed } => self.registers.log_unread(cycle, motor, is_assumed),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => self.log_phase(cycle, group, phase),
             Event::SetpointPeriod { group, period, horizon } => {

@@ -35,15 +35,26 @@ impl RegisterLog {
         }
     }
 
-    /// Logs a motor that does not report its registers.
-    pub(super) fn log_unread(&self, cycle: u64, motor: usize) {
-        let Some(settings) = self.0.get(motor) else { return };
-        tracing::error!(
-            cycle,
-            motor = settings.name,
-            see = "unread",
-            "answers, but does not report its registers PMAX, VMAX and TMAX (requests to 0x7FF): its states are not used, and it is \
-             not enabled. motord asks again every second"
-        );
+    /// Logs a motor that does not report its registers. With `is_assumed` its group may start with the ends of the configuration.
+    pub(super) fn log_unread(&self, cycle: u64, motor: usize, is_assumed: bool) {
+        let Some(MotorSettings { name, .. }) = self.0.get(motor) else { return };
+        match is_assumed {
+            true => tracing::warn!(
+                cycle,
+                motor = name,
+                see = "unread",
+                "answers, but does not report its registers PMAX, VMAX and TMAX (requests to 0x7FF): motord uses the ends that the \
+                 configuration has. If they are not the motor's, positions and torques are wrong. motord asks again every second \
+                 while the motor is stopped"
+            ),
+            false => tracing::error!(
+                cycle,
+                motor = name,
+                see = "unread",
+                "answers, but does not report its registers PMAX, VMAX and TMAX (requests to 0x7FF): its states are not used, and it \
+                 is not enabled. motord asks again every second. If its ends are known, write position-end-rad, \
+                 velocity-end-rad-s and torque-end-nm"
+            ),
+        }
     }
 }

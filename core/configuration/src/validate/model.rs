@@ -135,7 +135,8 @@ pub(super) fn registers(
             // No end is zero.
             None => [(reaches[index] * (1.0 - ROUNDING) / (1.0 - MARGIN)).max(0.01), LARGEST_ENDS[index]],
         };
-        RegisterRange { least: least as f32, most: most as f32 }
+        let written = written[index].value.map(|end| end as f32);
+        RegisterRange { least: least as f32, most: most as f32, written }
     })
 }
 

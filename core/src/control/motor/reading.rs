@@ -7,22 +7,22 @@ use crate::control::Event;
 use crate::control::context::Context;
 
 impl Motor {
-    /// Returns whether its registers are read, and permit a start.
+    /// Returns whether its registers are read or assumed, and permit a start.
     pub(crate) const fn is_read(&self) -> bool {
-        self.registers.is_known()
+        self.registers.permits_start()
     }
 
     /// Returns whether a register has a value with which its group may not start.
     pub(crate) const fn has_wrong_register(&self) -> bool {
-        self.registers.wrong.is_some() && !self.registers.is_known()
+        self.registers.wrong.is_some() && !self.is_read()
     }
 
     /// Returns whether it answers, and its registers are not read or do not permit a start.
     pub(super) const fn is_unread(&self) -> bool {
-        !self.registers.is_known() && !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_))
+        !self.is_read() && !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_))
     }
 
-    /// Returns the ends of its codes, where its registers contain them and are read.
+    /// Returns the ends of its codes, where its registers contain them and are read or assumed.
     pub(crate) fn reported_ends(&self) -> Option<[f32; 3]> {
         (self.settings.capabilities.scales_by_registers && self.is_read()).then_some(self.registers.values)
     }
@@ -40,7 +40,9 @@ impl Motor {
         }
         let (number, is_unread) = self.registers.request(cx.now)?;
         if is_unread {
-            cx.push(Event::Unread { motor: self.joint });
+            let is_assumed = self.registers.assume(&self.settings.registers);
+            self.take_ends();
+            cx.push(Event::Unread { motor: self.joint, is_assumed });
         }
         Some(number)
     }
@@ -73,7 +75,7 @@ impl Motor {
         self.registers.check(&self.settings.registers, cx.now);
         self.take_ends();
         let is_changed = self.registers.take_change();
-        if is_changed || !self.registers.is_known() {
+        if is_changed || !self.is_read() {
             // Other ends give the last state another meaning.
             self.leave();
         }
@@ -83,7 +85,7 @@ impl Motor {
         }
     }
 
-    /// Uses, to judge states, the ends that the motor reported.
+    /// Uses, to judge states, the ends that the motor reported, or that are assumed.
     fn take_ends(&mut self) {
         if let Some(ends @ [position, velocity, _]) = self.reported_ends() {
             let capabilities = &mut self.settings.capabilities;

@@ -9,15 +9,21 @@
 //!      ▲  ▲                                    │   ▲                                                       │ │
 //!      │  └───── silence ──────────────────────┘   └────────── every value read, all in range ─────────────┘ │
 //!      └────────────────────────────── silence, or a value out of range ─────────────────────────────────────┘
+//!
+//!   Unknown, Expired ──no answer for RETRY, every value is written──▶ Assumed ──answer, or silence──▶ Unknown
 //! ```
 //!
-//! States are used while `Known` or `Expired`. Only a `Known` motor starts, and it is never asked.
+//! States are used unless `Unknown`. A `Known` or `Assumed` motor starts. A `Known` one is not asked; an `Assumed` one is asked while it is
+//! stopped.
 
 use crate::settings::{MotorSettings, REGISTERS_MAX, RegisterRange};
 use motord_bus::{Duration, Instant};
 
-/// Requests in a row without an answer after which the motor counts as one that does not report its registers.
+/// Requests in consecutive turns. The next ones are [`RETRY`] apart, and the motor is stopped in between.
 const TRIES: u32 = 5;
+/// Without an answer to this request the motor counts as one that does not report its registers: a bus that was disturbed for some turns
+/// is no reason.
+const LAST_TRY: u32 = TRIES + 2;
 /// Interval between later requests, and between two readings of a motor with a value out of range.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -43,6 +49,7 @@ pub(super) struct Registers {
 enum Knowledge {
     Unknown,
     Expired,
+    Assumed,
     Known,
 }
 
@@ -72,32 +79,54 @@ impl Registers {
 
     /// Requires another reading. The values hold until then.
     pub(super) const fn expire(&mut self) {
-        if matches!(self.knowledge, Knowledge::Known) && self.count > 0 {
+        if self.permits_start() && self.count > 0 {
             self.knowledge = Knowledge::Expired;
             (self.next, self.tries, self.due) = (0, 0, Instant::ZERO);
         }
     }
 
-    pub(super) const fn is_known(&self) -> bool {
-        matches!(self.knowledge, Knowledge::Known)
+    /// Returns whether the values are read and in range, or assumed.
+    pub(super) const fn permits_start(&self) -> bool {
+        matches!(self.knowledge, Knowledge::Known | Knowledge::Assumed)
     }
 
     /// Returns the register to request at `now`, and whether the motor has just become one that does not report them.
     pub(super) fn request(&mut self, now: Instant) -> Option<(u8, bool)> {
-        if self.is_known() || now < self.due {
+        if matches!(self.knowledge, Knowledge::Known) || now < self.due {
             return None;
         }
         self.tries = self.tries.saturating_add(1);
         if self.tries > TRIES {
             self.due = now + RETRY;
         }
-        Some((self.next, self.tries == TRIES + 1))
+        Some((self.next, self.tries == LAST_TRY))
+    }
+
+    /// Uses the written values of a motor that answered no request. Returns whether it did: it does not where a value is not written, or
+    /// where the motor reported one.
+    pub(super) fn assume(&mut self, ranges: &[RegisterRange; REGISTERS_MAX]) -> bool {
+        let ranges = &ranges[..usize::from(self.count)];
+        let reported_some = self.next > 0 || self.wrong.is_some();
+        if reported_some || ranges.iter().any(|range| range.written.is_none()) {
+            return false;
+        }
+        for (value, range) in self.values.iter_mut().zip(ranges) {
+            // A value that was read before a silence is more exact.
+            if let Some(written) = range.written.filter(|_| !range.contains(*value)) {
+                *value = written;
+            }
+        }
+        self.knowledge = Knowledge::Assumed;
+        true
     }
 
     /// Takes the value of a register. Returns whether it is the last one.
     pub(super) fn take(&mut self, number: u8, value: f32) -> bool {
-        if self.is_known() || number != self.next {
+        if matches!(self.knowledge, Knowledge::Known) || number != self.next {
             return false;
+        }
+        if matches!(self.knowledge, Knowledge::Assumed) {
+            self.knowledge = Knowledge::Unknown;
         }
         self.values[usize::from(number)] = value;
         (self.tries, self.due) = (0, Instant::ZERO);
@@ -123,5 +152,53 @@ impl Registers {
     pub(super) fn take_change(&mut self) -> bool {
         let bits = |values: [f32; REGISTERS_MAX]| values.map(f32::to_bits);
         self.reported.replace(self.values).map(bits) != Some(bits(self.values))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WRITTEN: [f32; REGISTERS_MAX] = [12.5, 30.0, 10.0];
+
+    fn registers() -> Registers {
+        Registers {
+            count: REGISTERS_MAX as u8,
+            knowledge: Knowledge::Unknown,
+            next: 0,
+            values: [0.0; REGISTERS_MAX],
+            wrong: None,
+            tries: 0,
+            due: Instant::ZERO,
+            reported: None,
+        }
+    }
+
+    fn ranges() -> [RegisterRange; REGISTERS_MAX] {
+        WRITTEN.map(|end| RegisterRange { least: end - 0.01, most: end + 0.01, written: Some(end) })
+    }
+
+    #[test]
+    fn assumed_motor_that_answers_must_agree() {
+        let (mut registers, ranges) = (registers(), ranges());
+        assert!(registers.assume(&ranges) && registers.permits_start());
+        assert_eq!(registers.values, WRITTEN);
+        assert_eq!(registers.request(Instant::ZERO), Some((0, false)), "it is asked on");
+        for (number, value) in [12.5, 50.0, 10.0].into_iter().enumerate() {
+            registers.take(number as u8, value);
+            assert!(!registers.permits_start() && registers.is_unknown(), "not before all are read");
+        }
+        registers.check(&ranges, Instant::ZERO);
+        assert_eq!((registers.wrong, registers.assume(&ranges)), (Some(1), false));
+    }
+
+    #[test]
+    fn nothing_is_assumed_of_unwritten_or_reported_ends() {
+        let (mut one, mut ranges) = (registers(), ranges());
+        one.take(0, 12.5);
+        assert!(!one.assume(&ranges), "it reported one");
+        ranges[2].written = None;
+        let mut other = registers();
+        assert!(!other.assume(&ranges) && !other.permits_start());
     }
 }
