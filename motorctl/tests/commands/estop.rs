@@ -13,8 +13,8 @@ fn alone(script: &str) -> Option<Output> {
     alone_in(&["--user", "--map-root-user", "--net", "--mount"], script)
 }
 
-/// Like [`alone`], where `as_outsider COMMAND` runs a command as another user, and `start_outside DIRECTORY` a daemon of that user.
-/// `None` also where this user is not root.
+/// Like [`alone`], where `as_outsider COMMAND` runs a command as another user, `start_outside DIRECTORY` a daemon of that user, and
+/// `listen_outside` a Python program of that user, until it prints a line. `None` also where this user is not root.
 fn beside_outsider(script: &str) -> Option<Output> {
     const OUTSIDER: &str = r#"
         as_outsider() { setpriv --reuid=65534 --regid=65534 --clear-groups "$@"; }
@@ -27,6 +27,17 @@ fn beside_outsider(script: &str) -> Option<Output> {
             MOTORD_RUNTIME_DIR=$PWD/$1 setpriv --reuid=65534 --regid=65534 --clear-groups motord run --config "$1/robot.toml" >"$1.log" 2>&1 &
             for attempt in $(seq 300); do grep -q ' ready ' "$1.log" && return; sleep 0.1; done
             exit 99
+        }
+        listen_outside() {
+            # Python itself changes the user: the other user may not reach it.
+            python3 -c "
+import os, resource, socket, time
+resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+$1" >listening.log &
+            until grep -q . listening.log; do sleep 0.1; done
         }
         is_stopped_outside() {
             MOTORD_RUNTIME_DIR=$PWD/$1 as_outsider motorctl --instance robot status --json | grep -q '"emergency_stop": *true'
@@ -41,6 +52,11 @@ fn beside_outsider(script: &str) -> Option<Output> {
         return None;
     }
     Some(output)
+}
+
+/// Like [`beside_outsider`], beside a daemon of that user, whose directory is `other` and whose process is `$other`.
+fn beside_daemon_of_outsider(script: &str) -> Option<Output> {
+    beside_outsider(&format!("start_outside other; other=$!\n{script}"))
 }
 
 fn alone_in(unshare: &[&str], script: &str) -> Option<Output> {
@@ -251,10 +267,6 @@ fn client_on_full_file_system_is_told_so() {
 #[test]
 fn outsider_neither_ends_nor_delays_stop_of_all() {
     const SILENT: &str = r#"
-import os, socket, time
-os.setgroups([])
-os.setgid(65534)
-os.setuid(65534)
 taken = []
 for number in range(20):
     taken.append(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
@@ -264,16 +276,15 @@ print("listens", flush=True)
 time.sleep(100)
 "#;
     let script = format!(
-        "start mine robot; start_outside other; other=$!\n\
+        "start mine robot\n\
          until motorctl instances --all | grep -q foreign; do sleep 0.1; done; kill -STOP $other\n\
          find other -type f -size +0 ! -name '*.toml' -exec truncate -s 0 {{}} +\n\
-         cat >silent.py <<'END'\n{SILENT}\nEND\n\
-         python3 silent.py >silent.log & until grep -q listens silent.log; do sleep 0.1; done\n\
+         listen_outside '{SILENT}'\n\
          begun=${{EPOCHREALTIME/./}}; motorctl estop --all; status=$?\n\
          echo took $(((${{EPOCHREALTIME/./}} - begun) / 1000)) ms\n\
          kill -KILL $other; is_stopped mine robot || exit 97; exit $status"
     );
-    let Some(output) = beside_outsider(&script) else { return };
+    let Some(output) = beside_daemon_of_outsider(&script) else { return };
     let (said, errors) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{output:?}");
     assert_eq!(said.matches("confirmed").count(), 1, "{said}");
@@ -293,11 +304,6 @@ time.sleep(100)
 #[test]
 fn more_names_than_descriptors_hide_no_daemon() {
     const CROWD: &str = r#"
-import os, resource, socket, time
-resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
-os.setgroups([])
-os.setgid(65534)
-os.setuid(65534)
 taken = []
 for number in range(1500):
     taken.append(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
@@ -316,8 +322,7 @@ except BlockingIOError:
 time.sleep(100)
 "#;
     let script = format!(
-        "start mine zz; cat >crowd.py <<'END'\n{CROWD}\nEND\n\
-         python3 crowd.py >crowd.log & until grep -q listens crowd.log; do sleep 0.1; done\n\
+        "start mine zz; listen_outside '{CROWD}'\n\
          for limit in 1024 64; do\n\
              (ulimit -n $limit; motorctl estop --all) || exit 98\n\
              is_stopped mine zz || exit 97\n\
@@ -340,10 +345,10 @@ time.sleep(100)
 /// Goal: a lone process of another user is not the daemon that is meant, and confirms nothing. It is sent the stop of all.
 #[test]
 fn lone_foreign_instance_confirms_no_stop() {
-    let script = "start_outside other; motorctl estop && exit 98; is_stopped_outside other && exit 97\n\
+    let script = "motorctl estop && exit 98; is_stopped_outside other && exit 97\n\
         motorctl instances; motorctl instances --all\n\
         motorctl estop --all; status=$?; is_stopped_outside other || exit 96; exit $status";
-    let Some(output) = beside_outsider(script) else { return };
+    let Some(output) = beside_daemon_of_outsider(script) else { return };
     let (said, errors) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(69), "{output:?}");
     assert!(!said.contains("confirmed"), "{said}");
@@ -363,9 +368,9 @@ fn lone_foreign_instance_confirms_no_stop() {
 /// Goal: a user who runs a daemon and has become root stops it, and so does root who names its directory.
 #[test]
 fn root_stops_daemon_of_its_user() {
-    let script = "start_outside other; SUDO_UID=65534 motorctl estop || exit 98; is_stopped_outside other || exit 97\n\
+    let script = "SUDO_UID=65534 motorctl estop || exit 98; is_stopped_outside other || exit 97\n\
         SUDO_UID=65534 motorctl estop --all || exit 96; MOTORD_RUNTIME_DIR=$PWD/other motorctl estop";
-    let Some(output) = beside_outsider(script) else { return };
+    let Some(output) = beside_daemon_of_outsider(script) else { return };
     assert!(output.status.success(), "{output:?}");
     assert_eq!(text(&output.stdout).matches("confirmed: every motor").count(), 3, "{output:?}");
 }
