@@ -1,8 +1,8 @@
 //! The state of an IMU.
 
 use motord_ports::clock;
-use motord_shared::ImuState;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
+use motord_shared::{ImuContradiction, ImuState};
 use std::time::Duration;
 
 /// One IMU after a cycle.
@@ -30,6 +30,8 @@ pub struct Imu {
     /// Time when the sample was received, or measured by the publisher of an external IMU, ns of `CLOCK_MONOTONIC`; 0 before
     /// the first.
     pub receive_ns: u64,
+    /// Bits of the [`ImuContradiction`]s; see [`contradictions`](Self::contradictions).
+    pub contradiction_bits: u32,
     /// See `ImuMessage::publisher`.
     pub(crate) publisher: u64,
 }
@@ -75,6 +77,12 @@ impl Imu {
         self.known(self.acceleration)
     }
 
+    /// Returns the conventions in which orientation and acceleration would agree about gravity. None while they agree within 10°
+    /// and 10 %, and until the body rested for 2 s for the first time. The finding stands until a rest in which both agree.
+    pub fn contradictions(&self) -> impl Iterator<Item = ImuContradiction> + use<> {
+        ImuContradiction::of_bits(self.contradiction_bits)
+    }
+
     /// Returns the time since the sample was received. `None` before the first sample.
     #[must_use]
     pub fn age(&self) -> Option<Duration> {
@@ -106,6 +114,7 @@ impl From<&ImuState> for Imu {
             receive_ns,
             publisher,
         } = *imu;
+        let contradiction_bits = imu.contradictions();
         Self {
             orientation,
             angular_velocity,
@@ -118,6 +127,7 @@ impl From<&ImuState> for Imu {
             missing,
             rejected,
             receive_ns,
+            contradiction_bits,
             publisher,
         }
     }

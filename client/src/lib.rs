@@ -184,9 +184,9 @@ pub use motord_shared::description::{
     JointDescription, JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{
-    Applied, BusCondition, Cause, CycleRecord, Fault, Field, ImuState, Indicator, JointSetpoint, JointState,
-    Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, StateMessage,
-    joint_state,
+    Applied, BusCondition, Cause, CycleRecord, Fault, Field, ImuContradiction, ImuState, Indicator,
+    JointSetpoint, JointState, Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
+    SetpointMode, StateMessage, joint_state,
 };
 pub use publisher::{ImuPublisher, ImuSample};
 pub use records::Records;

@@ -334,7 +334,7 @@ impl From<&BusState> for Bus {
 mod tests {
     use super::*;
     use motord_shared::limits::IMUS_MAX;
-    use motord_shared::{Fault, ImuState, JointState, Limit};
+    use motord_shared::{Fault, ImuContradiction, ImuState, JointState, Limit};
 
     #[test]
     fn a_lying_daemon_cannot_make_a_client_panic() {
@@ -379,6 +379,7 @@ mod tests {
         );
         assert!(state.buses().all(|bus| bus.condition.is_none()));
         assert_eq!((state.imus().len(), state.imu(IMUS_MAX)), (IMUS_MAX, None));
+        assert!(state.imus().all(|imu| imu.contradictions().count() == ImuContradiction::ALL.len()));
         assert!(state.imus().all(|imu| imu.orientation().is_none() && imu.age() == Some(Duration::ZERO)));
         assert_eq!((state.joint(64), state.age()), (None, Duration::ZERO));
     }

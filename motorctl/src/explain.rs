@@ -2,7 +2,7 @@
 //! status`.
 
 use crate::failure::Failure;
-use motord_client::{Limit, MotorMode, Phase, Rejection};
+use motord_client::{ImuContradiction, Limit, MotorMode, Phase, Rejection};
 use motord_terminal::printable;
 use std::io::{self, Write};
 
@@ -95,6 +95,8 @@ fn pages() -> Vec<Explanation> {
     add("Limits of a setpoint", Limit::ALL.iter().map(|code| (code.name(), code.sentence())).collect());
     add("Rejected setpoints", Rejection::ALL.iter().map(|code| (code.name(), code.sentence())).collect());
     add("Modes of a motor", MotorMode::ALL.iter().map(|code| (code.name(), code.sentence())).collect());
+    let conventions = ImuContradiction::ALL.iter().map(|code| (code.name(), code.sentence()));
+    add("Conventions of an IMU", conventions.collect());
     add("Phases of a group", Phase::ALL.iter().map(|code| (code.name(), code.sentence())).collect());
     pages
 }

@@ -1,6 +1,6 @@
 //! An IMU as `status` and `watch` print it.
 
-use motord_client::{Imu, ImuDescription};
+use motord_client::{Imu, ImuContradiction, ImuDescription};
 use motord_terminal::{Cell, Colour, Table};
 use serde::Serialize;
 
@@ -25,6 +25,8 @@ pub(crate) struct ImuReport {
     pub(crate) sequence: u64,
     pub(crate) missing: u32,
     pub(crate) rejected: u32,
+    /// Conventions in which orientation and acceleration would agree about gravity.
+    pub(crate) contradictions: Vec<&'static str>,
 }
 
 impl ImuReport {
@@ -44,6 +46,7 @@ impl ImuReport {
             sequence: imu.sequence,
             missing: imu.missing,
             rejected: imu.rejected,
+            contradictions: imu.contradictions().map(ImuContradiction::name).collect(),
         }
     }
 
@@ -53,7 +56,17 @@ impl ImuReport {
     }
 
     pub(crate) fn trouble(&self) -> Option<String> {
-        self.lost.then(|| format!("IMU {} delivers no samples: `motorctl explain imu-lost`.", self.name))
+        let Self { name, contradictions, lost, .. } = self;
+        let lost = lost.then(|| format!("IMU {name} delivers no samples: `motorctl explain imu-lost`."));
+        let contradiction = (!contradictions.is_empty()).then(|| {
+            format!(
+                "IMU {name} contradicts gravity at rest ({}): `motorctl explain imu-contradicts`. {}",
+                contradictions.join(", "),
+                sentences(contradictions)
+            )
+        });
+        let troubles: Vec<String> = lost.into_iter().chain(contradiction).collect();
+        (!troubles.is_empty()).then(|| troubles.join(" "))
     }
 }
 
@@ -69,7 +82,7 @@ pub(crate) fn imu_table(imus: &[ImuReport]) -> Table {
         };
         table.row(vec![
             Cell::plain(&imu.name),
-            if imu.lost { Cell::new("lost", Colour::Red) } else { Cell::plain("present") },
+            state(imu),
             angle(0),
             angle(1),
             angle(2),
@@ -83,6 +96,20 @@ pub(crate) fn imu_table(imus: &[ImuReport]) -> Table {
         ]);
     }
     table
+}
+
+fn state(imu: &ImuReport) -> Cell {
+    match (imu.lost, imu.contradictions.is_empty()) {
+        (true, _) => Cell::new("lost", Colour::Red),
+        (false, false) => Cell::new("contradicts", Colour::Red),
+        (false, true) => Cell::plain("present"),
+    }
+}
+
+/// Returns the sentences of conventions, by name.
+pub(crate) fn sentences(names: &[&str]) -> String {
+    let known = ImuContradiction::ALL.iter().filter(|known| names.contains(&known.name()));
+    known.map(|known| known.sentence()).collect::<Vec<_>>().join(" ")
 }
 
 fn length(vector: [f32; 3]) -> f64 {

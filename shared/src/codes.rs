@@ -481,6 +481,35 @@ impl Limit {
 }
 
 codes! {
+    /// A convention of an IMU's driver that contradicts gravity while the body rests; the number is its bit in `ImuState::contradictions`.
+    /// Several bits at once are one finding: all of them together make orientation and acceleration agree.
+    ImuContradiction {
+        QuaternionXyzw = 0 "quaternion-xyzw" "Read as x, y, z, w, the quaternion would agree: send w, x, y, z.",
+        QuaternionInverse = 1 "quaternion-inverse" "Read as world to body, the quaternion would agree: send body to world, the conjugate.",
+        QuaternionNed = 2 "quaternion-ned" "Read in axes with z down (NED), the quaternion would agree: negate its y and z.",
+        ZDown = 3 "z-down" "The acceleration points down: send the specific force, 9.81 m/s² upwards at rest, or turn all axes from z down (NED) to z up.",
+        AccelerationAxes = 4 "acceleration-axes" "In other axes, the acceleration would agree: send quaternion and acceleration in the axes of one sensor.",
+        AccelerationInG = 5 "acceleration-in-g" "Read in g, the acceleration would agree: send m/s², 9.80665 for each g.",
+        WithoutGravity = 6 "without-gravity" "The acceleration is without gravity: send the specific force, 9.81 m/s² upwards at rest.",
+        Direction = 7 "direction" "Quaternion and acceleration disagree about up in every known convention: check the driver and the calibration.",
+        Size = 8 "size" "The acceleration is neither 9.81 m/s² nor 1 g: check its unit, its range and the calibration.",
+    }
+}
+
+impl ImuContradiction {
+    /// Returns the bit of this convention in `ImuState::contradictions`.
+    #[must_use]
+    pub const fn bit(self) -> u32 {
+        1 << self.code()
+    }
+
+    /// Returns the conventions whose bits are set. Other bits are ignored.
+    pub fn of_bits(bits: u32) -> impl Iterator<Item = Self> {
+        Self::ALL.iter().copied().filter(move |convention| bits & convention.bit() != 0)
+    }
+}
+
+codes! {
     /// The state of a bus, as far as the daemon knows.
     BusCondition {
         Active = 0 "active" "The controller takes full part in the bus.",

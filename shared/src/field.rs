@@ -44,6 +44,8 @@ pub enum Kind {
     Flags,
     /// Bits of a `Flags` word.
     Flag(u32),
+    /// Bits of a `Flags` word from this one on, one for each code. JSON has the names; Protobuf the bits from bit 0 on.
+    FlagSet(u32, &'static [&'static str]),
     /// `f32` values of a command: position, velocity, kp, kd, torque.
     Command,
     /// `u32` without a meaning that replaces padding in the layout.
@@ -65,6 +67,7 @@ impl Kind {
             | Self::Set(_)
             | Self::Flags
             | Self::Flag(_)
+            | Self::FlagSet(..)
             | Self::Reserved => ("u32", 1),
         }
     }
@@ -80,7 +83,9 @@ impl Kind {
             Self::Time | Self::Total => "uint64",
             Self::Code(_) => "string",
             Self::Flag(_) => "bool",
-            Self::Count | Self::Latency | Self::Set(_) | Self::Flags | Self::Reserved => "uint32",
+            Self::Count | Self::Latency | Self::Set(_) | Self::FlagSet(..) | Self::Flags | Self::Reserved => {
+                "uint32"
+            }
         }
     }
 }

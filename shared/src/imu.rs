@@ -1,5 +1,6 @@
 //! The state of an inertial measurement unit (IMU).
 
+use crate::codes::ImuContradiction;
 use crate::field::{Field, Kind};
 use crate::plain::plain;
 
@@ -10,6 +11,8 @@ pub const IMU_VALID: u32 = 1 << 1;
 /// [`ImuState::flags`]: no sample has been received for longer than `lost-after-ms`, or the device is disconnected. Set until
 /// the first sample.
 pub const IMU_LOST: u32 = 1 << 2;
+/// [`ImuState::flags`]: the bit of the first [`ImuContradiction`]; the others follow.
+pub const IMU_CONTRADICTIONS_SHIFT: u32 = 8;
 
 macro_rules! optional {
     () => {
@@ -28,6 +31,7 @@ macro_rules! define {
             $(, json $json:ident)? $(, proto $number:literal)?;
         )+ }
         flags { $(#[doc = $flag_doc:literal] $flag:ident: $bit:ident, proto $flag_number:literal;)+ }
+        sets { $(#[doc = $set_doc:literal] $set:ident: $codes:ident from $shift:ident, proto $set_number:literal;)+ }
     ) => {
         plain! {
             /// One IMU in a cycle. Values that are not known are NaN. [`FIELDS`](Self::FIELDS) describes the fields.
@@ -56,6 +60,15 @@ macro_rules! define {
                     offset: core::mem::offset_of!(Self, flags),
                     json: Some(stringify!($flag)),
                     proto: Some((stringify!($flag), $flag_number)),
+                },)+
+                $(Field {
+                    name: stringify!($set),
+                    doc: $set_doc.trim_ascii(),
+                    unit: "",
+                    kind: Kind::FlagSet($shift, $codes::NAMES),
+                    offset: core::mem::offset_of!(Self, flags),
+                    json: Some(stringify!($set)),
+                    proto: Some((stringify!($set), $set_number)),
                 },)+
             ];
         }
@@ -93,6 +106,10 @@ define! {
         /// No sample for longer than `lost-after-ms`, or the device is disconnected. True until the first sample.
         lost: IMU_LOST, proto 9;
     }
+    sets {
+        /// Conventions in which orientation and acceleration would agree about gravity, while they contradict each other at rest.
+        contradictions: ImuContradiction from IMU_CONTRADICTIONS_SHIFT, proto 13;
+    }
 }
 
 impl ImuState {
@@ -109,6 +126,12 @@ impl ImuState {
         receive_ns: 0,
         publisher: 0,
     };
+
+    /// Returns the bits of the [`ImuContradiction`]s; 0 while orientation and acceleration agree, and before the first rest.
+    #[must_use]
+    pub const fn contradictions(&self) -> u32 {
+        self.flags >> IMU_CONTRADICTIONS_SHIFT
+    }
 }
 
 #[cfg(test)]
@@ -132,9 +155,20 @@ mod tests {
             ("fresh", 44, ("u32", 1)),
             ("valid", 44, ("u32", 1)),
             ("lost", 44, ("u32", 1)),
+            ("contradictions", 44, ("u32", 1)),
         ];
         let found: Vec<_> =
             ImuState::FIELDS.iter().map(|field| (field.name, field.offset, field.kind.memory())).collect();
         assert_eq!((found.as_slice(), size_of::<ImuState>()), (&layout[..], 80));
+    }
+
+    #[test]
+    fn contradictions_and_flags_share_no_bit() {
+        let flags = IMU_FRESH | IMU_VALID | IMU_LOST;
+        let all = ImuContradiction::ALL.iter().fold(0, |bits, convention| bits | convention.bit());
+        let state = ImuState { flags: flags | all << IMU_CONTRADICTIONS_SHIFT, ..ImuState::UNKNOWN };
+        assert_eq!((state.contradictions(), flags & all << IMU_CONTRADICTIONS_SHIFT), (all, 0));
+        assert_eq!(ImuState { flags, ..state }.contradictions(), 0);
+        assert!(ImuContradiction::of_bits(all).eq(ImuContradiction::ALL.iter().copied()));
     }
 }

@@ -22,8 +22,8 @@ pub mod message;
 pub mod plain;
 
 pub use codes::{
-    BusCondition, Cause, Fault, Indicator, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
-    SetpointMode,
+    BusCondition, Cause, Fault, ImuContradiction, Indicator, Limit, MotorMode, Operation, Phase, Refusal,
+    Rejection, SetpointMode,
 };
 pub use field::{Field, Kind};
 pub use imu::ImuState;

@@ -9,7 +9,7 @@ use crate::limits::{
 };
 use crate::plain::{plain, sparse};
 
-pub use crate::imu::{IMU_FRESH, IMU_LOST, IMU_VALID, ImuState};
+pub use crate::imu::{IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID, ImuState};
 pub use crate::joint::{Applied, JOINT_FRESH, JOINT_MISMATCH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
 

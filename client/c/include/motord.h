@@ -643,6 +643,12 @@ typedef struct motord_imu {
    * No sample for longer than `lost-after-ms`, or the device is disconnected.
    */
   bool lost;
+  /**
+   * Bits of the conventions in which orientation and acceleration would agree about gravity, while they contradict each other at
+   * rest; 0 while they agree: 1 `quaternion-xyzw`, 2 `quaternion-inverse`, 4 `quaternion-ned`, 8 `z-down`, 16 `acceleration-axes`,
+   * 32 `acceleration-in-g`, 64 `without-gravity`, 128 `direction`, 256 `size`. `motorctl explain` has their meaning.
+   */
+  uint32_t contradictions;
 } motord_imu;
 
 #ifdef __cplusplus
@@ -954,9 +960,9 @@ enum motord_status motord_imu_publisher_new(struct motord_client *client,
 void motord_imu_publisher_free(struct motord_imu_publisher *publisher);
 
 /**
- * Sends a sample. Does not wait. `MOTORD_STATUS_BAD_SETPOINT`: a value is not finite, or the orientation is no unit quaternion.
- * `MOTORD_STATUS_REFUSED`: the daemon uses the samples of another process. `MOTORD_STATUS_NOT_RUNNING`: without a daemon; later samples
- * arrive once one runs again.
+ * Sends a sample. Does not wait. `MOTORD_STATUS_BAD_SETPOINT`: a value is not finite, the orientation is no unit quaternion, or
+ * the time is of another clock. `MOTORD_STATUS_REFUSED`: the daemon uses the samples of another process.
+ * `MOTORD_STATUS_NOT_RUNNING`: without a daemon; later samples arrive once one runs again.
  *
  * # Safety
  * `publisher` is a publisher, `sample` a sample.

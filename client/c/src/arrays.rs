@@ -210,6 +210,10 @@ pub struct ImuValues {
     pub fresh: bool,
     /// No sample for longer than `lost-after-ms`, or the device is disconnected.
     pub lost: bool,
+    /// Bits of the conventions in which orientation and acceleration would agree about gravity, while they contradict each other at
+    /// rest; 0 while they agree: 1 `quaternion-xyzw`, 2 `quaternion-inverse`, 4 `quaternion-ned`, 8 `z-down`, 16 `acceleration-axes`,
+    /// 32 `acceleration-in-g`, 64 `without-gravity`, 128 `direction`, 256 `size`. `motorctl explain` has their meaning.
+    pub contradictions: u32,
 }
 
 impl From<&Imu> for ImuValues {
@@ -225,6 +229,7 @@ impl From<&Imu> for ImuValues {
             sequence: imu.sequence,
             fresh: imu.fresh,
             lost: imu.lost,
+            contradictions: imu.contradiction_bits,
         }
     }
 }

@@ -6,6 +6,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyKeyError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::collections::BTreeMap;
 use std::ffi::CStr;
 use std::sync::Arc;
 
@@ -318,5 +319,12 @@ impl Imu {
     #[getter]
     fn sequence(&self) -> u64 {
         self.imu.sequence
+    }
+
+    /// Conventions in which orientation and acceleration would agree about gravity, while they contradict each other at rest: by name,
+    /// what to change.
+    #[getter]
+    fn contradictions(&self) -> BTreeMap<&'static str, &'static str> {
+        self.0.contradictions().map(|found| (found.name(), found.sentence())).collect()
     }
 }

@@ -200,6 +200,12 @@ impl Mount {
             temperature: sample.temperature,
         }
     }
+
+    /// Returns the sample in the frame of the sensor, of one in the frame of the body.
+    #[must_use]
+    pub fn to_sensor(&self, sample: &ImuSample) -> ImuSample {
+        Self(self.0.inverse()).to_body(sample)
+    }
 }
 
 #[cfg(test)]
@@ -243,6 +249,9 @@ mod tests {
         let body = mount.to_body(&hanging);
         assert_near(&body.acceleration, &[0.0, 0.0, 9.81]);
         assert_near(&roll_pitch_yaw(&body), &[0.0; 3]);
+        let sensor = mount.to_sensor(&body);
+        assert_near(&sensor.acceleration, &hanging.acceleration);
+        assert_near(&sensor.orientation, &hanging.orientation);
     }
 
     /// The nose of the body goes down by 0.3 rad, about its y, which is the x of a sensor that is turned left.

@@ -120,6 +120,17 @@ pub enum Event {
         /// It is lost.
         is_lost: bool,
     },
+    /// A rest showed that orientation and acceleration of an IMU contradict each other, or agree again.
+    Gravity {
+        /// Its index.
+        imu: usize,
+        /// Bits of `motord_shared::ImuContradiction`; 0 when they agree.
+        contradictions: u32,
+        /// Direction up by the orientation, in the frame of the body.
+        up: [f32; 3],
+        /// Mean acceleration, in the frame of the body, m/s².
+        acceleration: [f32; 3],
+    },
     /// Ticks were missed: the cycle thread woke up too late for them.
     MissedTicks {
         /// Their number.

@@ -2,10 +2,11 @@
 
 use super::context::Context;
 use super::event::Event;
+use super::gravity::{Finding, GravityCheck};
 use crate::imu::{ImuSample, ImuSettings, WhenLost};
 use motord_bus::{Duration, Instant};
 use motord_shared::ImuState;
-use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
+use motord_shared::message::{IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID};
 
 /// The knowledge of an IMU's reader, passed to the cycle as a whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,6 +58,7 @@ struct Imu {
     /// The sequence number of the sample that was published last.
     published: u64,
     is_lost: bool,
+    gravity: GravityCheck,
 }
 
 impl Imu {
@@ -67,7 +69,15 @@ impl Imu {
             reading: ImuReading::default(),
             published: 0,
             is_lost: true,
+            gravity: GravityCheck::new(settings.mount),
         }
+    }
+
+    /// Takes what its reader knows. Returns what a rest showed, if the contradictions change. Constant time.
+    fn receive(&mut self, reading: &ImuReading) -> Option<Finding> {
+        let is_new = reading.sequence != self.reading.sequence;
+        self.reading = *reading;
+        is_new.then(|| self.gravity.receive(&reading.sample, reading.received)).flatten()
     }
 
     /// Finds out at `tick` whether it is lost. Returns whether that has changed.
@@ -84,6 +94,7 @@ impl Imu {
     fn report(&self) -> ImuState {
         let ImuReading { sample, received, sequence, missing, rejected, publisher, .. } = self.reading;
         let lost = if self.is_lost { IMU_LOST } else { 0 };
+        let contradictions = self.gravity.contradictions() << IMU_CONTRADICTIONS_SHIFT;
         if sequence == 0 {
             return ImuState { missing, rejected, flags: lost, publisher, ..ImuState::UNKNOWN };
         }
@@ -93,7 +104,7 @@ impl Imu {
             angular_velocity: sample.angular_velocity,
             acceleration: sample.acceleration,
             temperature: sample.temperature.unwrap_or(f32::NAN),
-            flags: lost | fresh | IMU_VALID,
+            flags: lost | fresh | IMU_VALID | contradictions,
             missing,
             rejected,
             sequence,
@@ -115,7 +126,9 @@ impl Imus {
     /// Takes what the reader of an IMU knows. Constant time.
     pub(super) fn receive(&mut self, index: usize, reading: &ImuReading, cx: &mut Context) {
         if let Some(imu) = self.0.get_mut(index) {
-            imu.reading = *reading;
+            if let Some(Finding { contradictions, up, acceleration }) = imu.receive(reading) {
+                cx.push(Event::Gravity { imu: index, contradictions, up, acceleration });
+            }
             judge(index, imu, cx);
         }
     }

@@ -12,6 +12,7 @@
 //! | `motor/` | the modes of a motor, its limits, the plausibility of its reports |
 //! | `admin.rs` | requests of clients and operators |
 //! | `imu.rs` | the samples of IMUs, and their loss |
+//! | `gravity.rs` | whether orientation and acceleration of an IMU at rest agree about gravity |
 //! | `repetition.rs` | whether a sensor repeats one sample |
 //! | `time_base.rs`, `bus_health.rs` | the health of the time base and of the buses |
 
@@ -22,6 +23,7 @@ mod bus_health;
 mod command;
 mod context;
 mod event;
+mod gravity;
 mod group;
 mod imu;
 mod indicators;

@@ -6,7 +6,7 @@ use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, 
 use motord_core::settings::Settings;
 use motord_harness::robot::{self, Robot};
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
-use motord_shared::{Cause, ImuState, Operation, Phase, Refusal};
+use motord_shared::{Cause, ImuContradiction, ImuState, Operation, Phase, Refusal};
 
 const LOST_AFTER: Duration = Duration::from_millis(12);
 
@@ -51,6 +51,38 @@ fn imu_is_unknown_until_its_first_sample() {
     let first = sampled(&mut robot, 1);
     assert_eq!(first.flags, IMU_FRESH | IMU_VALID);
     assert_eq!((first.orientation, first.acceleration), ([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 9.81]));
+}
+
+/// A resting body with roll 0.4, pitch 0.3, yaw 0.5 rad, whose driver sends x, y, z, w.
+#[test]
+fn convention_at_rest_is_named_within_two_seconds() {
+    let mut settings = settings(WhenLost::Report);
+    settings.imus[0].mount = Mount::from_roll_pitch_yaw([0.0, 0.0, 1.57]);
+    let mount = settings.imus[0].mount;
+    let mut robot = Robot::new(settings, 1);
+    robot.step();
+    robot.take_events();
+    let rest = |robot: &mut Robot, begin: u64, orientation: [f32; 4]| {
+        for sequence in begin..begin + 400 {
+            let now = robot.now();
+            let noise = 0.01 * (sequence % 5) as f32;
+            let sent =
+                ImuSample { orientation, acceleration: [-2.899, 3.650 + noise, 8.632], ..ImuSample::LEVEL };
+            let reading = ImuReading { sample: mount.to_body(&sent), ..reading(sequence, now) };
+            robot.client.sample_imu(0, reading);
+            robot.steps(5);
+        }
+        let found = imu(robot).contradictions();
+        let events: Vec<_> = robot.take_events().into_iter().collect();
+        let named = |event: &Event| match *event {
+            Event::Gravity { imu: 0, contradictions, .. } => Some(contradictions),
+            _ => None,
+        };
+        (found, events.iter().filter_map(named).collect::<Vec<_>>())
+    };
+    let xyzw = ImuContradiction::QuaternionXyzw.bit();
+    assert_eq!(rest(&mut robot, 1, [0.154_097, 0.190_506, 0.210_984, 0.946_281]), (xyzw, vec![xyzw]));
+    assert_eq!(rest(&mut robot, 401, [0.946_281, 0.154_097, 0.190_506, 0.210_984]), (0, vec![0]));
 }
 
 #[test]

@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use core::time::Duration;
-use motord_shared::{Cause, JointSetpoint, Operation, Phase, Refusal, StateMessage};
+use motord_shared::{Cause, ImuContradiction, JointSetpoint, Operation, Phase, Refusal, StateMessage};
 use motord_twin::{Body, ImuValues, JointPhysics, Mechanics, Options, Twin, TwinError};
 use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -144,6 +144,34 @@ impl Body for Table {
             acceleration: [0.0, 0.0, 9.81],
             temperature: 30.0,
         }
+    }
+}
+
+/// A plant whose IMU has another convention, on a body that rests with roll 0.4, pitch 0.3, yaw 0.5 rad.
+struct Tilted([f64; 4], [f64; 3]);
+
+impl Body for Tilted {
+    fn measure(&mut self) -> ImuValues {
+        let Self(orientation, acceleration) = *self;
+        ImuValues { orientation, angular_velocity: [0.0; 3], acceleration, temperature: 30.0 }
+    }
+}
+
+#[test]
+fn convention_of_a_plant_is_named() {
+    let [w, x, y, z] = [0.946_281, 0.154_097, 0.190_506, 0.210_984];
+    let force = [-2.899, 3.650, 8.632];
+    for (expected, orientation, acceleration) in [
+        (0, [w, x, y, z], force),
+        (ImuContradiction::QuaternionXyzw.bit(), [x, y, z, w], force),
+        (ImuContradiction::ZDown.bit(), [w, x, y, z], force.map(|part| -part)),
+        (ImuContradiction::AccelerationInG.bit(), [w, x, y, z], force.map(|part| part / 9.81)),
+    ] {
+        let body: Box<dyn Body> = Box::new(Tilted(orientation, acceleration));
+        let file = configuration("quadruped-simulated.toml");
+        let mut twin = Twin::load(&file, compute(Duration::ZERO), None, Some(body)).unwrap();
+        (0..2000).for_each(|_| twin.step());
+        assert_eq!(twin.state().imus()[0].contradictions(), expected);
     }
 }
 

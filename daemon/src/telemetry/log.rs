@@ -22,7 +22,7 @@ use motord_core::settings::Settings;
 use motord_protocol::Faults;
 use motord_shared::description::slow_owner;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
-use motord_shared::{BusCondition, Cause, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{BusCondition, Cause, ImuContradiction, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -60,6 +60,10 @@ const fn imu_check(source: &ImuSource) -> &'static str {
         ImuSource::External => "check the process that publishes it",
         ImuSource::Simulated(_) => "a fault of `motorctl sim` holds them back",
     }
+}
+
+fn vector([x, y, z]: [f32; 3]) -> String {
+    format!("({x:.2} {y:.2} {z:.2})")
 }
 
 /// Something that may change more often than anybody reads.
@@ -186,6 +190,9 @@ impl Log {
             Event::Owner { group, pid } => self.log_owner(cycle, group, pid, askers),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
             Event::Imu { imu, is_lost } => self.log_imu(cycle, imu, is_lost),
+            Event::Gravity { imu, contradictions, up, acceleration } => {
+                self.log_gravity(cycle, imu, contradictions, [up, acceleration]);
+            }
             Event::MissedTicks { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
@@ -224,6 +231,40 @@ impl Log {
         } else {
             tracing::info!(cycle, imu, "delivers samples");
         }
+    }
+
+    fn log_gravity(
+        &mut self,
+        cycle: u64,
+        imu: usize,
+        contradictions: u32,
+        [up, acceleration]: [[f32; 3]; 2],
+    ) {
+        let imu = &mut self.imus[imu];
+        if !imu.changes() {
+            return;
+        }
+        let imu = &imu.name;
+        if contradictions == 0 {
+            return tracing::info!(
+                cycle,
+                imu,
+                "at rest, its quaternion and its acceleration agree about gravity"
+            );
+        }
+        let found = ImuContradiction::of_bits(contradictions);
+        let (names, sentences): (Vec<_>, Vec<_>) =
+            found.map(|found| (found.name(), found.sentence())).unzip();
+        tracing::warn!(
+            cycle,
+            imu,
+            contradictions = names.join(" "),
+            see = "imu-contradicts",
+            "at rest, up is {} by its quaternion and {} m/s² by its acceleration, in the frame of the body. {}",
+            vector(up),
+            vector(acceleration),
+            sentences.join(" ")
+        );
     }
 
     fn log_late(&mut self, cycle: u64, motor: usize, turns: u32, time: Duration) {

@@ -5,8 +5,8 @@ use crate::motord;
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::INDICATORS_MAX;
 use motord_shared::message::{
-    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, IMU_FRESH,
-    IMU_LOST, IMU_VALID, JOINT_FRESH, JOINT_VALID, NO_JOINT,
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN,
+    IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID, JOINT_FRESH, JOINT_VALID, NO_JOINT,
 };
 use motord_shared::{
     Applied, BusCondition, BusState, Cause, GroupState, ImuState, Indicator, JointSetpoint, JointState,
@@ -93,7 +93,10 @@ pub(crate) fn imu(imu: &motord::Imu) -> ImuState {
         angular_velocity: imu.angular_velocity.map_or([f32::NAN; 3], vector),
         acceleration: imu.acceleration.map_or([f32::NAN; 3], vector),
         temperature: imu.temperature.unwrap_or(f32::NAN),
-        flags: flags.iter().filter(|(is_set, _)| *is_set).fold(0, |flags, (_, flag)| flags | flag),
+        flags: flags
+            .iter()
+            .filter(|(is_set, _)| *is_set)
+            .fold(imu.contradictions << IMU_CONTRADICTIONS_SHIFT, |flags, (_, flag)| flags | flag),
         missing: imu.missing,
         rejected: imu.rejected,
         sequence: imu.sequence,

@@ -92,6 +92,7 @@ pub(crate) fn imu(cycle: u64, imu: &ImuState) -> motord::Imu {
         fresh: flags & IMU_FRESH != 0,
         valid: is_valid,
         lost: flags & IMU_LOST != 0,
+        contradictions: imu.contradictions(),
         missing,
         rejected,
         receive_ns,

@@ -5,7 +5,8 @@
 use motord_shared::description::RobotDescription;
 use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN, IMU_LOST};
 use motord_shared::{
-    BusCondition, Cause, Fault, GroupState, ImuState, JointState, MotorMode, Phase, StateMessage,
+    BusCondition, Cause, Fault, GroupState, ImuContradiction, ImuState, JointState, MotorMode, Phase,
+    StateMessage,
 };
 use std::fmt;
 
@@ -154,12 +155,21 @@ fn of_imu(events: &mut Vec<Event>, name: &str, before: &ImuState, imu: &ImuState
         (true, false) => push(events, Level::Info, name, "delivers samples".to_owned()),
         _ => {}
     }
+    match (before.contradictions(), imu.contradictions()) {
+        (before, now) if before == now => {}
+        (_, 0) => push(events, Level::Info, name, "agrees with gravity again".to_owned()),
+        (_, now) => {
+            let names: Vec<_> = ImuContradiction::of_bits(now).map(ImuContradiction::name).collect();
+            push(events, Level::Warning, name, format!("contradicts gravity: {}", names.join(", ")));
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use motord_shared::description::{GroupDescription, ImuDescription, JointDescription};
+    use motord_shared::message::IMU_CONTRADICTIONS_SHIFT;
 
     #[test]
     fn loss_and_return_of_imus_are_events() {
@@ -175,6 +185,10 @@ mod tests {
         let back = Some((Level::Info, "base delivers samples".to_owned()));
         let found = [0, IMU_LOST, IMU_LOST, 0, 0].map(&mut text_of);
         assert_eq!(found, [None, lost, None, back, None]);
+        let in_g = ImuContradiction::AccelerationInG.bit() << IMU_CONTRADICTIONS_SHIFT;
+        let named = Some((Level::Warning, "base contradicts gravity: acceleration-in-g".to_owned()));
+        let agrees = Some((Level::Info, "base agrees with gravity again".to_owned()));
+        assert_eq!([in_g, in_g, 0].map(&mut text_of), [named, None, agrees]);
     }
 
     #[test]

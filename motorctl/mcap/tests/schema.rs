@@ -15,7 +15,7 @@ fn declared(field: &Field, (name, number): (&str, u32), is_imu: bool) -> String 
         Kind::Vector(_) => " Absent before the first sample.",
         Kind::Optional if field.name == "temperature" && is_imu => " Absent where it is not reported.",
         Kind::Optional => " Absent where the motor does not report it.",
-        Kind::Set(_) => " Bits.",
+        Kind::Set(_) | Kind::FlagSet(..) => " Bits.",
         _ => "",
     };
     let mut text = String::from("  //");

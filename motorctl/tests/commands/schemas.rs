@@ -81,6 +81,7 @@ fn expected(field: &Field, list: &str) -> Value {
         Kind::Code(names) => json!({ "enum": ([names, &["unknown"]].concat()) }),
         Kind::Set(_) => json!({ "type": "array", "items": { "type": "string" } }),
         Kind::Flag(_) => json!({ "type": "boolean" }),
+        Kind::FlagSet(_, names) => json!({ "type": "array", "items": { "enum": names } }),
         Kind::Time | Kind::Flags | Kind::Command | Kind::Reserved => panic!("{} has no form", field.name),
     };
     let unit = if field.kind == Kind::Latency { "µs" } else { field.unit };

@@ -86,6 +86,12 @@ class Imu:
     @property
     def sequence(self) -> int:
         """Samples received since the daemon started."""
+    @property
+    def contradictions(self) -> dict[str, str]:
+        """Conventions in which orientation and acceleration would agree about gravity, while they contradict each other at rest.
+
+        By name, what to change. Empty while both agree, and until the body rested for 2 s.
+        """
 
 @final
 class Imus(Mapping[str, Imu]):
@@ -251,7 +257,10 @@ class ImuPublisher:
         temperature: float | None = None,
         time: float | None = None,
     ) -> None:
-        """Sends a sample in the frame of the sensor. time is that of the measurement, s of time.monotonic(); None is now."""
+        """Sends a sample in the frame of the sensor. time is that of the measurement, s of time.monotonic(); None is now.
+
+        Raises ValueError for values that are no sample, and for a time of another clock.
+        """
     @property
     def used(self) -> bool:
         """The daemon used a sample of this publisher last."""

@@ -9,7 +9,7 @@ use ratatui::text::{Line, Span};
 /// Returns at most `most` lines; lost IMUs first. None for a robot without IMUs.
 pub(super) fn lines(reading: &Reading, width: usize, most: usize) -> Vec<Line<'static>> {
     let mut imus: Vec<&ImuReport> = reading.report.imus.iter().collect();
-    imus.sort_by_key(|imu| !imu.lost);
+    imus.sort_by_key(|imu| (!imu.lost, imu.contradictions.is_empty()));
     if imus.is_empty() {
         return Vec::new();
     }
@@ -25,6 +25,9 @@ fn entry(imu: &ImuReport) -> Line<'static> {
     let [roll, pitch, yaw] = [0, 1, 2]
         .map(|axis| number(imu.roll_pitch_yaw.map(|angles| f64::from(angles[axis]).to_degrees()), 1));
     let (rate, age) = (number(imu.turning(), 2), number(imu.age_us.map(|age| age / 1e3), 1));
+    if !imu.contradictions.is_empty() {
+        line.push_span(alarm(format!("contradicts gravity: {} ", imu.contradictions.join(", "))));
+    }
     // The age first: the end of the line may not fit.
     line.push_span(Span::raw(format!("{age} ms old, roll {roll}° pitch {pitch}° yaw {yaw}° {rate} rad/s")));
     for (name, count) in [("missing", imu.missing), ("rejected", imu.rejected)] {
