@@ -411,7 +411,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         }
         Command::Direct(command) => Ok(direct::run(command)?),
         Command::Imu(command) => imu::run(instance, &command),
-        Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
+        Command::Doctor(arguments) => Ok(doctor::run(&arguments, imu::findings(instance))?),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),

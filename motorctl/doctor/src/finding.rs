@@ -62,12 +62,12 @@ impl Finding {
     }
 
     /// Creates a good finding.
-    pub(crate) fn good(check: &'static str, measured: impl Into<String>) -> Self {
+    pub fn good(check: &'static str, measured: impl Into<String>) -> Self {
         Self::new(check, Level::Good, measured)
     }
 
     /// Creates a warning: the cycle is later than possible.
-    pub(crate) fn warn(check: &'static str, measured: impl Into<String>, why: impl Into<String>) -> Self {
+    pub fn warn(check: &'static str, measured: impl Into<String>, why: impl Into<String>) -> Self {
         Self { why: Some(why.into()), ..Self::new(check, Level::Warn, measured) }
     }
 
@@ -77,7 +77,7 @@ impl Finding {
     }
 
     /// Sets the interface or device that was checked.
-    pub(crate) fn of(self, subject: &str) -> Self {
+    pub fn of(self, subject: &str) -> Self {
         Self { of: Some(subject.to_owned()), ..self }
     }
 
@@ -87,7 +87,7 @@ impl Finding {
     }
 
     /// Sets the command that fixes it.
-    pub(crate) fn mended_by(self, command: impl Into<Option<String>>) -> Self {
+    pub fn mended_by(self, command: impl Into<Option<String>>) -> Self {
         Self { command: command.into(), ..self }
     }
 }

@@ -100,12 +100,12 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     within(text, 0.0, SECONDS_MAX)
 }
 
-/// Checks the computer, measures, and prints both.
+/// Checks the computer, measures, and prints both, with the findings about a running daemon.
 ///
 /// # Errors
 ///
 /// [`DoctorFailure::Unfit`] after a bad verdict; the others without a verdict.
-pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
+pub fn run(arguments: &Arguments, of_daemon: Vec<Finding>) -> Result<(), DoctorFailure> {
     let tree = Tree::below(Path::new("/"));
     let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
     let daemon = process::daemon(&tree);
@@ -116,6 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
     };
     let mut findings = vec![configuration];
     findings.extend(all(&tree, &robot));
+    findings.extend(of_daemon);
     let wake = match daemon {
         None if arguments.seconds > 0.0 => Some(measured(&robot, arguments)?),
         _ => None,

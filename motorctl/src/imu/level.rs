@@ -2,10 +2,11 @@
 
 use crate::failure::Failure;
 use crate::status;
-use motord_client::Client;
+use motord_client::{Client, ImuContradiction};
 use motord_terminal::{Interrupt, json, within};
 use serde::Serialize;
 use std::io::{self, Write};
+use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
 /// Fewer samples are no measurement.
@@ -17,6 +18,12 @@ const SHAKE_MAX: f64 = 0.5;
 /// Acceleration at rest, and its largest error, m/s².
 const GRAVITY: f64 = 9.81;
 const GRAVITY_ERROR: f64 = 0.5;
+/// A sensor whose x is closer to the vertical, °, has a roll and a yaw that noise decides.
+const VERTICAL_DEGREES: f64 = 10.0;
+/// Angle between the two poses of `--two-poses`, °.
+const SECOND_POSE_DEGREES: RangeInclusive<f64> = 20.0..=70.0;
+/// Longest wait for the second pose.
+const SECOND_POSE_TIME: Duration = Duration::from_secs(120);
 /// A larger correction suggests that the robot is not level, or the mount another one.
 const DOUBTFUL_DEGREES: f64 = 20.0;
 
@@ -29,6 +36,10 @@ pub(crate) struct Arguments {
     /// Duration of the measurement, s: 0.5 to 60.
     #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = |text: &str| within(text, 0.5, 60.0))]
     seconds: f64,
+    /// Also measure a second pose, with the nose lowered by 20° to 70°: it shows the yaw of the mount, and is needed where the
+    /// sensor's x points up or down.
+    #[arg(long)]
+    two_poses: bool,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -51,6 +62,8 @@ struct Level<'a> {
 struct Samples {
     accelerations: Vec<[f64; 3]>,
     fastest: f64,
+    /// Those of the newest sample.
+    contradictions: Vec<ImuContradiction>,
 }
 
 impl Samples {
@@ -79,6 +92,15 @@ impl Samples {
         if count < SAMPLES_MIN {
             return Err(format!("only {count} samples arrived; measure longer: --seconds"));
         }
+        if !self.contradictions.is_empty() {
+            let names: Vec<_> = self.contradictions.iter().map(|found| found.name()).collect();
+            let sentences: Vec<_> = self.contradictions.iter().map(|found| found.sentence()).collect();
+            return Err(format!(
+                "its quaternion and its acceleration contradict gravity ({}). {} See `motorctl explain imu-contradicts`",
+                names.join(", "),
+                sentences.join(" ")
+            ));
+        }
         if self.fastest > TURN_MAX {
             return Err(format!("the robot turns, at up to {:.2} rad/s; keep it at rest", self.fastest));
         }
@@ -104,9 +126,17 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     let samples = measure(&client, index, arguments.seconds)?;
     let refused = |reason| Failure::Level { imu: imu.to_owned(), reason };
     let up = samples.at_rest().map_err(refused)?;
-    let mount_rpy_deg = levelled(mount, up).ok_or_else(|| {
-        refused("the present mount turns the sensor by 90° about y, where roll and yaw are one turn; set mount-rpy-deg by hand".into())
-    })?;
+    let mount_rpy_deg = if arguments.two_poses {
+        let lowered = second_pose(&client, index, arguments, up)?;
+        of_two_poses(mount, up, lowered)
+    } else {
+        levelled(mount, up).ok_or_else(|| {
+            refused(format!(
+                "the sensor's x points up or down, within {VERTICAL_DEGREES}°: there roll and yaw are one turn, and noise decides them. \
+                 Measure a second pose as well: `motorctl imu level {imu} --two-poses`"
+            ))
+        })?
+    };
     let [roll, pitch, yaw] = mount_rpy_deg;
     let level = Level {
         imu,
@@ -135,6 +165,38 @@ fn print(level: &Level<'_>, as_json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Waits until the robot rests with its nose lowered. Returns its mean acceleration.
+fn second_pose(
+    client: &Client,
+    index: usize,
+    arguments: &Arguments,
+    up: [f64; 3],
+) -> Result<[f64; 3], Failure> {
+    let Arguments { imu, seconds, .. } = arguments;
+    let [least, most] = [SECOND_POSE_DEGREES.start(), SECOND_POSE_DEGREES.end()];
+    eprintln!(
+        "{imu}: level pose measured. Now lower the nose of the robot by {least}° to {most}°, and keep it at rest."
+    );
+    let end = Instant::now() + SECOND_POSE_TIME;
+    loop {
+        let found = measure(client, index, *seconds)?.at_rest();
+        let reason = match found {
+            Ok(lowered) if SECOND_POSE_DEGREES.contains(&angle(up, lowered)) => return Ok(lowered),
+            Ok(lowered) => format!("the second pose is {:.0}° from the first", angle(up, lowered)),
+            Err(reason) => reason,
+        };
+        if Instant::now() > end {
+            return Err(Failure::Level { imu: imu.clone(), reason });
+        }
+    }
+}
+
+/// Returns the angle between two vectors, °.
+fn angle(one: [f64; 3], other: [f64; 3]) -> f64 {
+    let dot = one.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();
+    (dot / (norm(one) * norm(other))).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
 /// Collects each sample once.
 fn measure(client: &Client, imu: usize, seconds: f64) -> Result<Samples, Failure> {
     let interrupt = Interrupt::register();
@@ -152,6 +214,7 @@ fn measure(client: &Client, imu: usize, seconds: f64) -> Result<Samples, Failure
         if let (Some(acceleration), Some(velocity)) = (sample.acceleration(), sample.angular_velocity()) {
             samples.push(acceleration, velocity);
         }
+        samples.contradictions = sample.contradictions().collect();
     }
     Ok(samples)
 }
@@ -161,22 +224,59 @@ fn norm(vector: [f64; 3]) -> f64 {
 }
 
 /// Returns roll, pitch and yaw, °, of a mount with the yaw of `mount` that turns gravity onto z of the body. `up` is the specific
-/// force in the frame of the body, by `mount`. `None` where the yaw of `mount` is not defined.
-fn levelled([w, x, y, z]: [f64; 4], up: [f64; 3]) -> Option<[f64; 3]> {
-    let rotation = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
+/// force in the frame of the body, by `mount`. `None` where the yaw of `mount` is not defined, or the sensor's x is nearly vertical.
+fn levelled(mount: [f64; 4], up: [f64; 3]) -> Option<[f64; 3]> {
+    let rotation = matrix(mount);
     if rotation[0][0].hypot(rotation[1][0]) < 1e-3 {
         return None;
     }
     let yaw = f64::atan2(rotation[1][0], rotation[0][0]);
-    // The transposed rotation leads to the frame of the sensor.
-    let [ux, uy, uz] = [0, 1, 2].map(|axis| (0..3).map(|row| rotation[row][axis] * up[row]).sum::<f64>());
+    let [ux, uy, uz] = to_sensor(rotation, up);
+    if uy.hypot(uz) < VERTICAL_DEGREES.to_radians().sin() * norm(up) {
+        return None;
+    }
     let (roll, pitch) = (f64::atan2(uy, uz), f64::atan2(-ux, uy.hypot(uz)));
-    let hundredths = |angle: f64| (angle.to_degrees() * 100.0).round() / 100.0 + 0.0;
-    Some([roll, pitch, yaw].map(hundredths))
+    Some(degrees([roll, pitch, yaw]))
+}
+
+/// Returns roll, pitch and yaw, °, of the mount that turns `up`, measured in the level pose, onto z of the body, and `up` × `lowered`,
+/// measured with the nose lowered, onto -y. Both are specific forces in the frame of the body, by `mount`, and not parallel.
+fn of_two_poses(mount: [f64; 4], up: [f64; 3], lowered: [f64; 3]) -> [f64; 3] {
+    let rotation = matrix(mount);
+    let unit = |vector: [f64; 3]| vector.map(|part| part / norm(vector));
+    let z = unit(to_sensor(rotation, up));
+    let y = unit(cross(to_sensor(rotation, lowered), z));
+    let x = cross(y, z);
+    // The axes of the body in the frame of the sensor are the rows of the mount.
+    let pitch = f64::atan2(-z[0], x[0].hypot(y[0]));
+    if x[0].hypot(y[0]) < 1e-3 {
+        // Roll and yaw are one turn: all of it is yaw.
+        return degrees([0.0, pitch, f64::atan2(-x[1], y[1])]);
+    }
+    degrees([f64::atan2(z[1], z[2]), pitch, f64::atan2(y[0], x[0])])
+}
+
+/// The matrix of a unit quaternion.
+fn matrix([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+}
+
+/// Turns a vector of the body into the frame of the sensor, by the transposed matrix of the mount.
+fn to_sensor(rotation: [[f64; 3]; 3], vector: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| (0..3).map(|row| rotation[row][axis] * vector[row]).sum::<f64>())
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Degrees, rounded to hundredths.
+fn degrees(angles: [f64; 3]) -> [f64; 3] {
+    angles.map(|angle| (angle.to_degrees() * 100.0).round() / 100.0 + 0.0)
 }
 
 #[cfg(test)]
@@ -196,9 +296,6 @@ mod tests {
 
     /// `vector` after the rotation, or after its opposite.
     fn turned([w, x, y, z]: [f64; 4], vector: [f64; 3]) -> [f64; 3] {
-        let cross = |a: [f64; 3], b: [f64; 3]| {
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        };
         let axis = [x, y, z];
         let first = cross(axis, vector);
         let second = cross(axis, first);
@@ -223,6 +320,50 @@ mod tests {
             assert_eq!(found(configured, truth), Some(truth), "{configured:?}");
         }
         assert_eq!(found([0.0, 90.0, 0.0], [0.0, 88.0, 0.0]), None);
+    }
+
+    /// There noise of 0.05 m/s² turned the roll by any angle.
+    #[test]
+    fn one_pose_decides_nothing_near_vertical_axis() {
+        for pitch in [80.5, 85.0, 90.0, -90.0, -81.0] {
+            assert_eq!(found([0.0; 3], [3.0, pitch, 0.0]), None, "{pitch}");
+        }
+        assert_eq!(found([0.0; 3], [3.0, 79.0, 0.0]), Some([3.0, 79.0, 0.0]));
+    }
+
+    /// The mount that is found turns the forces of both poses into the frame of the body.
+    #[test]
+    fn two_poses_find_the_whole_mount() {
+        let lower = mount([0.0, 40.0, 0.0]);
+        for truth in [
+            [0.0, 90.0, 0.0],
+            [0.0, -90.0, 30.0],
+            [3.0, 88.0, -20.0],
+            [0.0, 0.0, 90.0],
+            [178.0, 1.0, -45.0],
+            [10.0, -20.0, 135.0],
+        ] {
+            for configured in [[0.0; 3], [0.0, 90.0, 0.0], [180.0, 0.0, 45.0]] {
+                let opposite = |[w, x, y, z]: [f64; 4]| [w, -x, -y, -z];
+                let body = [[0.0, 0.0, GRAVITY], turned(opposite(lower), [0.0, 0.0, GRAVITY])];
+                let measured =
+                    body.map(|force| turned(mount(configured), turned(opposite(mount(truth)), force)));
+                let found = of_two_poses(mount(configured), measured[0], measured[1]);
+                for vector in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
+                    let [right, is] = [truth, found].map(|angles| turned(mount(angles), vector));
+                    let error =
+                        right.iter().zip(is).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
+                    assert!(error < 1e-3, "{truth:?} {configured:?}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn contradicting_sensor_is_refused() {
+        let mut samples = Samples { contradictions: vec![ImuContradiction::ZDown], ..Samples::default() };
+        (0..20).for_each(|_| samples.push([0.0, 0.0, -9.81], [0.0; 3]));
+        assert!(samples.at_rest().unwrap_err().contains("contradict gravity (z-down)"));
     }
 
     #[test]

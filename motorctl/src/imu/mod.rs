@@ -1,6 +1,9 @@
 //! `motorctl imu`: commissioning of IMUs.
 
+mod gravity;
 mod level;
+
+pub(crate) use gravity::findings;
 
 use crate::failure::Failure;
 use clap::Subcommand;
@@ -34,10 +37,11 @@ pub(crate) enum ImuCommand {
     /// Compute `mount-rpy-deg` of an IMU from the direction of gravity, while the robot is level and at rest.
     ///
     /// Roll and pitch of the mount change so that gravity is along z of the body; yaw stays as it is configured, because
-    /// gravity does not show it. The command prints the line for the configuration, and changes nothing. It refuses while the
-    /// robot moves. An accelerometer with an error of 0.1 m/s² is 0.6° off.
+    /// gravity in one pose does not show it. `--two-poses` measures yaw as well, and is needed within 10° of ±90° of pitch, where noise
+    /// would decide roll and yaw. The command prints the line for the configuration, and changes nothing. It refuses while the
+    /// robot moves, or while the IMU contradicts gravity. An accelerometer with an error of 0.1 m/s² is 0.6° off.
     #[command(
-        after_help = "Examples:\n  motorctl imu level base\n  motorctl imu level base --seconds 10 --json"
+        after_help = "Examples:\n  motorctl imu level base\n  motorctl imu level base --seconds 10 --json\n  motorctl imu level base --two-poses"
     )]
     Level(level::Arguments),
 }
