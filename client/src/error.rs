@@ -112,6 +112,16 @@ pub enum Error {
         /// The IMU.
         imu: String,
     },
+    /// The time of the sample of an IMU is of another clock, or too old: the daemon would reject the sample.
+    #[error("the sample of IMU {imu} is not sent: its time is {}", of_other_clock(*offset_ns, *clock))]
+    SampleTime {
+        /// The IMU.
+        imu: String,
+        /// Its time after now, ns; negative before now.
+        offset_ns: i64,
+        /// The clock that its time fits.
+        clock: Option<&'static str>,
+    },
     /// Another process publishes the samples of this IMU.
     #[error("process {process} publishes IMU {imu}: end it first")]
     OtherPublisher {
@@ -285,6 +295,16 @@ fn without_answer(operation: Operation) -> &'static str {
     }
 }
 
+/// Returns the end of a sentence about a time that is `offset_ns` after now.
+fn of_other_clock(offset_ns: i64, clock: Option<&str>) -> String {
+    let side = if offset_ns < 0 { "before" } else { "after" };
+    let clock = clock.map_or_else(String::new, |clock| format!(", and fits {clock}"));
+    let seconds = offset_ns.unsigned_abs() as f64 * 1e-9;
+    format!(
+        "{seconds:.3} s {side} now{clock}. Send ns of CLOCK_MONOTONIC (time.monotonic()), or none for now"
+    )
+}
+
 impl Error {
     /// Returns the exit status for a process that ends because of this error, after `sysexits.h`:
     /// 64 usage, 69 unavailable, 76 protocol, 77 permission; and 80 for motors that do not answer
@@ -296,7 +316,8 @@ impl Error {
             | Self::UnknownJoint { .. }
             | Self::UnknownImu { .. }
             | Self::NotExternal { .. }
-            | Self::BadSample { .. } => 64,
+            | Self::BadSample { .. }
+            | Self::SampleTime { .. } => 64,
             Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
@@ -341,6 +362,7 @@ impl Error {
             | Self::UnknownImu { .. }
             | Self::NotExternal { .. }
             | Self::BadSample { .. }
+            | Self::SampleTime { .. }
             | Self::SetpointCount { .. }
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }

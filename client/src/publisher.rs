@@ -9,6 +9,11 @@ use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher as _, Hasher as _};
 use std::sync::Arc;
 
+/// A sample may be dated this much after now, ns.
+const FUTURE_MAX_NS: u64 = 1_000_000;
+/// This many samples in a row that are too old are of an unfit clock; fewer may be late.
+const OLD_MAX: u32 = 10;
+
 /// Norms of an orientation that count as rounded.
 const NORM: core::ops::RangeInclusive<f32> = 0.99..=1.01;
 
@@ -37,22 +42,27 @@ pub struct ImuPublisher {
     port: ForkGuard<ImuSender>,
     name: String,
     message: ImuMessage,
+    /// Longest age of a sample that the daemon uses, ns; 0 when unknown.
+    lost_after_ns: u64,
+    /// Samples in a row that were older.
+    old: u32,
 }
 
 impl ImuPublisher {
     pub(crate) fn new(link: Arc<Connection>, name: &str) -> Result<Self, Error> {
         link.check_process()?;
-        let imu = external(&link.robot(), name)?;
+        let (imu, lost_after_ns) = external(&link.robot(), name)?;
         let boot_id = link.boot_id();
         let port = link.imu_sender()?;
         let message = ImuMessage { boot_id, publisher: number(), imu, ..ImuMessage::default() };
-        Ok(Self { link, port, name: name.to_owned(), message })
+        Ok(Self { link, port, name: name.to_owned(), message, lost_after_ns, old: 0 })
     }
 
     /// Sends a sample. Does not wait. Allocates nothing after the first samples.
     ///
     /// # Errors
-    /// [`Error::BadSample`]; [`Error::OtherPublisher`] while the daemon uses the samples of another process: this one was
+    /// [`Error::BadSample`]; [`Error::SampleTime`] for a time of another clock: more than 1 ms after now, or older than
+    /// `lost-after-ms` for the tenth time in a row; [`Error::OtherPublisher`] while the daemon uses the samples of another process: this one was
     /// sent, and rejected; [`Error::UnknownImu`] or [`Error::NotExternal`] when the daemon was started again with another
     /// configuration; [`Error::NotRunning`] or [`Error::Silent`] without a daemon: later samples arrive once it runs again.
     pub fn send(&mut self, sample: &ImuSample) -> Result<(), Error> {
@@ -61,6 +71,7 @@ impl ImuPublisher {
         }
         self.link.refresh()?;
         self.follow_restart()?;
+        self.check_time(sample.time_ns)?;
         self.message.sequence += 1;
         self.message.time_ns = if sample.time_ns == 0 { clock::now_ns() } else { sample.time_ns };
         self.message.orientation = sample.orientation;
@@ -84,11 +95,24 @@ impl ImuPublisher {
         imu.is_some_and(|imu| !imu.lost && imu.publisher == self.message.publisher)
     }
 
+    /// Checks that a time is of `CLOCK_MONOTONIC`.
+    fn check_time(&mut self, time_ns: u64) -> Result<(), Error> {
+        let now_ns = clock::now_ns();
+        let time_ns = if time_ns == 0 { now_ns } else { time_ns };
+        let is_old = self.lost_after_ns > 0 && now_ns.saturating_sub(time_ns) > self.lost_after_ns;
+        self.old = if is_old { self.old.saturating_add(1) } else { 0 };
+        if time_ns <= now_ns.saturating_add(FUTURE_MAX_NS) && self.old < OLD_MAX {
+            return Ok(());
+        }
+        let offset_ns = i64::try_from(i128::from(time_ns) - i128::from(now_ns)).unwrap_or(i64::MAX);
+        Err(Error::SampleTime { imu: self.name.clone(), offset_ns, clock: clock::other_clock(time_ns) })
+    }
+
     /// Finds the IMU again after a restart of the daemon: its index may have changed.
     fn follow_restart(&mut self) -> Result<(), Error> {
         let boot_id = self.link.boot_id();
         if boot_id != self.message.boot_id {
-            self.message.imu = external(&self.link.robot(), &self.name)?;
+            (self.message.imu, self.lost_after_ns) = external(&self.link.robot(), &self.name)?;
             self.message.boot_id = boot_id;
         }
         Ok(())
@@ -114,14 +138,14 @@ pub(crate) fn imu_of(robot: &RobotDescription, name: &str) -> Result<usize, Erro
     robot.imus.iter().position(|imu| imu.name == name).ok_or_else(unknown)
 }
 
-/// Returns the index of the external IMU `name`.
-fn external(robot: &RobotDescription, name: &str) -> Result<u32, Error> {
+/// Returns the index of the external IMU `name`, and the longest age of its samples, ns.
+fn external(robot: &RobotDescription, name: &str) -> Result<(u32, u64), Error> {
     let index = imu_of(robot, name)?;
     let source_type = &robot.imus[index].source;
     if source_type != "external" {
         return Err(Error::NotExternal { imu: name.to_owned(), source_type: source_type.clone() });
     }
-    Ok(index as u32)
+    Ok((index as u32, (robot.imus[index].lost_after * 1e9) as u64))
 }
 
 /// Returns the process id in the bits 63..32 and a random number: the standard library's seed for hash maps is random.

@@ -152,6 +152,8 @@ pub struct ImuDescription {
     pub source: String,
     /// Rotation from the sensor to the body, a unit quaternion w, x, y, z; `mount-rpy-deg` in the configuration.
     pub mount: [f32; 4],
+    /// Longest time without a sample before it is lost, and largest age of a sample of an external IMU, s; 0 when unknown.
+    pub lost_after: f64,
 }
 
 /// Counters and latencies since the daemon started, or since their last reset.

@@ -97,9 +97,10 @@ impl Status {
             Error::UnknownGroup { .. } | Error::UnknownJoint { .. } | Error::UnknownImu { .. } => {
                 Self::Unknown
             }
-            Error::BadSetpoint { .. } | Error::BadSample { .. } | Error::HorizonTooLong { .. } => {
-                Self::BadSetpoint
-            }
+            Error::BadSetpoint { .. }
+            | Error::BadSample { .. }
+            | Error::SampleTime { .. }
+            | Error::HorizonTooLong { .. } => Self::BadSetpoint,
             Error::NotHeard { .. } => Self::NotHeard,
             Error::Permission { .. } => Self::Permission,
             Error::Version { .. } | Error::NotUnderstood { .. } => Self::Version,

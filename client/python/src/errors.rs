@@ -62,7 +62,8 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         | ClientError::NotSet { .. }
         | ClientError::BadSetpoint { .. }
         | ClientError::HorizonTooLong { .. }
-        | ClientError::BadSample { .. } => PyErr::new::<PyValueError, _>(text),
+        | ClientError::BadSample { .. }
+        | ClientError::SampleTime { .. } => PyErr::new::<PyValueError, _>(text),
         _ => PyErr::new::<Error, _>(text),
     }
 }

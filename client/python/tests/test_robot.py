@@ -241,6 +241,26 @@ def test_external_imu_gets_samples(start: Callable[..., Daemon]) -> None:
         publisher.send([2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.81])
 
 
+def test_convention_of_publisher_is_named(start: Callable[..., Daemon]) -> None:
+    settings = {'type = "simulated"\nrate-hz = 500': 'type = "external"'}
+    robot = start(settings).connect()
+    publisher = robot.publish_imu("base")
+    found: dict[str, str] = {}
+    # Roll 0.4, pitch 0.3, yaw 0.5 rad, as x, y, z, w.
+    for turn in range(4000):
+        force = [-2.899, 3.650, 8.632 + 1e-3 * (turn % 7)]
+        # The publisher of another test may have been used just now.
+        with suppress(motord.Error):
+            publisher.send([0.154097, 0.190506, 0.210984, 0.946281], [0.0, 0.0, 0.0], force)
+        found = robot.wait().imu["base"].contradictions
+        if found:
+            break
+        time.sleep(0.002)
+    assert list(found) == ["quaternion-xyzw"] and "send w, x, y, z" in found["quaternion-xyzw"]
+    with pytest.raises(ValueError, match=r"after now, and fits CLOCK_REALTIME \(time.time\(\)\)"):
+        publisher.send([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.81], time=time.time())
+
+
 def test_select_and_asyncio_wake_with_states(robot: motord.Robot) -> None:
     cycles: list[int] = []
     while len(cycles) < 20:

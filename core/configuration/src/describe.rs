@@ -51,6 +51,7 @@ fn imu(imu: &ImuSettings) -> ImuDescription {
         rate_hz: imu.rate_hz,
         source: imu.source.type_name().to_owned(),
         mount: imu.mount.parts(),
+        lost_after: imu.lost_after.as_secs_f64(),
     }
 }
 

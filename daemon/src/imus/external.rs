@@ -1,9 +1,15 @@
 //! External IMUs: other processes publish their samples.
 
+use super::voice::Voice;
 use super::writer::Writer;
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, Instant, clock};
+use motord_core::control::Repetition;
 use motord_core::imu::{ImuSample, ImuSettings};
+use motord_ports::clock::other_clock;
 use motord_shared::message::ImuMessage;
+
+/// This many samples in a row that are too old are of an unfit clock; fewer may be late.
+const OLD_MAX: u32 = 10;
 
 /// An external IMU, and the publisher whose samples are used.
 ///
@@ -17,10 +23,36 @@ use motord_shared::message::ImuMessage;
 pub(super) struct Source {
     /// Its index in the configuration.
     index: usize,
+    name: String,
     writer: Writer,
     lost_after: Duration,
+    repetition: Repetition,
     /// The newest sample that was used.
     used: Option<Used>,
+    /// Samples in a row that were too old.
+    old: u32,
+    remarks: Remarks,
+}
+
+/// The reason why a sample is rejected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rejected {
+    /// It is not sound, or of another publisher, or not newer than the one before.
+    Other,
+    /// Its time is after now.
+    Future,
+    /// It is older than `lost-after-ms`.
+    Old,
+    /// Its publisher repeats one measurement.
+    Stuck,
+}
+
+/// Reasons that were logged about a publisher, each once.
+struct Remarks {
+    publisher: u64,
+    clock: bool,
+    stuck: bool,
+    voice: Voice,
 }
 
 /// A sample that was used.
@@ -34,26 +66,109 @@ struct Used {
 }
 
 impl Source {
-    pub(super) const fn new(index: usize, imu: &ImuSettings, writer: Writer) -> Self {
-        Self { index, writer, lost_after: imu.lost_after, used: None }
+    pub(super) fn new(index: usize, imu: &ImuSettings, writer: Writer) -> Self {
+        let voice = Voice::new(clock::monotonic());
+        Self {
+            index,
+            name: imu.name.clone(),
+            writer,
+            lost_after: imu.lost_after,
+            repetition: Repetition::default(),
+            used: None,
+            old: 0,
+            remarks: Remarks { publisher: 0, clock: false, stuck: false, voice },
+        }
     }
 
     /// Passes a sample that is sound, newer than the one before, and of the publisher that is used. Counts any other. Its time
-    /// of receipt is that of the measurement, so that its age contains the way from the publisher. Wait-free.
+    /// of receipt is that of the measurement, so that its age contains the way from the publisher. Wait-free, and allocates nothing
+    /// but for a line of the log, at most two for each publisher.
     fn receive(&mut self, message: &ImuMessage, now: Instant) {
         let time = Instant::from_nanos(message.time_ns);
         let used = self.used.filter(|used| now.since(used.received) <= self.lost_after);
-        let is_recent = time <= now && now.since(time) <= self.lost_after;
-        let follows = used.is_none_or(|used| {
-            used.publisher == message.publisher && used.sequence < message.sequence && used.time < time
-        });
-        let sound = sample(message).checked().filter(|_| message.publisher != 0 && is_recent && follows);
-        let Some(sound) = sound else { return self.writer.rejected() };
+        let sound = match self.check(message, used, now) {
+            Ok(sound) => sound,
+            Err(reason) => {
+                self.writer.rejected();
+                return self.remark(message, reason, now);
+            }
+        };
+        self.old = 0;
         let gap = used.map_or(0, |used| message.sequence - used.sequence - 1);
         self.writer.published(message.publisher, u32::try_from(gap).unwrap_or(u32::MAX));
         let _sound = self.writer.sample(&sound, time);
         let ImuMessage { publisher, sequence, .. } = *message;
         self.used = Some(Used { publisher, sequence, time, received: now });
+    }
+
+    fn check(
+        &mut self,
+        message: &ImuMessage,
+        used: Option<Used>,
+        now: Instant,
+    ) -> Result<ImuSample, Rejected> {
+        let time = Instant::from_nanos(message.time_ns);
+        let is_owner = used.is_none_or(|used| used.publisher == message.publisher);
+        let sound = sample(message).checked().filter(|_| message.publisher != 0 && is_owner);
+        let sound = sound.ok_or(Rejected::Other)?;
+        if time > now {
+            return Err(Rejected::Future);
+        }
+        if now.since(time) > self.lost_after {
+            return Err(Rejected::Old);
+        }
+        if used.is_some_and(|used| used.sequence >= message.sequence || used.time >= time) {
+            return Err(Rejected::Other);
+        }
+        if self.repetition.is_stuck(&sound, time) { Err(Rejected::Stuck) } else { Ok(sound) }
+    }
+
+    /// Logs a reason once for each publisher.
+    fn remark(&mut self, message: &ImuMessage, reason: Rejected, now: Instant) {
+        if self.remarks.publisher != message.publisher {
+            (self.remarks.publisher, self.remarks.clock, self.remarks.stuck) =
+                (message.publisher, false, false);
+            self.old = 0;
+        }
+        self.old = if reason == Rejected::Old { self.old.saturating_add(1) } else { 0 };
+        let remarked = match reason {
+            Rejected::Other => return,
+            Rejected::Old if self.old < OLD_MAX => return,
+            Rejected::Future | Rejected::Old => &mut self.remarks.clock,
+            Rejected::Stuck => &mut self.remarks.stuck,
+        };
+        if core::mem::replace(remarked, true) || !self.remarks.voice.may_speak(now) {
+            return;
+        }
+        match reason {
+            Rejected::Stuck => self.warn_stuck(message),
+            _ => self.warn_clock(message, now),
+        }
+    }
+
+    #[cold]
+    fn warn_stuck(&self, message: &ImuMessage) {
+        tracing::warn!(
+            imu = self.name,
+            process = message.publisher >> 32,
+            see = "imu-lost",
+            "its publisher repeats one measurement, which is rejected, since a sensor measures noise also at rest: check the sensor \
+             and its driver"
+        );
+    }
+
+    #[cold]
+    fn warn_clock(&self, message: &ImuMessage, now: Instant) {
+        let offset_s = (i128::from(message.time_ns) - i128::from(now.as_nanos())) as f64 * 1e-9;
+        let clock = other_clock(message.time_ns).unwrap_or("no clock of this computer");
+        tracing::warn!(
+            imu = self.name,
+            process = message.publisher >> 32,
+            offset_s,
+            see = "imu-lost",
+            "the times of its samples are not those of CLOCK_MONOTONIC, and fit {clock}: they are rejected. The publisher must send \
+             ns of CLOCK_MONOTONIC, not after now and not older than lost-after-ms"
+        );
     }
 }
 
@@ -180,6 +295,41 @@ mod tests {
         assert_eq!(publisher(&message(6, 2, 110), 110), 5);
         assert_eq!(publisher(&message(6, 3, 111), 111), 6);
         assert_eq!(publisher(&message(5, 10, 112), 112), 6);
+    }
+
+    /// A sensor measures noise at rest. Angular velocity and acceleration of [`message`] are always equal.
+    #[test]
+    fn repeated_measurement_is_rejected_after_a_second() {
+        let (mut imus, mut output) = external();
+        for number in 1..=1200 {
+            assert!(imus.receive(&message(5, number, number), at(number)));
+        }
+        let reading = *output.read();
+        // The first, 999 within a second, and none after it.
+        assert_eq!((reading.sequence, reading.rejected), (1000, 200));
+        assert_eq!(reading.received, at(1000), "the cycle finds it lost");
+        assert!(imus.sources[0].remarks.stuck);
+        let moved = ImuMessage { angular_velocity: [0.1, 0.0, 0.0], ..message(5, 1201, 1201) };
+        assert!(imus.receive(&moved, at(1201)));
+        assert_eq!(output.read().sequence, 1001, "it measures again");
+    }
+
+    #[test]
+    fn unfit_clock_is_remarked_once_per_publisher() {
+        let remarked = |messages: &[(ImuMessage, u64)]| {
+            let (mut imus, _output) = external();
+            messages.iter().for_each(|(message, ms)| assert!(imus.receive(message, at(*ms))));
+            imus.sources[0].remarks.clock
+        };
+        assert!(remarked(&[(message(5, 1, 1_000_000), 100)]), "of the future");
+        let old: Vec<_> = (0..10).map(|turn| (message(5, 1 + turn, turn), 100 + turn)).collect();
+        assert!(remarked(&old) && !remarked(&old[..9]), "a few may be late");
+        let late = [&old[..9], &[(message(5, 10, 109), 109)], &old[9..]].concat();
+        assert!(!remarked(&late), "not in a row");
+        assert!(
+            !remarked(&[(message(5, 1, 100), 100), (message(6, 1, 1_000_000), 101)]),
+            "of another publisher"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_client::{Client, Error, Imu, ImuSample};
+use motord_client::{Client, Error, Imu, ImuContradiction, ImuSample};
 use motord_harness::daemon::{Daemon, PATIENCE, until};
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ImuMessage;
@@ -64,6 +64,12 @@ fn sample() -> ImuSample {
     }
 }
 
+/// The noise that every sensor has: equal measurements for a second are none.
+fn noisy(sample: ImuSample, turn: u32) -> ImuSample {
+    let [x, y, z] = sample.acceleration;
+    ImuSample { acceleration: [x, y, z + 1e-4 * (turn % 7) as f32], ..sample }
+}
+
 /// A process that publishes, killed when it is dropped.
 struct Publisher(Child);
 
@@ -94,8 +100,8 @@ fn publishing_process() {
     let Some(place) = std::env::var_os(PUBLISH) else { return };
     let client = connect(Path::new(&place));
     let mut publisher = client.publish_imu("base").unwrap();
-    loop {
-        let _between_daemons = publisher.send(&sample());
+    for turn in 0_u32.. {
+        let _between_daemons = publisher.send(&noisy(sample(), turn));
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -139,6 +145,107 @@ fn external_imu_follows_its_publishers() {
     let client = connect(daemon.directory.path());
     until("samples after the restart", || base(&client).filter(|imu| imu.fresh && !imu.lost));
     third.kill();
+}
+
+/// A configuration without a mount, and the log of its daemon.
+fn logged() -> (Daemon, std::path::PathBuf) {
+    let directory = tempfile::TempDir::new().unwrap();
+    let log = directory.path().with_extension("err");
+    let file = std::fs::File::create(&log).unwrap();
+    let config = CONFIG.replace("mount-rpy-deg = [0, 0, 90]\n", "");
+    let daemon = Daemon::start_in(directory, &config, |command| {
+        command.stderr(file);
+    });
+    (daemon, log)
+}
+
+/// Goal: each convention of a resting body is named in the state and in the log, and one that agrees again as well.
+#[test]
+fn convention_of_a_publisher_is_named_in_log() {
+    let (daemon, log) = logged();
+    let client = connect(daemon.directory.path());
+    let mut publisher = client.publish_imu("base").unwrap();
+    // Roll 0.4, pitch 0.3, yaw 0.5 rad, computed by hand: w, x, y, z, and up.
+    let [w, x, y, z] = [0.946_281, 0.154_097, 0.190_506, 0.210_984];
+    let up = [-0.295_520_f32, 0.372_026, 0.879_923];
+    let force = up.map(|part| 9.81 * part);
+    let sent = |orientation, acceleration| ImuSample {
+        orientation,
+        angular_velocity: [0.0; 3],
+        acceleration,
+        temperature: None,
+        time_ns: 0,
+    };
+    let right = sent([w, x, y, z], force);
+    for (name, sample) in [
+        ("quaternion-xyzw", sent([x, y, z, w], force)),
+        ("quaternion-inverse", sent([w, -x, -y, -z], force)),
+        ("quaternion-ned", sent([w, x, -y, -z], force)),
+        ("z-down", sent([w, x, y, z], force.map(|part| -part))),
+        ("acceleration-axes", sent([w, x, y, z], [force[1], -force[0], force[2]])),
+        ("acceleration-in-g", sent([w, x, y, z], up)),
+        ("without-gravity", sent([w, x, y, z], [0.0; 3])),
+        ("", right),
+    ] {
+        let mut turn = 0;
+        let found = until(name, || {
+            turn += 1;
+            let _other_for_a_cycle = publisher.send(&noisy(sample, turn));
+            let names: Vec<_> = base(&client)?.contradictions().map(ImuContradiction::name).collect();
+            (names.join(" ") == name).then_some(names)
+        });
+        let text = std::fs::read_to_string(&log).unwrap();
+        let logged = if name.is_empty() {
+            "agree about gravity".to_owned()
+        } else {
+            format!("contradictions=\"{name}\"")
+        };
+        until(&format!("{logged} in {text}"), || {
+            std::fs::read_to_string(&log).unwrap().contains(&logged).then_some(())
+        });
+        assert_eq!(found.len(), usize::from(!name.is_empty()));
+    }
+    std::fs::remove_file(log).unwrap();
+}
+
+/// Goal: a publisher that repeats one measurement is lost, and one with another clock learns it from `send`.
+#[test]
+fn stuck_and_misdated_publishers_are_named() {
+    let (daemon, log) = logged();
+    let client = connect(daemon.directory.path());
+    let mut publisher = client.publish_imu("base").unwrap();
+    until("samples", || {
+        let _other_for_a_cycle = publisher.send(&sample());
+        base(&client).filter(|imu| !imu.lost)
+    });
+    until("the loss", || {
+        let _other_for_a_cycle = publisher.send(&sample());
+        base(&client).filter(|imu| imu.lost && imu.rejected > 0)
+    });
+    let says = |text: &str| {
+        until(text, || std::fs::read_to_string(&log).unwrap().contains(text).then_some(()));
+    };
+    says("repeats one measurement");
+    let realtime = std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap();
+    let dated = ImuSample { time_ns: realtime.as_nanos() as u64, ..sample() };
+    let error = publisher.send(&dated).unwrap_err();
+    assert!(error.to_string().contains("and fits CLOCK_REALTIME (time.time())"), "{error}");
+    // A program that does not use this library.
+    let attachment = Instance::below(daemon.directory.path(), "robot").unwrap().attach().unwrap().unwrap();
+    let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
+    let message = ImuMessage {
+        boot_id: client.description().boot_id,
+        publisher: 77 << 32,
+        sequence: 1,
+        time_ns: dated.time_ns,
+        imu: 1,
+        orientation: dated.orientation,
+        acceleration: dated.acceleration,
+        ..ImuMessage::default()
+    };
+    port.send(&message).unwrap();
+    says("fit CLOCK_REALTIME");
+    std::fs::remove_file(log).unwrap();
 }
 
 /// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.

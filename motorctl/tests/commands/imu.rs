@@ -113,8 +113,13 @@ fn publish(client: &Client, turn: f32, end: &AtomicBool) {
         temperature: None,
         time_ns: 0,
     };
-    while !end.load(Ordering::Relaxed) {
-        let _not_yet = publisher.send(&sample);
+    for number in 0_u32.. {
+        if end.load(Ordering::Relaxed) {
+            break;
+        }
+        // Without noise the samples would count as one that is repeated.
+        let angular_velocity = [turn, 0.0, 1e-4 * (number % 7) as f32];
+        let _not_yet = publisher.send(&ImuSample { angular_velocity, ..sample });
         std::thread::sleep(Duration::from_millis(4));
     }
 }

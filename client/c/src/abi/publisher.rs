@@ -66,9 +66,9 @@ pub unsafe extern "C" fn motord_imu_publisher_free(publisher: *mut PublisherHand
     unsafe { crate::handle::free(publisher) }
 }
 
-/// Sends a sample. Does not wait. `MOTORD_STATUS_BAD_SETPOINT`: a value is not finite, or the orientation is no unit quaternion.
-/// `MOTORD_STATUS_REFUSED`: the daemon uses the samples of another process. `MOTORD_STATUS_NOT_RUNNING`: without a daemon; later samples
-/// arrive once one runs again.
+/// Sends a sample. Does not wait. `MOTORD_STATUS_BAD_SETPOINT`: a value is not finite, the orientation is no unit quaternion, or
+/// the time is of another clock. `MOTORD_STATUS_REFUSED`: the daemon uses the samples of another process.
+/// `MOTORD_STATUS_NOT_RUNNING`: without a daemon; later samples arrive once one runs again.
 ///
 /// # Safety
 /// `publisher` is a publisher, `sample` a sample.
