@@ -4,13 +4,16 @@ import os
 import re
 import signal
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import pytest
 
 import motord
-from conftest import CONFIG, Daemon
+from conftest import CONFIG, PATIENT, Daemon
 from motord.sim import Twin
 from motord.sim.plant import Array
 from test_twin import Alone
@@ -207,6 +210,34 @@ def test_lost_imu_stops_policy(daemon: Daemon, robot: motord.Robot, good: Path) 
             daemon.motorctl("sim", "base", "ok")
     assert program.returncode == 1, errors
     assert re.search(r"the IMU (is lost|has sent nothing for \d+ ms): the group is damped and stopped", errors), errors
+
+
+def test_policy_refuses_contradicting_imu(start: Callable[..., Daemon], good: Path) -> None:
+    daemon = start({**PATIENT, 'type = "simulated"\nrate-hz = 500': 'type = "external"'})
+    robot, ended = daemon.connect(), Event()
+    publisher = robot.publish_imu("base")
+
+    def publish() -> None:
+        # In g, on a level body.
+        turn = 0
+        while not ended.wait(0.004):
+            turn += 1
+            with suppress(motord.Error):
+                publisher.send([1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0 + 1e-4 * (turn % 7)])
+
+    thread = Thread(target=publish)
+    thread.start()
+    try:
+        for _ in range(20_000):
+            if robot.wait().imu["base"].contradictions:
+                break
+        with daemon.python("-m", "motord.policy", "run", str(good), "--group", "legs") as program:
+            _, errors = program.communicate(timeout=60.0)
+    finally:
+        ended.set()
+        thread.join()
+    assert program.returncode == 1 and "the IMU base contradicts gravity at rest (acceleration-in-g)" in errors, errors
+    assert "active" not in robot.wait().mode
 
 
 def test_check_prints_policy(daemon: Daemon, good: Path) -> None:

@@ -24,9 +24,21 @@ def stale(state: motord.State, imu: motord.Imu | None, limit_s: float) -> str | 
     if np.nanmax(ages) > limit_s:
         joint = int(np.nanargmax(ages))
         return f"{state.names[joint]} has not answered for {1e3 * ages[joint]:.0f} ms"
+    if imu is not None and imu.contradictions:
+        return f"the IMU contradicts gravity at rest ({', '.join(imu.contradictions)})"
     if imu is not None and (imu.lost or imu.age is None or imu.age > limit_s):
         return "the IMU is lost" if imu.age is None or imu.lost else f"the IMU has sent nothing for {1e3 * imu.age:.0f} ms"
     return None
+
+
+def refuse_contradiction(robot: motord.Robot, imu: str | None) -> None:
+    """Raises PolicyError while the IMU contradicts gravity: the policy would balance about a wrong direction."""
+    found = robot.wait().imu[imu].contradictions if imu else {}
+    if found:
+        raise PolicyError(
+            f"the IMU {imu} contradicts gravity at rest ({', '.join(found)}): {' '.join(found.values())} Then keep the robot at "
+            "rest for 2 s"
+        )
 
 
 def imu_name(robot: motord.Robot, policy: Policy, name: str | None) -> str | None:
@@ -47,6 +59,7 @@ def run(policy: Policy, robot: motord.Robot, options: argparse.Namespace) -> int
     policy.check(description, options.group, options.hz)
     horizon = policy.horizon(description)
     imu = imu_name(robot, policy, options.imu)
+    refuse_contradiction(robot, imu)
     limit_s = options.stale_ms * 1e-3 if options.stale_ms else 2.0 / policy.rate_hz
     command = Command(*options.command)
     steps = 0
