@@ -155,7 +155,7 @@ impl Daemon {
         let boot_id = boot_id();
         let (mut cycle, mut ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
         buses.mismatched.into_iter().for_each(|joint| cycle.mark_mismatch(joint));
-        let (unplanted, world) = start_plant(&settings, &orders, buses.plant)?;
+        let (unplanted, world) = start_plant(&settings, &orders, buses.plant, Arc::clone(&ends.counters))?;
         let Sources { simulated, external, .. } =
             start_imus(&settings, &orders, (std::mem::take(&mut ends.imus), world), boot_id)?;
         let stops = Arc::clone(&ends.stops);
@@ -497,10 +497,11 @@ fn start_plant(
     settings: &Settings,
     orders: &Arc<Orders>,
     plant: Option<(Plant, World)>,
+    counters: Arc<Counters>,
 ) -> Result<(Arc<OnceLock<PlantError>>, World), RunError> {
     let Some((plant, world)) = plant else { return Ok((Arc::default(), World::BuiltIn)) };
     let ended = plant.ended();
-    start_source(settings, orders, "plant", move |stop| plant.run(stop))?;
+    start_source(settings, orders, "plant", move |stop| plant.run(&counters.plant_lost_us, stop))?;
     Ok((ended, world))
 }
 

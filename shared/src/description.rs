@@ -176,6 +176,9 @@ pub struct Telemetry {
     pub polled_reads: u64,
     /// Records dropped because telemetry was too slow.
     pub dropped_records: u64,
+    /// Time that the plant of a simulated robot lost since the daemon started, µs: it was slower than
+    /// real time. 0 without a plant.
+    pub plant_lost_us: u64,
     /// From a tick to the beginning of its cycle. A missed tick counts with the beginning of the
     /// next cycle.
     pub wake_latency_us: Percentiles,

@@ -179,6 +179,8 @@ pub struct Counters {
     pub wrong_lease: [AtomicU32; GROUPS_MAX],
     /// Calls to the services that failed.
     pub ipc_errors: AtomicU64,
+    /// Time that the plant of a simulated robot lost, µs.
+    pub plant_lost_us: AtomicU64,
     /// The configuration file has changed since the start.
     pub config_changed: AtomicBool,
     /// Alarms that the cycle has not handled yet.

@@ -20,6 +20,7 @@ use link::{LEVEL, STEP, imu_values};
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
 use motord_simulator::ImuValues;
 use motord_twin::Mechanics;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use triple_buffer::{Input, Output, TripleBuffer};
 
@@ -78,7 +79,8 @@ impl Plant {
     }
 
     /// Asks for a step every 250 µs until `stop` returns true, or until the plant ends. Blocks in each step, at most 2 s.
-    pub fn run(mut self, stop: impl Fn() -> bool) {
+    /// Adds the time that the plant loses to `lost_us`, µs.
+    pub fn run(mut self, lost_us: &AtomicU64, stop: impl Fn() -> bool) {
         let mut clock = Monotonic;
         let mut pace = Pace::new(clock.now());
         while !stop() {
@@ -87,6 +89,7 @@ impl Plant {
                 return;
             }
             let next = pace.next(clock.now());
+            lost_us.store(pace.total.as_micros().try_into().unwrap_or(u64::MAX), Ordering::Relaxed);
             clock.sleep_until(next);
         }
     }
@@ -106,14 +109,16 @@ impl Plant {
 /// The times of the steps.
 struct Pace {
     due: Instant,
+    /// Since the last line of the log, and since the begin.
     lost: Duration,
+    total: Duration,
     begun: Instant,
     voice: Voice,
 }
 
 impl Pace {
     fn new(now: Instant) -> Self {
-        Self { due: now, lost: Duration::ZERO, begun: now, voice: Voice::new(now) }
+        Self { due: now, lost: Duration::ZERO, total: Duration::ZERO, begun: now, voice: Voice::new(now) }
     }
 
     /// Returns the time of the next step.
@@ -122,6 +127,7 @@ impl Pace {
         let late = now.since(self.due);
         if late > LATE {
             self.lost += late;
+            self.total += late;
             self.due = now;
         }
         if let Some((share, seconds)) = self.lost_share(now)
@@ -159,7 +165,7 @@ mod tests {
         assert_eq!(pace.next(at(100)), at(250));
         assert_eq!(pace.next(at(5_000)), at(500));
         assert_eq!(pace.next(at(100_000)), at(100_000));
-        assert_eq!(pace.lost, Duration::from_micros(100_000 - 750));
+        assert_eq!([pace.lost, pace.total], [Duration::from_micros(100_000 - 750); 2]);
     }
 
     #[test]

@@ -65,6 +65,7 @@ impl Measurements {
     pub(super) fn telemetry(&self, groups: Vec<GroupHistory>) -> String {
         let mut telemetry = self.distributions.telemetry(self.dropped());
         telemetry.groups = groups;
+        telemetry.plant_lost_us = self.counters.plant_lost_us.load(Ordering::Relaxed);
         json(&telemetry)
     }
 

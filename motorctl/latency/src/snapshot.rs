@@ -150,6 +150,7 @@ fn counted(now: &Telemetry, before: &Telemetry) -> Telemetry {
         missed_replies: now.missed_replies.saturating_sub(before.missed_replies),
         polled_in_vain: now.polled_in_vain.saturating_sub(before.polled_in_vain),
         polled_reads: now.polled_reads.saturating_sub(before.polled_reads),
+        plant_lost_us: now.plant_lost_us.saturating_sub(before.plant_lost_us),
         dropped_records: now.dropped_records.saturating_sub(before.dropped_records),
         control: control.collect(),
         ..Telemetry::default()

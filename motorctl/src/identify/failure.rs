@@ -34,6 +34,20 @@ pub(crate) enum IdentifyFailure {
         "{0}: the inertia is not identifiable. Check that the joint turns freely, and try a larger --amplitude-rad, --kp or --seconds"
     )]
     Nothing(String),
+    /// The joint moves in another way than the equation.
+    #[error(
+        "{0} is not identified: it does not move by the equation of inertia, friction and gravity. Look for play, an elastic part, a \
+         loose screw or a collision"
+    )]
+    Misfit(String),
+    /// Too much of the motion is missing.
+    #[error("{joint} is not identified: {reason}")]
+    Losses {
+        /// The joint.
+        joint: String,
+        /// The loss, and what to do.
+        reason: String,
+    },
     /// The file of an identification without load cannot be used.
     #[error(
         "{path}: {reason}. Write it with `motorctl identify {joint} --json >{path}`, without the known load"
@@ -62,7 +76,11 @@ impl IdentifyFailure {
         use crate::exit_status::{DATA, INTERRUPTED, IO, USAGE};
         match self {
             Self::Native(_) | Self::Plan { reason: PlanError::Narrow { .. }, .. } => USAGE,
-            Self::Silent(_) | Self::Plan { .. } | Self::Nothing(_) => 1,
+            Self::Silent(_)
+            | Self::Plan { .. }
+            | Self::Nothing(_)
+            | Self::Misfit(_)
+            | Self::Losses { .. } => 1,
             Self::Interrupted(_) => INTERRUPTED,
             Self::Without { .. } => DATA,
             Self::Output { .. } => IO,

@@ -6,6 +6,7 @@
 
 pub(crate) mod failure;
 mod known;
+mod losses;
 mod report;
 mod session;
 
@@ -13,6 +14,7 @@ use crate::failure::Failure;
 use crate::hold::{Printer, SILENCE, Target, refuse_latched};
 use crate::identify::failure::IdentifyFailure;
 use crate::identify::known::Known;
+use crate::identify::losses::Losses;
 use crate::identify::report::{Report, outcome};
 use crate::identify::session::Session;
 use motord_client::{Client, Error, JointDescription, RobotDescription};
@@ -83,8 +85,8 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     let interrupt = Interrupt::register();
     let wire = wire(&robot, joint);
     let mut session = Session::claim(client, instance, &target, &plan)?;
-    let found = excite(&mut session, arguments, &interrupt, wire)?;
-    let report = Report::new(joint, &found, known.as_ref());
+    let (found, losses) = excite(&mut session, arguments, &interrupt, wire)?;
+    let report = Report::new(joint, &found, known.as_ref(), losses);
     if let Some(path) = &arguments.output {
         report.write_lines(path).map_err(|source| IdentifyFailure::Output { path: path.clone(), source })?;
     }
@@ -92,13 +94,13 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     Ok(outcome(&joint.name, &found)?)
 }
 
-/// Moves the joint and stops its group, then fits.
+/// Moves the joint and stops its group, then fits, unless too much of the motion is missing.
 fn excite(
     session: &mut Session,
     arguments: &Arguments,
     interrupt: &Interrupt,
     wire: Wire,
-) -> Result<Identified, Failure> {
+) -> Result<(Identified, Losses), Failure> {
     let printer = Printer::start(arguments.json)?;
     let moved = session.start().and_then(|()| session.follow(interrupt, &printer));
     let is_stopped = matches!(moved, Err(Failure::Client(Error::Stopped { .. })));
@@ -109,7 +111,9 @@ fn excite(
     }
     // A motor that may still move matters more than why the motion ended.
     stopped.and(moved).and(printed)?;
-    Ok(identify(session.samples(), wire))
+    let losses = session.losses();
+    losses.check(&arguments.joint, arguments.seconds)?;
+    Ok((identify(session.samples(), wire), losses))
 }
 
 /// The plan from where the joint is, for the question. The session moves its centre to where the motor begins to follow.

@@ -2,8 +2,9 @@
 
 use crate::identify::failure::IdentifyFailure;
 use crate::identify::known::Known;
+use crate::identify::losses::Losses;
 use motord_client::JointDescription;
-use motord_identify::{Delay, Identified, Value};
+use motord_identify::{Delay, Identified, Value, Why};
 use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::Serialize;
 use std::fs::OpenOptions;
@@ -47,6 +48,10 @@ pub(crate) struct Report {
     gravity_cosine_nm: Entry,
     offset_nm: Entry,
     #[serde(skip_serializing_if = "Option::is_none")]
+    stribeck_nm: Option<Entry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    spring_nm_per_rad: Option<Entry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     torque_scale: Option<Entry>,
     reply_latency_us: Option<Entry>,
     /// Bounds of the time from a command to its torque.
@@ -56,6 +61,7 @@ pub(crate) struct Report {
     range_rad: f64,
     fastest_rad_s: f64,
     windows: usize,
+    losses: Losses,
     notes: Vec<String>,
     /// Lines of the configuration.
     lines: Vec<String>,
@@ -66,7 +72,12 @@ type Row<'a> = (&'static str, &'static str, usize, &'a Entry);
 
 impl Report {
     /// Describes what was identified of a joint.
-    pub(crate) fn new(joint: &JointDescription, found: &Identified, known: Option<&Known>) -> Self {
+    pub(crate) fn new(
+        joint: &JointDescription,
+        found: &Identified,
+        known: Option<&Known>,
+        losses: Losses,
+    ) -> Self {
         let micros = |seconds: f64| (seconds * 1e7).round() / 10.0;
         let delay: Option<Delay> = found.delay;
         let entry = |value: &Value| Entry::new(value, 1.0);
@@ -82,6 +93,8 @@ impl Report {
             gravity_sine_nm: entry(&found.gravity_sine),
             gravity_cosine_nm: entry(&found.gravity_cosine),
             offset_nm: entry(&found.offset),
+            stribeck_nm: found.stribeck.as_ref().map(entry),
+            spring_nm_per_rad: found.spring.as_ref().map(entry),
             torque_scale: known.map(|known| entry(&known.scale(&found.inertia))),
             reply_latency_us: delay.map(|delay| Entry::new(&delay.motor, 1e6)),
             action_us: delay.map(|delay| delay.action.map(micros)),
@@ -89,6 +102,7 @@ impl Report {
             range_rad: found.range,
             fastest_rad_s: found.fastest,
             windows: found.windows,
+            losses,
             notes,
             lines,
         }
@@ -104,6 +118,8 @@ impl Report {
             ("gravity · cos q", "N·m", 3, &self.gravity_cosine_nm),
             ("constant torque", "N·m", 3, &self.offset_nm),
         ];
+        rows.extend(self.stribeck_nm.iter().map(|more| ("more at low speed", "N·m", 3, more)));
+        rows.extend(self.spring_nm_per_rad.iter().map(|spring| ("spring", "N·m/rad", 2, spring)));
         rows.extend(self.torque_scale.iter().map(|scale| ("true by reported torque", "", 3, scale)));
         rows.extend(self.reply_latency_us.iter().map(|latency| ("reply latency", "µs", 0, latency)));
         rows
@@ -132,6 +148,7 @@ impl Report {
             out,
             "{windows} windows of motion, over {range_rad:.2} rad, up to {fastest_rad_s:.1} rad/s"
         )?;
+        self.print_losses(out)?;
         if let (Some([from, to]), Some([least, median, most])) = (self.action_us, self.answer_us) {
             writeln!(
                 out,
@@ -145,6 +162,18 @@ impl Report {
             self.lines.iter().try_for_each(|line| writeln!(out, "{line}"))?;
         }
         out.flush()
+    }
+
+    fn print_losses(&self, out: &mut dyn Write) -> io::Result<()> {
+        let Losses { ticks, missed_ticks, missed_replies, late_replies, plant_lost_s, .. } = self.losses;
+        write!(
+            out,
+            "{missed_ticks} of {ticks} ticks missed, {missed_replies} turns without a reply, {late_replies} late replies"
+        )?;
+        if plant_lost_s > 0.0 {
+            write!(out, "; the plant lost {plant_lost_s:.2} s")?;
+        }
+        writeln!(out)
     }
 
     /// Writes the lines into a new file.
@@ -191,10 +220,11 @@ fn lines(joint: &JointDescription, found: &Identified) -> (Vec<String>, Option<S
 ///
 /// # Errors
 ///
-/// [`IdentifyFailure::Nothing`] without an inertia: the table was printed.
+/// [`IdentifyFailure::Nothing`] or [`IdentifyFailure::Misfit`] without an inertia: the table was printed.
 pub(crate) fn outcome(joint: &str, found: &Identified) -> Result<(), IdentifyFailure> {
     match found.inertia.why {
         None => Ok(()),
+        Some(Why::Misfit) => Err(IdentifyFailure::Misfit(joint.to_owned())),
         Some(_) => Err(IdentifyFailure::Nothing(joint.to_owned())),
     }
 }

@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use crate::hold::{Printer, SILENCE, START, Target, disable, owned, refuse_latched};
 use crate::identify::failure::IdentifyFailure;
+use crate::identify::losses::{Counter, Losses};
 use motord_client::{Claim, Client, Error, Joint, JointDescription, Phase, Setpoint, Slot};
 use motord_identify::{Applied, Limits, Plan, PlanError, Sample, Shape, Stage};
 use motord_terminal::Interrupt;
@@ -53,6 +54,9 @@ pub(crate) struct Session {
     joint: JointDescription,
     plan: Plan,
     samples: Vec<Sample>,
+    counter: Counter,
+    /// Time that the plant of a simulated robot had lost before, µs.
+    plant_lost_us: u64,
 }
 
 impl Session {
@@ -75,7 +79,10 @@ impl Session {
         let capacity = ((plan.seconds() + 1.0) * robot.rate_hz) as usize;
         let samples = Vec::with_capacity(capacity);
         let instance = instance.to_owned();
-        let mut session = Self { client, instance, claim, slot, joint, plan, samples };
+        let plant_lost_us = client.telemetry().map_or(0, |telemetry| telemetry.plant_lost_us);
+        let counter = Counter::default();
+        let mut session =
+            Self { client, instance, claim, slot, joint, plan, samples, counter, plant_lost_us };
         session.rest()?;
         session.hold(position)?;
         Ok(session)
@@ -124,6 +131,7 @@ impl Session {
             let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
             let Some(stage) = self.plan.stage(time) else { return Ok(()) };
             self.command(time, &joint)?;
+            self.counter.record(&state, &joint);
             if joint.fresh && matches!(stage, Stage::Multisine | Stage::Sweeps) && self.is_free() {
                 self.samples.push(sample(&joint));
             }
@@ -164,6 +172,13 @@ impl Session {
     /// The cause of a stop that the daemon has latched.
     pub(crate) fn refuse_latched(&self) -> Result<(), Failure> {
         refuse_latched(&self.client, &self.instance, self.claim.group())
+    }
+
+    /// The losses of the motion so far. Asks the daemon.
+    pub(crate) fn losses(&self) -> Losses {
+        let before = self.plant_lost_us;
+        let lost = self.client.telemetry().map_or(0, |after| after.plant_lost_us.saturating_sub(before));
+        self.counter.losses(lost as f64 / 1e6)
     }
 
     /// The recorded samples.
