@@ -26,6 +26,7 @@ mod decode;
 mod encode;
 mod events;
 mod memory;
+mod messages;
 mod reader;
 mod stops;
 mod writer;
@@ -33,7 +34,8 @@ mod writer;
 pub use clock::{Clock, ClockStep, Origin, Reading};
 pub use events::{Event, Events, Level};
 pub use memory::{Memory, Remembered};
-pub use reader::{ReadError, Reader};
+pub use messages::ReadError;
+pub use reader::Reader;
 pub use stops::Stops;
 pub use writer::{Counts, Writer};
 

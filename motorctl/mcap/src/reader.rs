@@ -1,10 +1,8 @@
 //! Reads a file. It may come from another program, be damaged, or end where its recorder was
 //! killed.
 
+use crate::messages::{Messages, ReadError};
 use crate::{decode, motord};
-use mcap::McapError;
-use mcap::io::MessageReader;
-use mcap::sans_io::LinearReaderOptions;
 use motord_shared::description::RobotDescription;
 use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, IMUS_MAX, INDICATOR_JOINTS_MAX, JOINTS_MAX};
 use motord_shared::message::IMU_FRESH;
@@ -12,21 +10,6 @@ use motord_shared::{CycleRecord, ImuState, JointIndicators};
 use prost::Message;
 use std::collections::HashMap;
 use std::io::Read;
-
-/// Limit on the bytes of a message. Messages of motord have a kilobyte, the description of the
-/// robot some more.
-const MESSAGE_BYTES_MAX: usize = 16 << 20;
-
-/// The reason why a file cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file is no MCAP file, or is damaged at its beginning.
-    #[error("it is no readable MCAP file: {0}")]
-    Mcap(#[from] McapError),
-    /// The file is an MCAP file of another program.
-    #[error("it does not begin with the description of a robot: `motorctl record` has not written it")]
-    NoRobot,
-}
 
 /// The part of the robot that a topic describes.
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +24,7 @@ enum Topic {
 
 /// An open file, read cycle by cycle.
 pub struct Reader<R: Read> {
-    messages: MessageReader<R>,
+    messages: Messages<R>,
     robot: RobotDescription,
     topics: HashMap<String, Topic>,
     record: Box<CycleRecord>,
@@ -54,13 +37,9 @@ impl<R: Read> Reader<R> {
     /// # Errors
     /// The file is no recording.
     pub fn new(file: R) -> Result<Self, ReadError> {
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MESSAGE_BYTES_MAX);
-        let mut messages = MessageReader::new_with_options(file, options);
-        let first = messages.next().ok_or(ReadError::NoRobot)??;
-        let described = (first.channel.topic == "/robot").then(|| serde_json::from_slice(&first.data).ok());
+        let mut messages = Messages::new(file);
+        let (topic, data) = messages.next()?.ok_or(ReadError::NoRobot)?;
+        let described = (topic == "/robot").then(|| serde_json::from_slice(data).ok());
         let robot: RobotDescription = described.flatten().ok_or(ReadError::NoRobot)?;
         let fits = robot.joints.len() <= JOINTS_MAX
             && robot.groups.len() <= GROUPS_MAX
@@ -91,21 +70,24 @@ impl<R: Read> Reader<R> {
         self.record.known = 0;
         self.record.state.imus.iter_mut().for_each(|imu| imu.flags &= !IMU_FRESH);
         while self.damage.is_none() {
-            let message = match self.messages.next()? {
-                Ok(message) => message,
-                Err(error) => {
-                    self.damage = Some(error.to_string());
-                    break;
-                }
-            };
-            let Some(topic) = self.topics.get(&message.channel.topic) else { continue };
-            match self.take(*topic, &message.data) {
-                Ok(true) => return Some(&self.record),
-                Ok(false) => {}
-                Err(error) => self.damage = Some(error.to_string()),
+            match self.advance() {
+                Ok(Some(true)) => return Some(&self.record),
+                Ok(Some(false)) => {}
+                Ok(None) => break,
+                Err(error) => self.damage = Some(error),
             }
         }
         None
+    }
+
+    /// Stores the next message. Returns `true` if its cycle is complete; `None` at the end of the file.
+    fn advance(&mut self) -> Result<Option<bool>, String> {
+        let Self { messages, topics, robot, record, .. } = self;
+        let Some((topic, data)) = messages.next().map_err(|error| error.to_string())? else {
+            return Ok(None);
+        };
+        let Some(topic) = topics.get(topic) else { return Ok(Some(false)) };
+        take(record, robot, *topic, data).map(Some).map_err(|error| error.to_string())
     }
 
     /// Returns the reason why the file ended early. `None` for a complete file, or before its end
@@ -114,42 +96,47 @@ impl<R: Read> Reader<R> {
     pub fn damage(&self) -> Option<&str> {
         self.damage.as_deref()
     }
+}
 
-    /// Stores a message. Returns `true` if its cycle is complete.
-    fn take(&mut self, topic: Topic, data: &[u8]) -> Result<bool, prost::DecodeError> {
-        let CycleRecord { state, sequence, .. } = &mut *self.record;
-        match topic {
-            Topic::Joint(index) => {
-                let (joint, setpoint) = decode::joint(&motord::Joint::decode(data)?);
-                state.joints[index] = joint;
-                if let Some(setpoint) = setpoint {
-                    self.record.set_setpoint(index, setpoint);
-                }
-            }
-            Topic::Group(index) => {
-                state.groups[index] = decode::group(&motord::Group::decode(data)?, &self.robot);
-            }
-            Topic::Bus(index) => state.buses[index] = decode::bus(&motord::Bus::decode(data)?),
-            Topic::Indicators(joint) => {
-                let values = decode::indicators(&motord::Indicators::decode(data)?);
-                let count = state.indicator_count as usize;
-                let known = state.indicators().iter().position(|known| known.joint as usize == joint);
-                let place = known.unwrap_or(count);
-                if place < INDICATOR_JOINTS_MAX {
-                    state.indicators[place] = JointIndicators { joint: joint as u32, values };
-                    state.indicator_count = count.max(place + 1) as u32;
-                }
-            }
-            Topic::Imu(index) => state.imus[index] = decode::imu(&motord::Imu::decode(data)?),
-            Topic::Cycle => {
-                let cycle = motord::Cycle::decode(data)?;
-                *sequence = cycle.sequence;
-                decode::cycle(&cycle, state);
-                return Ok(true);
+/// Stores a message in `record`. Returns `true` if its cycle is complete.
+fn take(
+    record: &mut CycleRecord,
+    robot: &RobotDescription,
+    topic: Topic,
+    data: &[u8],
+) -> Result<bool, prost::DecodeError> {
+    let CycleRecord { state, .. } = &mut *record;
+    match topic {
+        Topic::Joint(index) => {
+            let (joint, setpoint) = decode::joint(&motord::Joint::decode(data)?);
+            state.joints[index] = joint;
+            if let Some(setpoint) = setpoint {
+                record.set_setpoint(index, setpoint);
             }
         }
-        Ok(false)
+        Topic::Group(index) => {
+            state.groups[index] = decode::group(&motord::Group::decode(data)?, robot);
+        }
+        Topic::Bus(index) => state.buses[index] = decode::bus(&motord::Bus::decode(data)?),
+        Topic::Indicators(joint) => {
+            let values = decode::indicators(&motord::Indicators::decode(data)?);
+            let count = state.indicator_count as usize;
+            let known = state.indicators().iter().position(|known| known.joint as usize == joint);
+            let place = known.unwrap_or(count);
+            if place < INDICATOR_JOINTS_MAX {
+                state.indicators[place] = JointIndicators { joint: joint as u32, values };
+                state.indicator_count = count.max(place + 1) as u32;
+            }
+        }
+        Topic::Imu(index) => state.imus[index] = decode::imu(&motord::Imu::decode(data)?),
+        Topic::Cycle => {
+            let cycle = motord::Cycle::decode(data)?;
+            record.sequence = cycle.sequence;
+            decode::cycle(&cycle, &mut record.state);
+            return Ok(true);
+        }
     }
+    Ok(false)
 }
 
 fn topics(robot: &RobotDescription) -> HashMap<String, Topic> {

@@ -173,6 +173,61 @@ fn no_damage_makes_the_reader_panic_or_hang() {
     assert!(read(b"not an mcap file at all").is_err());
 }
 
+/// Returns a record of an MCAP file.
+fn record_of(kind: u8, body: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![kind];
+    bytes.extend((body.len() as u64).to_le_bytes());
+    bytes.extend(body);
+    bytes
+}
+
+/// Returns a chunk that declares `size` bytes.
+fn chunk_of(size: u64) -> Vec<u8> {
+    let mut body = vec![0; 16];
+    body.extend(size.to_le_bytes());
+    // With a check sum, the chunk is expanded as a whole.
+    body.extend([1; 4]);
+    body.extend(b"\x04\0\0\0zstd");
+    body.extend(5_u64.to_le_bytes());
+    body.extend(b"\x28\xb5\x2f\xfd\0");
+    record_of(6, &body)
+}
+
+/// Returns a file without its end.
+fn endless(bytes: &[u8]) -> &[u8] {
+    let end = bytes.windows(9).rposition(|head| head == [0x0F, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    &bytes[..end]
+}
+
+/// Returns a file of ten chunks, each of which expands from a kilobyte to 15 MiB.
+fn bomb() -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let options = mcap::WriteOptions::new().chunk_size(Some(1)).compression(Some(mcap::Compression::Zstd));
+    let mut writer = options.create(&mut bytes).unwrap();
+    let channel_id = writer.add_channel(0, "/zeros", "raw", &std::collections::BTreeMap::new()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    (0..10).for_each(|_| writer.write_to_known_channel(&header, &vec![0; 15 << 20]).unwrap());
+    writer.finish().unwrap();
+    drop(writer);
+    endless(&bytes.into_inner()).to_vec()
+}
+
+#[test]
+fn excessive_files_end_by_a_limit() {
+    let mut writer = Writer::new(Vec::new(), &robot(), Origin::default(), 0).unwrap();
+    (1..=10).for_each(|cycle| writer.write(&record(cycle)).unwrap());
+    let whole = writer.finish(&Counts::default()).unwrap();
+    let bomb = bomb();
+    assert!(bomb.len() < 100_000, "{} bytes for 150 MiB", bomb.len());
+    let record = [&[5][..], &(1_u64 << 60).to_le_bytes()].concat();
+    for (index, end) in [&bomb[8..], &chunk_of(1 << 60), &[0; 1 << 16], &record].iter().enumerate() {
+        let (cycles, is_damaged) = read(&[endless(&whole), end].concat()).unwrap();
+        assert!(is_damaged && cycles.len() == 10, "{index}: {cycles:?}");
+    }
+    let first = [&bomb[..8], &[0; 1 << 16]].concat();
+    assert!(matches!(read(&first), Err(ReadError::Excessive)));
+}
+
 #[test]
 fn a_file_of_another_program_is_refused() {
     let mut bytes = std::io::Cursor::new(Vec::new());
