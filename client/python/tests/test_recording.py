@@ -1,5 +1,8 @@
 """Recordings of motorctl, of other programs, and cut-off ones."""
 
+import os
+import resource
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -127,8 +130,109 @@ def test_foreign_files_are_refused(folder: Path) -> None:
     write(folder / "mixed.mcap", {"/robot": [b'{"joints": [{"name": "a"}]}'], "/joints/a": [b"[]"], "/cycle": [b"{}"]})
     with pytest.raises(motord.RecordingError, match="mixed.mcap: /cycle has messages of another program"):
         motord.Recording(folder / "mixed.mcap")
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(motord.RecordingError, match="absent.mcap: there is no such file"):
         motord.Recording(folder / "absent.mcap")
+
+
+def test_pipes_and_devices_are_no_recordings(folder: Path) -> None:
+    os.mkfifo(folder / "pipe.mcap")
+    with (folder / "huge.mcap").open("wb") as file:
+        file.truncate(1 << 40)
+    for path, text in (
+        (folder / "pipe.mcap", "it is no regular file"),
+        (Path("/dev/zero"), "it is no regular file"),
+        (folder, "it is no regular file"),
+        (folder / "huge.mcap", "it has 1048576 MiB; at most 65536 MiB are read"),
+        (folder / "zero\0byte.mcap", r"zero.u\{0\}byte.mcap: embedded null byte"),
+        (folder / "run.mcap" / "more", "Not a directory|there is no such file"),
+    ):
+        with pytest.raises(motord.RecordingError, match=text):
+            motord.Recording(path)
+
+
+MAGIC = b"\x89MCAP0\r\n"
+ROBOT = b'{"joints": [{"name": "a"}]}'
+
+
+def record(kind: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", kind, len(body)) + body
+
+
+def text(value: bytes) -> bytes:
+    return struct.pack("<I", len(value)) + value
+
+
+def chunk(data: bytes, size: int, compression: bytes) -> bytes:
+    return record(6, struct.pack("<QQQI", 0, 0, size, 0) + text(compression) + struct.pack("<Q", len(data)) + data)
+
+
+def message(channel: int, data: bytes) -> bytes:
+    return record(5, struct.pack("<HIQQ", channel, 0, 1, 1) + data)
+
+
+def begin(topics: dict[bytes, bytes]) -> bytes:
+    """The beginning of a file with channels of JSON."""
+    channels = (
+        record(4, struct.pack("<HH", at, 0) + text(topic) + text(b"json") + text(b""))
+        for at, topic in enumerate([b"/robot", *topics], 1)
+    )
+    return MAGIC + record(1, text(b"") + text(b"")) + b"".join(channels)
+
+
+def bombs() -> dict[str, bytes]:
+    """Files that must end soon, whatever they declare."""
+    import lz4.frame
+    import zstandard
+
+    zeros = zstandard.compress(bytes(1 << 28))
+    unsized = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 28))
+    empty = record(0x80, b"") * ((16 << 20) // 9)
+    small = zstandard.compress(empty)
+    start = begin({}) + message(1, ROBOT)
+    nested = b'{"joints": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+    return {
+        "declares a chunk": start + chunk(zeros, 1 << 60, b"zstd"),
+        "hides its size": start + chunk(zeros, 1 << 20, b"zstd"),
+        "has no size": start + chunk(unsized, 1 << 20, b"zstd"),
+        "is of lz4": start + chunk(lz4.frame.compress(bytes(1 << 26)), 1 << 20, b"lz4"),
+        "expands often": start + 40 * chunk(small, len(empty), b"zstd"),
+        "declares a record": start + struct.pack("<BQ", 5, 1 << 60),
+        "declares a text": start + record(4, struct.pack("<HHI", 9, 0, 0xFFFF_FFFF)),
+        "declares data": start + record(6, struct.pack("<QQQIIQ", 0, 0, 9, 0, 0, 1 << 62)),
+        "is sparse": start + bytes(1 << 20),
+        "nests": begin({}) + message(1, nested),
+        "has a number for a name": begin({}) + message(1, b'{"joints": [{"name": 3}]}'),
+        "has no list": begin({}) + message(1, b'{"joints": [], "imus": 3}'),
+        "has many joints": begin({}) + message(1, b'{"joints": [' + b",".join([b'{"name": "a"}'] * 65) + b"]}"),
+        "has a late time": begin({b"/cycle": b""}) + message(1, b'{"joints": []}') + message(2, b'{"cycle": 1}'),
+        "has another compression": start + chunk(b"", 0, b"snappy"),
+        "has another channel": start + message(7, b""),
+    }
+
+
+def test_recording_bombs_end_by_a_limit(folder: Path) -> None:
+    files = bombs()
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    limit = resource.getrlimit(resource.RLIMIT_AS)
+    # Beyond what the process has: an allocation of a declared size fails.
+    resource.setrlimit(resource.RLIMIT_AS, (now + (200 << 20), limit[1]))
+    try:
+        for name, content in files.items():
+            path = folder / f"{name}.mcap"
+            path.write_bytes(content)
+            with pytest.raises(motord.RecordingError) as refused:
+                motord.Recording(path)
+            text = str(refused.value).replace(f"{folder}/", "")
+            assert text.startswith(name) and "MemoryError" not in text, text
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limit)
+
+
+def test_texts_of_recording_are_escaped(folder: Path) -> None:
+    write(folder / "evil.mcap", {"/robot": [b'{"joints": [{"name": "a"}]}'], "/events/\x1b[31m\u202e": [b"{}"]})
+    with pytest.raises(motord.RecordingError) as refused:
+        motord.Recording(folder / "evil.mcap")
+    assert str(refused.value).isprintable()
 
 
 def test_frame_has_columns_by_joint(run: Path) -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
-import struct
+from array import array
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+from ._files import FileError, open_regular
+from ._mcap import Damage, messages
+from ._text import printable
 
 _Floats = NDArray[np.float64]
 
@@ -23,9 +23,18 @@ _SHORT = {"position": "q", "velocity": "dq", "kp": "kp", "kd": "kd", "torque": "
 _LEVELS = {0: "unknown", 1: "debug", 2: "info", 3: "warning", 4: "error", 5: "fatal"}
 _NANOS = 1e-9
 
+BYTES_MAX = 64 << 30
+"""Largest file: a day of twelve joints at 1 kHz."""
+
+JOINTS_MAX = 64
+"""Most joints of a robot."""
+
 
 class RecordingError(ValueError):
     """The file is no recording, or no whole one. Its text says what to do."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable(text))
 
 
 @dataclass(frozen=True)
@@ -88,14 +97,25 @@ class Recording:
     """A recording, read whole. Arrays have a row for each cycle and a column for each joint of `names`.
 
     `recording["fl-knee"]` is one joint. `time` is the time axis, s from the first cycle; `begun` is its Unix time. Cycles
-    that the file lacks are gaps of `cycle` and of `time`.
+    that the file lacks are gaps of `cycle` and of `time`; `missed_ticks` counts those that the daemon has missed since its start.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, partial: bool = False) -> None:
-        """Reads a file. With partial, one that is cut off is read up to there, and `damage` has the reason."""
-        rows = _Rows(os.fspath(path))
-        with open(path, "rb") as file:
-            rows.read(file)
+        """Reads a file. With partial, one that is cut off is read up to there, and `damage` has the reason.
+
+        RecordingError for a file that cannot be read, whatever the reason.
+        """
+        rows = _Rows(os.fsdecode(path))
+        try:
+            rows.open()
+            self._fill(rows, partial)
+        except (RecordingError, ImportError):
+            raise
+        except Exception as error:  # of values that no recorder writes
+            raise RecordingError(f"{rows.path} cannot be read: {type(error).__name__}: {error}") from error
+
+    def _fill(self, rows: _Rows, partial: bool) -> None:
+        """Makes arrays of the values of a file."""
         if rows.damage is not None and not partial:
             seconds = (rows.times[-1] - rows.times[0]) * _NANOS if rows.times else 0.0
             raise RecordingError(
@@ -107,6 +127,7 @@ class Recording:
         self.names: list[str] = rows.names
         self.damage: str | None = rows.damage
         self.cycle: NDArray[np.int64] = np.array(rows.cycles, dtype=np.int64)
+        self.missed_ticks: NDArray[np.int64] = np.array(rows.overruns, dtype=np.int64)
         first = rows.times[0] if rows.times else 0
         self.begun: float = first * _NANOS
         self.time: _Floats = _seconds(rows.times, first)
@@ -164,13 +185,13 @@ class Recording:
         return f"<motord.Recording {self.path!r}: {len(self.names)} joints, {len(self)} cycles, {seconds:.3f} s>"
 
 
-def _table(values: list[float], count: int) -> _Floats:
+def _table(values: array[float], count: int) -> _Floats:
     table = np.reshape(np.array(values, dtype=np.float64), (-1, count))
     table.setflags(write=False)
     return table
 
 
-def _seconds(times: list[int], first: int) -> _Floats:
+def _seconds(times: array[int], first: int) -> _Floats:
     return np.multiply(np.array(times, dtype=np.int64) - first, _NANOS, dtype=np.float64)
 
 
@@ -178,8 +199,8 @@ class _Samples:
     """The samples of an IMU while a file is read."""
 
     def __init__(self) -> None:
-        self.times: list[int] = []
-        self.values: list[tuple[float, ...]] = []
+        self.times = array("q")
+        self.values = array("d")
         self.lost: list[bool] = []
 
     def add(self, time: int, message: Any) -> None:
@@ -188,7 +209,7 @@ class _Samples:
         turn, speed, force = message.orientation, message.angular_velocity, message.acceleration
         temperature = message.temperature if message.HasField("temperature") else np.nan
         self.times.append(time)
-        self.values.append(
+        self.values.extend(
             (turn.w, turn.x, turn.y, turn.z, speed.x, speed.y, speed.z, force.x, force.y, force.z, temperature)
         )
         self.lost.append(message.lost)
@@ -212,11 +233,12 @@ class _Rows:
         self.path = path
         self.robot: dict[str, Any] = {}
         self.names: list[str] = []
-        self.cycles: list[int] = []
-        self.times: list[int] = []
-        self.measured: dict[str, list[float]] = {name: [] for name in _MEASURED}
-        self.setpoint: dict[str, list[float]] = {name: [] for name in _COMMAND}
-        self.applied: dict[str, list[float]] = {name: [] for name in _COMMAND}
+        self.cycles = array("q")
+        self.times = array("q")
+        self.overruns = array("q")
+        self.measured = {name: array("d") for name in _MEASURED}
+        self.setpoint = {name: array("d") for name in _COMMAND}
+        self.applied = {name: array("d") for name in _COMMAND}
         self.fresh: list[bool] = []
         self.imus: dict[str, _Samples] = {}
         self.stops: list[tuple[int, str, str, str | None]] = []
@@ -225,18 +247,26 @@ class _Rows:
         self._joints: dict[str, Any] = {}
         self._causes: dict[str, str] = {}
 
-    def read(self, file: BinaryIO) -> None:
-        messages = _messages(file)
+    def open(self) -> None:
+        """Opens and reads the file."""
         try:
-            for topic, time, message in messages:
+            file = open_regular(self.path, BYTES_MAX)
+        except FileError as error:
+            raise RecordingError(f"{self.path}: {error}") from error
+        with file:
+            self.read(file)
+
+    def read(self, file: BinaryIO) -> None:
+        try:
+            for topic, time, message in messages(file):
                 if not self.robot:
                     self._describe(topic, message)
                     continue
                 try:
                     self._take(topic, time, message)
-                except (AttributeError, TypeError, ValueError) as error:
+                except (AttributeError, TypeError, ValueError, OverflowError) as error:
                     raise RecordingError(f"{self.path}: {topic} has messages of another program: {error}") from error
-        except _Damage as damage:
+        except Damage as damage:
             if not self.robot:
                 raise RecordingError(f"{self.path} is no recording: {damage}") from damage
             self.damage = str(damage)
@@ -248,6 +278,9 @@ class _Rows:
         try:
             self.names = [joint["name"] for joint in robot["joints"]]
             self.imus = {imu["name"]: _Samples() for imu in robot.get("imus", [])}
+            names = [*self.names, *self.imus]
+            if not all(isinstance(name, str) for name in names) or len(self.names) > JOINTS_MAX:
+                robot = {}
         except (KeyError, TypeError):
             robot = {}
         if topic != "/robot" or not robot:
@@ -259,7 +292,7 @@ class _Rows:
 
     def _take(self, topic: str, time: int, message: Any) -> None:
         kind, _, name = topic[1:].partition("/")
-        if kind == "joints":
+        if kind == "joints" and name in self.names:
             self._joints[name] = message
         elif kind == "cycle":
             self._end_cycle(time, message)
@@ -275,6 +308,7 @@ class _Rows:
         if all(name in self._joints for name in self.names):
             self.cycles.append(message.cycle)
             self.times.append(time)
+            self.overruns.append(message.overruns)
             for name in self.names:
                 self._add(self._joints[name])
         self._joints.clear()
@@ -293,52 +327,3 @@ class _Rows:
         if message.cause and self._causes.get(group, message.cause) != message.cause:
             self.stops.append((time, group, message.cause, message.cause_joint or None))
         self._causes[group] = message.cause
-
-
-class _Damage(Exception):
-    """The file ends, or is damaged, here."""
-
-
-def _messages(file: BinaryIO) -> Iterator[tuple[str, int, Any]]:
-    """Yields topic, Unix time in ns, and the decoded message. Raises _Damage where the file is cut off."""
-    try:
-        from google.protobuf.message import DecodeError
-        from mcap.exceptions import McapError
-        from mcap.records import Channel, Footer, Message, Schema
-        from mcap.stream_reader import StreamReader
-        from mcap_protobuf.decoder import DecoderFactory
-        from zstandard import ZstdError
-    except ImportError as error:
-        raise ImportError("motord.Recording needs the MCAP library: pip install 'motord[recording]'") from error
-
-    factory = DecoderFactory()
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Schema] = {}
-    decoders: dict[int, Callable[[bytes], Any]] = {}
-
-    def decoder(channel: Channel) -> Callable[[bytes], Any]:
-        if channel.message_encoding == "json":
-            return json.loads
-        found = factory.decoder_for(channel.message_encoding, schemas.get(channel.schema_id))
-        return found or (lambda data: data)
-
-    is_whole = False
-    try:
-        for record in StreamReader(file, validate_crcs=True, record_size_limit=16 << 20).records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Footer):
-                is_whole = True
-            elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                if record.channel_id not in decoders:
-                    decoders[record.channel_id] = decoder(channel)
-                yield channel.topic, record.log_time, decoders[record.channel_id](record.data)
-    except (McapError, ZstdError, DecodeError, struct.error, KeyError, EOFError, UnicodeDecodeError, ValueError) as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise _Damage(f"{type(error).__name__}: {error}".rstrip(": ")) from error
-    if not is_whole:
-        raise _Damage("the end of the file is missing")

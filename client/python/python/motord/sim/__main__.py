@@ -8,6 +8,7 @@ import argparse
 import json
 import sys
 
+from .._text import lines
 from .compare import compare
 from .live import live
 from .mujoco import Mujoco, ViewedMujoco, fit_mjcf
@@ -77,7 +78,7 @@ def main() -> int:
         if arguments.picture:
             found.picture(arguments.picture)
     except (ValueError, ImportError, OSError, RuntimeError) as error:
-        print(f"motord.sim: {error}", file=sys.stderr)
+        print(f"motord.sim: {lines(str(error))}", file=sys.stderr)
         return 1
     return 0
 

@@ -7,6 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .._files import FileError, check_regular
+
+BYTES_MAX = 256 << 20
+"""Largest file of a model, without its meshes."""
+
 Motors = Literal["model", "configuration"]
 """Whose armature, damping and dry friction count where both have them."""
 
@@ -34,6 +39,10 @@ class ModelFile:
         if motors not in (None, "model", "configuration"):
             raise ValueError(f'motors is {motors!r}: give "model" or "configuration", by whose values count')
         self._mujoco, self._file, self._prefix, self._motors = mujoco, file, prefix, motors
+        try:
+            check_regular(file, BYTES_MAX)
+        except FileError as error:
+            raise ValueError(f"{file}: {error}") from error
         self.spec: Any = mujoco.MjSpec.from_file(file)
         _find_packages(self.spec, Path(file))
 
