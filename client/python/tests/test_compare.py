@@ -52,6 +52,39 @@ def test_twin_of_equal_mechanics_agrees(recorded: Path) -> None:
     assert all(joint.delay is not None and abs(joint.delay) < 1e-3 for joint in gap.joints)
 
 
+def without(recording: motord.Recording, first: int, count: int, missed: int) -> None:
+    """Takes cycles out of a recording; the daemon has missed so many of them."""
+    kept = np.ones(len(recording), dtype=bool)
+    kept[first : first + count] = False
+    recording.missed_ticks[first + count :] += missed
+    for name in ("time", "cycle", "missed_ticks", "q", "dq", "tau", "temperature", "fresh"):
+        setattr(recording, name, getattr(recording, name)[kept])
+    for name in ("setpoint", "applied"):
+        command = getattr(recording, name)
+        setattr(recording, name, type(command)(*(getattr(command, part)[kept] for part in ("q", "dq", "kp", "kd", "tau"))))
+
+
+def test_missed_ticks_and_lost_cycles_are_reported(recorded: Path) -> None:
+    whole = compare(recorded, CONFIG, plant=Alone())
+    recording = motord.Recording(recorded)
+    middle = len(recording) // 2
+    without(recording, middle, 7, 7)
+    without(recording, middle + 100, 3, 0)
+    gap = compare(recording, CONFIG, plant=Alone())
+    assert gap.missed_ticks == whole.missed_ticks + 7 and gap.lost_cycles == whole.lost_cycles + 3
+    assert f"the robot missed {gap.missed_ticks}; the recording lacks {gap.lost_cycles} cycles" in gap.table()
+    assert gap.summary()["missed_ticks"] == gap.missed_ticks and gap.summary()["lost_cycles"] == gap.lost_cycles
+
+
+def test_comparison_ends_before_large_gap(recorded: Path) -> None:
+    recording = motord.Recording(recorded)
+    middle = len(recording) // 2
+    for step in (1 << 40, -1000):
+        recording.cycle[middle:] += step
+        assert compare(recording, CONFIG, plant=Alone()).time[-1] <= recording.time[middle]
+        recording.cycle[middle:] -= step
+
+
 def test_changed_joints_stand_out(recorded: Path) -> None:
     gap = compare(recorded, CONFIG, plant=Heavy())
     rms = {joint.name: joint.position_rms for joint in gap.joints}

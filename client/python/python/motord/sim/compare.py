@@ -17,6 +17,9 @@ from .twin import Twin
 DELAY_MAX_S = 0.05
 """Largest delay that is looked for."""
 
+GAP_MAX = 1000
+"""Most cycles that a recording may lack at once. The comparison ends before a larger gap."""
+
 STILL = 1e-3
 """A joint whose velocity has a smaller root mean square, rad/s, has no delay."""
 
@@ -52,6 +55,10 @@ class Gap:
     joints: list[JointGap]
     stop: str | None
     """The cause that ended the replay early."""
+    missed_ticks: int
+    """Ticks that the robot missed: the previous command was applied, by the twin too."""
+    lost_cycles: int
+    """Cycles that the robot had and the recording lacks: the twin repeats the command before, the robot had others."""
 
     def table(self) -> str:
         """A line for each joint."""
@@ -63,13 +70,20 @@ class Gap:
                 f"{joint.name:16}{1e3 * joint.position_rms:14.2f}{joint.velocity_rms:15.3f}{joint.torque_rms:11.2f}"
                 f"{delay:>9}{most:>24}"
             )
+        if self.missed_ticks or self.lost_cycles:
+            count = len(self.time) + self.missed_ticks + self.lost_cycles
+            lines.append(
+                f"Of {count} ticks the robot missed {self.missed_ticks}; the recording lacks {self.lost_cycles} cycles, whose commands "
+                "the twin does not have."
+            )
         if self.stop is not None:
             lines.append(f"The twin was stopped after {self.time[-1]:.2f} s: {self.stop}.")
         return "\n".join(lines)
 
     def summary(self) -> dict[str, Any]:
         """The table as numbers, for JSON."""
-        return {"seconds": float(self.time[-1]), "stop": self.stop, "joints": [asdict(joint) for joint in self.joints]}
+        counts = {"missed_ticks": self.missed_ticks, "lost_cycles": self.lost_cycles}
+        return {"seconds": float(self.time[-1]), "stop": self.stop, **counts, "joints": [asdict(joint) for joint in self.joints]}
 
     def picture(self, path: str | PathLike[str]) -> None:
         """Draws positions of robot and twin, and their difference, for each joint. Needs matplotlib."""
@@ -133,6 +147,9 @@ def compare(
     positions, velocities, torques, stop = _replayed(twin, recording, rows)
     rows = rows[: len(positions)]
     period = 1.0 / twin.rate_hz
+    absent = int(recording.cycle[rows[-1]] - recording.cycle[rows[0]]) + 1 - len(rows)
+    missed = int(recording.missed_ticks[rows[-1]] - recording.missed_ticks[rows[0]])
+    missed = min(max(missed, 0), absent)
     return Gap(
         time=recording.time[rows] - recording.time[rows[0]],
         names=recording.names,
@@ -149,6 +166,8 @@ def compare(
             for at, name in enumerate(recording.names)
         ],
         stop=stop,
+        missed_ticks=missed,
+        lost_cycles=absent - missed,
     )
 
 
@@ -168,14 +187,17 @@ def _check_robot(recorded: dict[str, Any], names: list[str], robot: dict[str, An
 
 
 def _following(recording: Recording) -> NDArray[np.intp]:
-    """The rows from the first in which every joint follows to the last before one does not."""
+    """The rows from the first in which every joint follows to the last before one does not, or before a large gap."""
     gains = recording.applied.kp + recording.applied.kd
     follows: NDArray[np.bool_] = np.asarray(np.all(np.isfinite(recording.q) & (gains > 0.0), axis=1))
     if not follows.any():
         raise ValueError(f"{recording.path}: no cycle in which every joint follows setpoints")
     first = int(np.argmax(follows))
     ends = np.flatnonzero(~follows[first:])
-    return np.arange(first, first + int(ends[0]) if ends.size else len(follows))
+    rows = np.arange(first, first + int(ends[0]) if ends.size else len(follows))
+    steps = np.diff(recording.cycle[rows])
+    gaps = np.flatnonzero((steps < 1) | (steps > GAP_MAX))
+    return rows[: int(gaps[0]) + 1] if gaps.size else rows
 
 
 def _replayed(twin: Twin, recording: Recording, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, str | None]:
