@@ -133,3 +133,13 @@ def test_recording_of_another_robot_is_named(
     config.write_text(change(CONFIG.read_text()))
     with pytest.raises(ValueError, match=part):
         compare(recorded, config, plant=Alone())
+
+
+@pytest.mark.parametrize("lacks", ["rate_hz", "model"])
+def test_recording_without_rate_or_model_is_named(recorded: Path, lacks: str) -> None:
+    recording = motord.Recording(recorded)
+    recording.robot.pop(lacks, None)
+    for joint in recording.robot["joints"]:
+        joint.pop(lacks, None)
+    with pytest.raises(ValueError, match="lacks the rate of its robot or a model of its motors"):
+        compare(recording, CONFIG, plant=Alone())

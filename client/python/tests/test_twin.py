@@ -408,6 +408,21 @@ def test_ranges_in_degrees_are_named(tmp_path: Path, written: str, expected: str
         Twin(CONFIG, Mujoco(model))
 
 
+def test_wide_limits_of_joint_allow_wide_range(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    model, config = tmp_path / "robot.xml", tmp_path / "robot.toml"
+    text = mjcf(lambda text: text.replace('range="-180 180"', 'range="-100 100"'))
+    model.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
+    first, motor, rest = CONFIG.read_text().partition("[[motor]]")
+    assert "position-rad = [" in rest
+    low, _, high = rest.partition("position-rad = [")
+    wide = f'{low}position-rad = [-50.0, 50.0]{high.partition("]")[2]}'.replace("[[motor]]", "[[motor]]", 1)
+    config.write_text(first + motor + '\nbeyond-range = "wrap"' + wide)
+    with pytest.raises(ValueError) as refused:
+        Twin(config, Mujoco(model))
+    assert "fl-hip" not in str(refused.value) and "fr-hip: the model has the range -100 to 100 rad" in str(refused.value)
+
+
 def test_prefix_of_joints_is_mapped(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     model = tmp_path / "robot.xml"
@@ -516,6 +531,23 @@ def test_plant_moves_its_newest_robot_only(kind: type[Twin]) -> None:
     # A name that is used again, as in a notebook.
     second = kind(CONFIG, plant)
     second.wait()
+
+
+def test_refused_robot_leaves_plant_to_the_first() -> None:
+    class Choosy(Alone):
+        def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Any:
+            if self.is_taken:
+                raise ValueError("one robot only")
+            self.is_taken = True
+            return super().begin(description, physics)
+
+        is_taken = False
+
+    plant = Choosy()
+    first = Twin(CONFIG, plant)
+    with pytest.raises(ValueError, match="one robot only"):
+        Twin(CONFIG, plant)
+    first.wait()
 
 
 @pytest.mark.parametrize(

@@ -74,10 +74,13 @@ impl Model {
         for _ in 0..further {
             let others = candidates(&best.terms).into_iter();
             let fits = others.filter_map(|terms| Fit::of(motion, rows, &weights, terms));
+            let fits = fits.filter(Fit::is_physical);
             let next = fits.min_by(|a, b| a.unpredicted.total_cmp(&b.unpredicted));
             let Some(next) = next.filter(|next| next.unpredicted < TAKEN * best.unpredicted) else { break };
-            weights = self::weights(rows, &next, noise);
-            best = Fit::of(motion, rows, &weights, next.terms)?;
+            // With these weights the motion may no longer separate the terms.
+            let next_weights = self::weights(rows, &next, noise);
+            let Some(next) = Fit::of(motion, rows, &next_weights, next.terms) else { break };
+            (best, weights) = (next, next_weights);
         }
         let fit = |terms: Vec<Term>| Fit::of(motion, rows, &weights, terms);
         let best = refined(best, fit);

@@ -115,6 +115,12 @@ impl Fit {
         self.unknown(&self.solution, term)
     }
 
+    /// Returns whether the friction of [`Term::Stribeck`], if it has that, falls with the speed. Friction that rises with the speed and
+    /// levels off is not described by the term.
+    pub(crate) fn is_physical(&self) -> bool {
+        self.terms.iter().filter(|term| term.is_stribeck()).all(|term| self.found(*term) > 0.0)
+    }
+
     pub(crate) fn has(&self, term: Term) -> bool {
         self.terms.contains(&term)
     }

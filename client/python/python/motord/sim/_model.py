@@ -22,7 +22,7 @@ TOLERANCE = 1e-3
 """Of limits, rad."""
 
 TURNS_RAD = 4.0 * np.pi
-"""No motor measures positions beyond, rad: a range with such an end is taken for one in degrees."""
+"""A range with an end beyond, rad, is taken for one in degrees, unless the limits of the configuration are as far."""
 
 _KEYS = {
     "armature": ("armature", "armature-kg-m2"),
@@ -106,7 +106,7 @@ def _range(name: str, compiled: Any, limits: list[float], is_in_degrees: bool) -
     lower, upper = limits
     if (low, high) == (0.0, 0.0):
         return []
-    if max(-low, high) > TURNS_RAD + TOLERANCE:
+    if max(-low, high) > TURNS_RAD + TOLERANCE and max(-lower, upper) <= TURNS_RAD:
         text = f"{name}: the model has the range {low:g} to {high:g} rad, which looks like degrees"
         return [f'{text}: a URDF has rad, and an MJCF degrees without <compiler angle="radian"/>']
     if _contains(low, high, limits):

@@ -177,12 +177,16 @@ def _check_robot(recorded: dict[str, Any], names: list[str], robot: dict[str, An
     if joints != names:
         raise ValueError(f"the recording has the joints {', '.join(names)}; the configuration has {', '.join(joints)}")
     cure = "give the configuration with which it was made"
-    if recorded["rate_hz"] != robot["rate_hz"]:
-        rates = f"{recorded['rate_hz']:g} cycles a second; the configuration has {robot['rate_hz']:g}"
+    try:
+        rate, models = float(recorded["rate_hz"]), [str(joint["model"]) for joint in recorded["joints"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError("the recording lacks the rate of its robot or a model of its motors: make a new one") from error
+    if rate != robot["rate_hz"]:
+        rates = f"{rate:g} cycles a second; the configuration has {robot['rate_hz']:g}"
         raise ValueError(f"the recording has {rates}: {cure}")
-    for before, now in zip(recorded["joints"], robot["joints"], strict=True):
-        if before["model"] != now["model"]:
-            text = f"{now['name']} is a {before['model']} in the recording, and a {now['model']} in the configuration"
+    for model, now in zip(models, robot["joints"], strict=True):
+        if model != now["model"]:
+            text = f"{now['name']} is a {model} in the recording, and a {now['model']} in the configuration"
             raise ValueError(f"{text}: {cure}")
 
 

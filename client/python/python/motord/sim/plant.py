@@ -34,10 +34,11 @@ class Taken:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        _TAKEN[id(plant)] = self
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
         begin = self._plant.begin(description, physics)
+        # A robot that the plant refuses does not take it.
+        _TAKEN[id(self._plant)] = self
         return None if begin is None else _positions(begin, [joint["name"] for joint in description["joints"]])
 
     def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
