@@ -77,7 +77,12 @@ fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result
             _ if group.is_heard() => start = rest(&mut claim, &joints, &state)?,
             _ => {}
         }
-        claim.commit()?;
+        // After a stop the setpoints keep the claim, until a person has reset the group.
+        if let Err(error) = claim.commit()
+            && !matches!(error, Error::Stopped { .. })
+        {
+            return Err(error);
+        }
     }
     claim.disable()?;
     claim.wait_for(Phase::Disarmed, STOP)
@@ -90,7 +95,9 @@ fn main() -> ExitCode {
     }
     while let Err(error) = control(&options, &mut may_enable, &end) {
         eprintln!("controller: {error}");
-        if !error.is_transient() || end.load(Ordering::Relaxed) {
+        // A group that was stopped for lateness is claimed anew, and waits for a person.
+        let may_return = error.is_transient() || matches!(error, Error::Stopped { .. });
+        if !may_return || end.load(Ordering::Relaxed) {
             return ExitCode::from(error.exit_status());
         }
         std::thread::sleep(Duration::from_millis(500));

@@ -1,12 +1,14 @@
 //! The ownership of a group of joints.
 
+use crate::lateness::{Lateness, Sent};
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject};
 use crate::members::{JointKey, Members, Slot};
-use crate::{Error, Setpoint, State};
+use crate::state::Group;
+use crate::{Error, Setpoint, State, Stop};
 use motord_ports::{ForkGuard, SetpointPort, clock};
 use motord_shared::description::{JointLimits, RobotDescription};
-use motord_shared::{Lease, Operation, Phase, SetpointMessage};
-use std::sync::Arc;
+use motord_shared::{Cause, Lease, Operation, Phase, SetpointMessage};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Longest time that dropping a claim takes. Without the message, the daemon detects the end by the
@@ -32,6 +34,11 @@ pub struct Claim {
     message: SetpointMessage,
     /// The joints with a setpoint, one bit each.
     set: u64,
+    sent: Sent,
+    /// The group was starting or active when this claim last sent.
+    follows: bool,
+    /// The lateness that ended this claim, as it was when the claim noticed its end.
+    lateness: OnceLock<Option<Lateness>>,
     released: bool,
 }
 
@@ -51,6 +58,9 @@ impl Claim {
             members: Arc::new(members),
             message: SetpointMessage { lease: lease.raw(), joint_count, ..SetpointMessage::default() },
             set: 0,
+            sent: Sent::default(),
+            follows: false,
+            lateness: OnceLock::new(),
             released: false,
         })
     }
@@ -178,6 +188,9 @@ impl Claim {
     /// nothing changed: the daemon stops a group when its owner sends nothing for the setpoint
     /// timeout.
     ///
+    /// After a stop of the active group the setpoints are sent nevertheless: they keep a claim that the
+    /// stop did not end, until a person has reset the group. The daemon does not follow them.
+    ///
     /// # Errors
     /// [`Error::NotSet`] naming a joint without a setpoint; those of [`send`](Self::send).
     pub fn commit(&mut self) -> Result<(), Error> {
@@ -190,7 +203,8 @@ impl Claim {
         self.transmit()?;
         // Polling for states takes time. The setpoint does not wait for it.
         self.refresh()?;
-        self.link.check_alive_at(self.message.time_ns)
+        self.link.check_alive_at(self.message.time_ns)?;
+        self.check_stop()
     }
 
     /// Sends one setpoint per joint. The newest setpoint replaces one that the daemon has not read.
@@ -199,9 +213,11 @@ impl Claim {
     ///
     /// # Errors
     /// [`Error::SetpointCount`]; [`Error::BadSetpoint`] naming a joint with a value that is not finite
-    /// or a negative gain: then nothing is stored or sent. [`Error::Restarted`] with each call after a
-    /// restart; [`Error::NotRunning`] or [`Error::Silent`] when no states arrive. The setpoints may
-    /// have been sent nevertheless; another daemon does not use them.
+    /// or a negative gain: then nothing is stored or sent. [`Error::Stopped`] with each call after a stop
+    /// of the group that this claim had started, until a reset; [`Error::ClaimLost`].
+    /// [`Error::Restarted`] with each call after a restart; [`Error::NotRunning`] or [`Error::Silent`]
+    /// when no states arrive. The setpoints may have been sent nevertheless; the daemon does not use
+    /// them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         self.link.check_process()?;
         let (expected, received) = (self.members.joints.len(), setpoints.len());
@@ -245,16 +261,49 @@ impl Claim {
     /// [`disable`](Self::disable) and before [`reset`](Self::reset) with [`Phase::Disarmed`].
     /// States published before the call do not count.
     ///
+    /// With [`Phase::Active`] the last setpoints have the longest [horizon](Self::set_horizon), so that
+    /// the loop of a slow controller may begin a period later: see [`keep_for`](Self::keep_for).
+    ///
     /// # Errors
     /// [`Error::Stopped`] immediately when the group is stopped while it should start;
     /// [`Error::NotReached`] after `timeout`; [`Error::Restarted`], [`Error::NotRunning`],
     /// [`Error::Silent`].
     pub fn wait_for(&mut self, phase: Phase, timeout: Duration) -> Result<(), Error> {
         let link = Arc::clone(&self.link);
-        link.wait_for(self.members.index, phase, timeout, || {
+        let reached = link.wait_for(self.members.index, phase, timeout, || {
             self.ready()?;
             if self.message.sequence > 0 { self.transmit() } else { Ok(()) }
-        })
+        });
+        reached.map_err(|error| match error {
+            Error::Stopped { group, stop } => Error::Stopped { group, stop: self.with_lateness(stop) },
+            other => other,
+        })?;
+        if phase == Phase::Active {
+            self.follows = true;
+            self.keep_for(Duration::MAX)?;
+        }
+        Ok(())
+    }
+
+    /// Sends the last setpoints again if the daemon would stop the group for their age within `time`. They get the horizon
+    /// that `time` needs, as far as `setpoint-horizon-max-ms` permits. Call it before a pause, such as the one between a
+    /// loop in every cycle and the first state of a slow loop: a controller that hangs in the pause is stopped as much later.
+    /// Does nothing while the group does not follow this claim.
+    ///
+    /// # Errors
+    /// [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
+    pub fn keep_for(&mut self, time: Duration) -> Result<(), Error> {
+        self.ready()?;
+        let Members { timeout, horizon_max, .. } = *self.members;
+        if !self.follows || self.message.sequence == 0 || self.sent.lasts(clock::now_ns(), timeout) >= time {
+            return Ok(());
+        }
+        let horizon = time.saturating_sub(timeout).min(horizon_max);
+        let horizon_ns = u32::try_from(horizon.as_nanos()).unwrap_or(u32::MAX);
+        let own = std::mem::replace(&mut self.message.horizon_ns, horizon_ns);
+        let sent = self.transmit();
+        self.message.horizon_ns = own;
+        sent
     }
 
     /// Damps and stops the motors of the group. They are stopped when the group is
@@ -272,7 +321,9 @@ impl Claim {
     /// # Errors
     /// Those of [`enable`](Self::enable).
     pub fn reset(&mut self) -> Result<(), Error> {
-        self.operate(Operation::Reset)
+        self.operate(Operation::Reset)?;
+        self.follows = false;
+        Ok(())
     }
 
     /// Releases the group.
@@ -299,10 +350,54 @@ impl Claim {
         let port = self.port.get()?;
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();
+        self.sent.record(self.message.time_ns, self.message.horizon_ns);
         let sent = port.send(&self.message);
         // A repeated message answers no state.
         self.message.cycle = 0;
         sent.map_err(|error| Error::of_service(error, self.link.instance()))
+    }
+
+    /// Fails once the newest state shows that the daemon does not follow the setpoints of this claim any more. Does not allocate
+    /// while it succeeds.
+    fn check_stop(&mut self) -> Result<(), Error> {
+        let Some(group) = self.link.try_group(self.members.index, self.members.since) else { return Ok(()) };
+        if group.lease != Some(self.members.lease) {
+            return Err(self.end(&group));
+        }
+        match group.latched {
+            true if self.follows => Err(self.stopped(&group)),
+            true => Ok(()),
+            false => {
+                self.follows = matches!(group.phase, Some(Phase::Starting | Phase::Active));
+                Ok(())
+            }
+        }
+    }
+
+    /// Returns the reason why `group` does not belong to this claim any more: a stop, which a new claim does not end, or another
+    /// owner.
+    pub(crate) fn end(&self, group: &Group) -> Error {
+        if self.follows && group.latched {
+            self.stopped(group)
+        } else {
+            Error::ClaimLost { group: self.members.name.clone() }
+        }
+    }
+
+    fn stopped(&self, group: &Group) -> Error {
+        let stop = Stop::of(group, group.cause_joint.and_then(|joint| self.members.name_of(joint)));
+        Error::Stopped { group: self.members.name.clone(), stop: self.with_lateness(stop) }
+    }
+
+    /// Adds to the stop of this claim for `setpoint-timeout` how late it was.
+    fn with_lateness(&self, stop: Stop) -> Stop {
+        let measured = || self.sent.lateness(clock::now_ns(), self.members.timeout);
+        match stop {
+            Stop::Cause { cause: cause @ Cause::SetpointTimeout, joint, pid, .. } => {
+                Stop::Cause { cause, joint, pid, lateness: *self.lateness.get_or_init(measured) }
+            }
+            other => other,
+        }
     }
 
     /// Returns `true` if the daemon has accepted a setpoint of this claim sent after the one with

@@ -1,5 +1,6 @@
 //! Errors between a controller and the daemon, with a sentence that advises what to do.
 
+use crate::lateness::Lateness;
 use crate::state::Group;
 use motord_ports::permission::advice;
 use motord_ports::service::{self, Obstacle, Part};
@@ -174,8 +175,8 @@ pub enum Error {
     /// The [`Slot`](crate::Slot) belongs to another claim, whose joints may differ: query it again.
     #[error("the slot belongs to another claim: query it again after each claim")]
     OtherClaim,
-    /// The claim no longer owns its group: the owner sent no setpoint for too long, or another
-    /// process released the group. Claim again.
+    /// The claim no longer owns its group, and no stop that it caused is latched: the owner of a group
+    /// at rest sent nothing for a second, or another process released the group. Claim again.
     #[error(
         "group {group} no longer belongs to this claim: its owner sent no setpoint for too long, or another process \
          released it; claim it again"
@@ -454,6 +455,8 @@ pub enum Stop {
         joint: Option<String>,
         /// Id of the process that requested the stop, if any.
         pid: Option<u32>,
+        /// How late the caller was, if the cause is `setpoint-timeout` and the stop ended its claim.
+        lateness: Option<Lateness>,
     },
     /// The group was stopped for a cause that this client does not know.
     Unknown,
@@ -461,18 +464,27 @@ pub enum Stop {
 
 impl Stop {
     /// Returns the latched stop of `group`. `joint` is the name of the joint that caused it.
-    pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
+    #[must_use]
+    pub fn of(group: &Group, joint: Option<String>) -> Self {
         let pid = group.cause_pid;
-        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid })
+        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid, lateness: None })
     }
 }
+
+/// Advice for the owner of a group that was late.
+const CURE: &str = "A slow loop sends with a horizon, or needs a longer setpoint-timeout-ms in [safety]. Reset the group, then \
+                    claim and enable it again";
 
 impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Disabled => write!(f, "does not follow setpoints: enable it"),
             Self::Starting => write!(f, "does not follow setpoints yet: it is starting"),
-            Self::Cause { cause, joint, pid } => {
+            Self::Cause { cause, lateness: Some(late), .. } => {
+                let (sentence, advice) = (cause.sentence().trim_end_matches('.'), cause.advice());
+                write!(f, "was stopped: {sentence}: {late}. {advice}. {CURE}")
+            }
+            Self::Cause { cause, joint, pid, lateness: None } => {
                 let at = match (joint, pid) {
                     (Some(joint), _) => format!(" (joint {joint})"),
                     (None, Some(pid)) => format!(" (process {pid})"),

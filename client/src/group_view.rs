@@ -17,9 +17,9 @@ impl State {
     /// Returns the group of `claim` in this state. Does not allocate.
     ///
     /// # Errors
-    /// [`Error::Restarted`] when claim and state belong to different daemons; [`Error::ClaimLost`]
-    /// when the claim no longer owns the group; [`Error::NotUnderstood`] when the state lacks a
-    /// joint of the group.
+    /// [`Error::Restarted`] when claim and state belong to different daemons; [`Error::Stopped`] when a
+    /// stop of the active group ended the claim; [`Error::ClaimLost`] when another process did;
+    /// [`Error::NotUnderstood`] when the state lacks a joint of the group.
     pub fn of(&self, claim: &Claim) -> Result<GroupView<'_>, Error> {
         let members = Arc::clone(claim.members());
         if self.boot_id() != members.boot_id {
@@ -29,7 +29,7 @@ impl State {
         let group = self.group(members.index).filter(|_| has_all);
         let group = group.ok_or(Error::NotUnderstood { operation: Operation::Describe })?;
         if self.cycle() > members.since && group.lease != Some(members.lease) {
-            return Err(Error::ClaimLost { group: members.name.clone() });
+            return Err(claim.end(&group));
         }
         Ok(GroupView { state: self, members, group })
     }
@@ -57,10 +57,8 @@ impl GroupView<'_> {
     /// Returns the reason why the group was stopped; `None` when no cause is latched.
     #[must_use]
     pub fn stop(&self) -> Option<Stop> {
-        let name = |joint| {
-            Some(self.members.names[self.members.joints.iter().position(|&own| own == joint)?].clone())
-        };
-        self.group.latched.then(|| Stop::of(&self.group, self.group.cause_joint.and_then(name)))
+        let joint = || self.group.cause_joint.and_then(|joint| self.members.name_of(joint));
+        self.group.latched.then(|| Stop::of(&self.group, joint()))
     }
 
     /// Checks that the group follows setpoints.

@@ -12,7 +12,7 @@
 #![doc = include_str!("../examples/start.rs")]
 //! ```
 //!
-//! `client/examples/controller.rs` is a whole controller in less than 100 lines: copy it, and
+//! `client/examples/controller.rs` is a whole controller in about 100 lines: copy it, and
 //! insert your control law. It runs at 500 Hz and survives stops, faults, lost motors and restarts
 //! of the daemon. A signal ends it with the motors stopped.
 //! `cargo run -p motord-client --example controller -- --instance demo --group legs` moves the
@@ -34,11 +34,15 @@
 //!
 //! // Stiffness and damping pull towards a position and a velocity; a torque is added.
 //! claim.set("fl-knee", Setpoint::impedance(-1.5, 0.2, 40.0, 1.0, 0.0))?;
-//! claim.set("fl-hip", Setpoint::hold(leg.position("fl-hip")?, 40.0, 1.0))?;
+//! // The hip keeps the setpoint of `claim.hold`.
 //! claim.commit()?;
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! A joint holds a *fixed* position. A loop that sends the position which it has just measured sends
+//! no torque against a load: the joint gives way a little in each cycle, and a standing robot falls.
+//! Read the position once, before the loop, as [`Claim::hold`] does.
 //!
 //! A joint without a reply has no position: [`Joint::position`] is `None`, and
 //! [`GroupView::position`] an error. [`Claim::limits`] returns the limits of a joint.
@@ -100,10 +104,12 @@
 //!   works again, with the new [`Client::description`]. Claims are void: claim again. No joint
 //!   moves before its group is enabled.
 //! - The daemon stops the group, for an emergency stop, a fault or a lost motor:
-//!   [`GroupView::stop`] returns the cause, with the joint and advice. The claim stays valid. Leave
-//!   the reset to a person who has inspected the robot.
-//! - The daemon received no setpoint for too long, or another process released the group:
-//!   [`Error::ClaimLost`].
+//!   [`GroupView::stop`] returns the cause, with the joint and advice, and [`Claim::commit`] fails with
+//!   it. The claim stays valid. Leave the reset to a person who has inspected the robot.
+//! - The daemon received no setpoint for too long: it stops the group and ends the claim.
+//!   [`State::of`] and [`Claim::commit`] return [`Error::Stopped`] with the time without a setpoint and
+//!   the timeout.
+//! - Another process released the group: [`Error::ClaimLost`].
 //! - The process was forked from the one that connected: [`Error::Forked`].
 //!
 //! [`Error::is_transient`] separates the errors after which the same program may retry from those
@@ -152,6 +158,7 @@ mod group_view;
 mod imu;
 mod injection;
 mod joint;
+mod lateness;
 mod link;
 mod members;
 mod publisher;
@@ -169,6 +176,7 @@ pub use group_view::GroupView;
 pub use imu::Imu;
 pub use injection::{FaultError, inject_fault};
 pub use joint::{Faults, Joint, Limits};
+pub use lateness::Lateness;
 pub use members::{JointKey, Slot};
 pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_ports::running::{

@@ -60,6 +60,7 @@ pub struct Members {
     pub(crate) joints: Vec<usize>,
     pub(crate) names: Vec<String>,
     pub(crate) limits: Vec<JointLimits>,
+    pub(crate) timeout: Duration,
     pub(crate) horizon_max: Duration,
 }
 
@@ -77,6 +78,7 @@ impl Members {
             joints: group.joints.clone(),
             names: joints().map(|joint| joint.name.clone()).collect(),
             limits: joints().map(|joint| joint.limits).collect(),
+            timeout: robot.setpoint_timeout,
             horizon_max: robot.setpoint_horizon_max,
         }
     }
@@ -91,6 +93,12 @@ impl Members {
             Some(rejection) => Err(Error::BadSetpoint { joint: self.names[place].clone(), rejection }),
             None => Ok(setpoint),
         }
+    }
+
+    /// Returns the name of the joint with this index in the description, if it belongs to the group.
+    pub(crate) fn name_of(&self, joint: usize) -> Option<String> {
+        let place = self.joints.iter().position(|&own| own == joint)?;
+        self.names.get(place).cloned()
     }
 
     fn place(&self, name: &str) -> Result<usize, Error> {

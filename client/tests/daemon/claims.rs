@@ -2,7 +2,7 @@
 
 use super::fake_daemon::Running;
 use super::{PATIENCE, connect, place, until};
-use motord_client::{Cause, Error, Phase, Refusal, Setpoint, Stop};
+use motord_client::{Cause, Claim, Client, Error, Lateness, Phase, Refusal, Setpoint, Stop};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -71,7 +71,7 @@ fn stop_during_start_reports_cause_and_joint() {
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     claim.enable().unwrap();
     daemon.cause.store(Cause::MotorLost.code(), Ordering::Relaxed);
-    let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()), pid: None };
+    let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()), pid: None, lateness: None };
     let stopped = Error::Stopped { group: "leg".into(), stop: stop.clone() };
     client.wait(PATIENCE).unwrap();
     assert_eq!(claim.wait_for(Phase::Active, 4 * PATIENCE), Err(stopped.clone()));
@@ -83,6 +83,104 @@ fn stop_during_start_reports_cause_and_joint() {
          then reset the group"
     );
     claim.wait_for(Phase::Disarmed, PATIENCE).unwrap();
+}
+
+/// Claims the group, and starts it.
+fn active(client: &Client) -> Claim {
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    claim.enable().unwrap();
+    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    claim
+}
+
+/// The loop of a slow controller has its first state a period later.
+#[test]
+fn last_setpoints_of_start_get_longest_horizon() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = active(&client);
+    let horizons = || daemon.setpoints().iter().map(|message| message.horizon_ns).collect::<Vec<_>>();
+    let sent = until("the last setpoint", || Some(horizons()).filter(|all| all.last() == Some(&40_000_000)));
+    assert!(sent[..sent.len() - 1].iter().all(|horizon| *horizon == 0));
+    claim.commit().unwrap();
+    until("the own horizon", || horizons().last().filter(|horizon| **horizon == 0).copied());
+    let before = daemon.setpoints().len();
+    claim.keep_for(Duration::from_millis(1)).unwrap();
+    client.wait(PATIENCE).unwrap();
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(daemon.setpoints().len(), before, "the last one is young enough");
+    claim.keep_for(Duration::from_millis(45)).unwrap();
+    until("what 45 ms need", || horizons().last().filter(|horizon| **horizon == 25_000_000).copied());
+}
+
+#[test]
+fn late_owner_gets_stop_with_measured_gap() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = active(&client);
+    std::thread::sleep(Duration::from_millis(80));
+    daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
+    let error = until("the stop", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    let Error::Stopped { stop: Stop::Cause { cause, lateness: Some(late), .. }, .. } = error.clone() else {
+        panic!("{error}")
+    };
+    let [horizon, timeout] = [40, 20].map(Duration::from_millis);
+    assert_eq!((cause, late), (Cause::SetpointTimeout, Lateness { gap: late.gap, horizon, timeout }));
+    assert!(late.gap >= Duration::from_millis(80) && late.gap < PATIENCE, "{late:?}");
+    let text = error.to_string();
+    let gap = late.gap.as_nanos() as f64 / 1e6;
+    for part in
+        [&*format!("sent none for {gap:.1} ms"), "setpoint-timeout-ms is 20", "claim and enable it again"]
+    {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(!error.is_transient());
+    for _ in 0..3 {
+        assert_eq!(claim.send(&[Setpoint::damping(1.0); 2]), Err(error.clone()), "and from then on");
+    }
+}
+
+#[test]
+fn setpoints_after_a_stop_fail_until_reset() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = active(&client);
+    daemon.cause.store(Cause::EmergencyStop.code(), Ordering::Relaxed);
+    let error = until("the stop", || claim.commit().err());
+    assert!(matches!(error, Error::Stopped { stop: Stop::Cause { cause: Cause::EmergencyStop, .. }, .. }));
+    assert_eq!(claim.send(&[Setpoint::damping(1.0); 2]), Err(error));
+    let before = daemon.setpoints().len();
+    until("setpoints that keep the claim", || {
+        client.wait(PATIENCE).unwrap();
+        assert!(claim.commit().is_err());
+        (daemon.setpoints().len() > before).then_some(())
+    });
+    daemon.cause.store(0, Ordering::Relaxed);
+    until("the reset", || claim.commit().ok());
+    drop(claim);
+    // A new claim sends before a person has reset the group.
+    daemon.cause.store(Cause::EmergencyStop.code(), Ordering::Relaxed);
+    let mut claim = client.claim("leg").unwrap();
+    for _ in 0..5 {
+        client.wait(PATIENCE).unwrap();
+        claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    }
+}
+
+#[test]
+fn setpoints_of_a_removed_owner_fail() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let (client, other) = (connect(&place), connect(&place));
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    other.force_release("leg").unwrap();
+    let lost = until("the loss", || claim.commit().err());
+    assert_eq!(lost, Error::ClaimLost { group: "leg".into() });
 }
 
 #[test]

@@ -6,7 +6,7 @@ use motord_shared::description::{GroupDescription, JointDescription, RobotDescri
 use motord_shared::message::{
     AdminReply, GroupState, JOINT_VALID, JointState, SetpointMessage, StateMessage,
 };
-use motord_shared::{Lease, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{Cause, Lease, MotorMode, Operation, Phase, Refusal};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
@@ -65,7 +65,11 @@ impl FakeDaemon {
         self.ports.notify().unwrap();
     }
 
+    /// As the daemon, takes the group from an owner whose setpoints stayed away. The test decides when.
     fn advance_phase(&mut self) {
+        if self.cause.load(Ordering::Relaxed) == Cause::SetpointTimeout.code() {
+            self.owner = 0;
+        }
         self.phase = match self.phase {
             _ if self.cause.load(Ordering::Relaxed) != 0 => Phase::Disarmed,
             Phase::Starting if self.cycle.is_multiple_of(5) => Phase::Active,
@@ -146,6 +150,7 @@ impl FakeDaemon {
             pid: NO_PROCESS,
             boot_id: self.boot_id,
             rate_hz: self.rate_hz,
+            setpoint_timeout: Duration::from_millis(20),
             setpoint_horizon_max: Duration::from_millis(40),
             joints: vec![joint("hip"), joint("knee")],
             groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],

@@ -95,6 +95,7 @@ impl Objects {
             ("hold", claim.hold(state, 1.0, 1.0).err()),
             ("set_horizon", claim.set_horizon(Duration::ZERO).err()),
             ("commit", claim.commit().err()),
+            ("keep_for", claim.keep_for(PATIENCE).err()),
             ("send", claim.send(&[Setpoint::damping(1.0); 2]).err()),
             ("enable", claim.enable().err()),
             ("wait_for", claim.wait_for(Phase::Active, PATIENCE).err()),
@@ -136,6 +137,7 @@ fn forked_process_is_refused_and_changes_nothing() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let mut objects = Objects::of(&place);
+    until("the setpoint of the parent", || daemon.setpoints().first().map(drop));
     let (before, setpoints) = (files(place.path()), daemon.setpoints().len());
     // The child owns its copy of the objects.
     let copy = std::ptr::from_ref(&objects);

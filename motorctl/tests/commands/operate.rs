@@ -1,7 +1,7 @@
 //! The commands of an operator, against a running daemon with one simulated motor.
 
 use crate::robots::{started, text};
-use motord_client::{Client, Phase};
+use motord_client::{Client, Error, Phase};
 use motord_harness::daemon::{BENCH, Daemon};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -120,7 +120,8 @@ fn while_held(daemon: &Daemon, test: impl FnOnce()) {
             while !end.load(Ordering::Relaxed) {
                 let state = client.wait(Duration::from_secs(20)).unwrap();
                 claim.hold(&state, 5.0, 0.5).unwrap();
-                claim.commit().unwrap();
+                let sent = claim.commit();
+                assert!(matches!(sent, Ok(()) | Err(Error::Stopped { .. })), "{sent:?}");
                 held.store(true, Ordering::Relaxed);
             }
         });
