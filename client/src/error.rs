@@ -464,8 +464,7 @@ pub enum Stop {
 
 impl Stop {
     /// Returns the latched stop of `group`. `joint` is the name of the joint that caused it.
-    #[must_use]
-    pub fn of(group: &Group, joint: Option<String>) -> Self {
+    pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
         let pid = group.cause_pid;
         group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid, lateness: None })
     }

@@ -35,18 +35,27 @@ pub(crate) fn values(
     }
 }
 
-/// Reads position, velocity, stiffness, damping and torque of the joints. A stiffness needs a position.
+/// Reads position, velocity, stiffness, damping and torque of the joints. A stiffness needs a position. A position without a
+/// stiffness, or a position or velocity without a damping, gets that of `hold`: a joint without them would be limp.
 pub(crate) fn setpoints(
     given: [Option<&Bound<'_, PyAny>>; 5],
+    hold: (f64, f64),
     joints: &[impl AsRef<str>],
 ) -> PyResult<[Values; 5]> {
-    let [q, _, kp, ..] = given;
-    if q.is_none() && kp.is_some_and(|kp| !kp.is_none()) {
+    let given = given.map(|value| value.filter(|value| !value.is_none()));
+    let [q, dq, kp, kd, _] = given;
+    if q.is_none() && kp.is_some() {
         return Err(PyValueError::new_err("kp without q: a stiffness needs a position to follow"));
     }
     let mut read = [[0.0; JOINTS_MAX]; 5];
     for ((name, value), read) in ["q", "dq", "kp", "kd", "tau"].into_iter().zip(given).zip(&mut read) {
         *read = values(name, value, joints)?;
+    }
+    if q.is_some() && kp.is_none() {
+        read[2] = [hold.0 as f32; JOINTS_MAX];
+    }
+    if (q.is_some() || dq.is_some()) && kd.is_none() {
+        read[3] = [hold.1 as f32; JOINTS_MAX];
     }
     Ok(read)
 }
@@ -54,19 +63,24 @@ pub(crate) fn setpoints(
 /// Returns position, velocity, stiffness, damping and torque of the joints, as [`setpoints`] reads them.
 #[pyfunction]
 #[pyo3(name = "setpoints")]
+#[allow(clippy::too_many_arguments, reason = "they are named in Python")]
 pub(crate) fn checked_setpoints(
     q: Option<&Bound<'_, PyAny>>,
     dq: Option<&Bound<'_, PyAny>>,
     kp: Option<&Bound<'_, PyAny>>,
     kd: Option<&Bound<'_, PyAny>>,
     tau: Option<&Bound<'_, PyAny>>,
+    hold: (f64, f64),
     joints: Vec<String>,
 ) -> PyResult<Vec<Vec<f32>>> {
     let count = joints.len();
     if count > JOINTS_MAX {
         return Err(PyValueError::new_err(format!("{count} joints: at most {JOINTS_MAX}")));
     }
-    Ok(setpoints([q, dq, kp, kd, tau], &joints)?.iter().map(|values| values[..count].to_vec()).collect())
+    Ok(setpoints([q, dq, kp, kd, tau], hold, &joints)?
+        .iter()
+        .map(|values| values[..count].to_vec())
+        .collect())
 }
 
 /// Reads the position of each joint: a number, an array, or a mapping that names each joint.

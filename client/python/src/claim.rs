@@ -142,8 +142,11 @@ impl Claim {
         self.call(py, |client, claim| {
             claim.wait_for(Phase::Disarmed, CHANGE)?;
             claim.hold(&client.wait(PATIENCE)?, kp, kd)?;
-            claim.commit()?;
-            claim.enable()?;
+            match claim.commit() {
+                // The daemon refuses to enable it, and names the cause.
+                Ok(()) | Err(Error::Stopped { .. }) => claim.enable()?,
+                Err(error) => return Err(error),
+            }
             claim.wait_for(Phase::Active, CHANGE)
         })
     }
@@ -165,7 +168,8 @@ impl Claim {
     }
 
     /// Sends a setpoint for each joint. Each argument is a number for all of them, an array in the order of the claim, or a
-    /// mapping that names each. The daemon moves to the setpoints within `horizon`, s.
+    /// mapping that names each. A position or velocity without gains gets those of the last `enable`. The daemon moves to the
+    /// setpoints within `horizon`, s. Raises `Stopped` after a stop.
     #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None, horizon = 0.0))]
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
@@ -179,7 +183,8 @@ impl Claim {
     ) -> PyResult<()> {
         let count = self.order.joints.len();
         let horizon = duration("horizon", horizon)?;
-        let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], &self.order.names)?;
+        let hold = self.owned()?.hold;
+        let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], hold, &self.order.names)?;
         let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
         for (at, place) in self.places.iter().enumerate() {
             setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
@@ -219,7 +224,8 @@ impl Claim {
         Ok(())
     }
 
-    /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Raises `Stopped` when the group is stopped.
+    /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Keeps the last setpoints until the first one.
+    /// Raises `Stopped` when the group is stopped.
     #[pyo3(signature = (hz = None, *, timeout = 1.0))]
     fn cycles(slf: Bound<'_, Self>, hz: Option<f64>, timeout: f64) -> PyResult<Cycles> {
         let rate_hz = slf.get().client.description().rate_hz;
@@ -227,7 +233,14 @@ impl Claim {
             None => 1,
             Some(hz) => every(rate_hz, hz)?,
         };
-        Ok(Cycles { claim: slf.unbind(), every, timeout: duration("timeout", timeout)? })
+        let period = Duration::try_from_secs_f64(f64::from(every) / rate_hz).unwrap_or_default();
+        Ok(Cycles {
+            claim: slf.unbind(),
+            every,
+            period,
+            timeout: duration("timeout", timeout)?,
+            has_begun: false,
+        })
     }
 
     /// Waits for the next state, in the order of the claim.
@@ -289,7 +302,9 @@ pub(crate) fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
 pub(crate) struct Cycles {
     claim: Py<Claim>,
     every: u32,
+    period: Duration,
     timeout: Duration,
+    has_begun: bool,
 }
 
 #[pymethods]
@@ -298,10 +313,16 @@ impl Cycles {
         slf
     }
 
-    fn __next__(&self, py: Python<'_>) -> PyResult<State> {
+    fn __next__(&mut self, py: Python<'_>) -> PyResult<State> {
         let (every, timeout) = (self.every, self.timeout);
+        let is_first = !std::mem::replace(&mut self.has_begun, true);
+        // The first state is due within a period, and may be as late as another one.
+        let first = self.period.saturating_mul(2);
         let claim = self.claim.get();
         let state = claim.call(py, |client, claim| {
+            if is_first {
+                claim.keep_for(first)?;
+            }
             let state = client.wait_cycles(every, timeout)?;
             state.of(claim)?.must_be_active()?;
             Ok(state)

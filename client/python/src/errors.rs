@@ -1,6 +1,7 @@
 //! The exceptions.
 
-use motord_client::{Cause, Error as ClientError, Phase, Refusal, Stop};
+use crate::arrays::duration;
+use motord_client::{Cause, Error as ClientError, Lateness, Phase, Refusal, Stop};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyBaseException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -11,7 +12,7 @@ create_exception!(
     motord,
     Stopped,
     Error,
-    "The group is stopped: it needs a person and a reset. Attributes: cause, joint."
+    "The group is stopped: it needs a person and a reset. Attributes: cause, joint; gap and timeout of a late loop."
 );
 create_exception!(motord, Refused, Error, "The daemon refused a request. Attribute: reason.");
 create_exception!(motord, Restarted, Error, "Another daemon runs now: claim again.");
@@ -41,7 +42,12 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
     let text = error.to_string();
     match error {
         ClientError::Stopped { stop, .. } => {
-            with(PyErr::new::<Stopped, _>(text), &[("cause", cause_of(stop)), ("joint", joint_of(stop))])
+            let late = lateness_of(stop);
+            let [gap, timeout] = [late.map(|late| late.gap), late.map(|late| late.timeout)]
+                .map(|time| time.map(|time| time.as_secs_f64()));
+            let error = PyErr::new::<Stopped, _>(text);
+            let error = with(error, &[("cause", cause_of(stop)), ("joint", joint_of(stop))]);
+            with(error, &[("gap", gap), ("timeout", timeout)])
         }
         ClientError::Refused { refusal, .. } => {
             with(PyErr::new::<Refused, _>(text), &[("reason", Some(refusal.name().to_owned()))])
@@ -68,7 +74,8 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
     }
 }
 
-/// Returns the exception for a group in a phase in which it does not follow setpoints, by the names of phase and cause.
+/// Returns the exception for a group in a phase in which it does not follow setpoints, by the names of phase and cause. `late` is
+/// the time since the last message of its owner, the horizon of that message, and the setpoint timeout, s.
 #[pyfunction]
 pub(crate) fn stopped(
     py: Python<'_>,
@@ -76,14 +83,21 @@ pub(crate) fn stopped(
     phase: Option<&str>,
     cause: Option<&str>,
     joint: Option<String>,
-) -> Py<PyBaseException> {
+    late: (f64, f64, f64),
+) -> PyResult<Py<PyBaseException>> {
     let known = |name: &str| Cause::ALL.iter().find(|cause| cause.name() == name).copied();
+    let (gap, horizon, timeout) =
+        (duration("gap", late.0)?, duration("horizon", late.1)?, duration("timeout", late.2)?);
+    let is_late = cause == Some(Cause::SetpointTimeout.name()) && gap > horizon + timeout;
+    let lateness = is_late.then_some(Lateness { gap, horizon, timeout });
     let stop = match cause {
-        Some(name) => known(name).map_or(Stop::Unknown, |cause| Stop::Cause { cause, joint, pid: None }),
+        Some(name) => {
+            known(name).map_or(Stop::Unknown, |cause| Stop::Cause { cause, joint, pid: None, lateness })
+        }
         None if phase == Some(Phase::Starting.name()) => Stop::Starting,
         None => Stop::Disabled,
     };
-    raised(&ClientError::Stopped { group, stop }).into_value(py)
+    Ok(raised(&ClientError::Stopped { group, stop }).into_value(py))
 }
 
 /// Converts a refusal of a twin's cycle.
@@ -101,6 +115,13 @@ fn cause_of(stop: &Stop) -> Option<String> {
 fn joint_of(stop: &Stop) -> Option<String> {
     match stop {
         Stop::Cause { joint, .. } => joint.clone(),
+        _ => None,
+    }
+}
+
+fn lateness_of(stop: &Stop) -> Option<Lateness> {
+    match stop {
+        Stop::Cause { lateness, .. } => *lateness,
         _ => None,
     }
 }

@@ -167,6 +167,8 @@ impl Begun {
             let setpoints = setpoints.map(|((q, dq), [kp, kd])| Setpoint::impedance(*q, *dq, *kp, *kd, 0.0));
             claim.send(&setpoints.collect::<Vec<_>>())?;
             if is_at_goal {
+                // The caller may begin a slow loop.
+                claim.keep_for(Duration::MAX)?;
                 return Ok(true);
             }
         }

@@ -51,8 +51,15 @@ fn read_only<'py>(py: Python<'py>, values: impl Iterator<Item = f64>) -> Array<'
 }
 
 impl State {
-    fn group(&self) -> Option<Group> {
+    pub(crate) fn group(&self) -> Option<Group> {
         self.state.group(self.order.group?)
+    }
+
+    /// Name of the joint that gave the cause of the group's stop.
+    pub(crate) fn joint_of_stop(&self) -> Option<String> {
+        let joint = self.group()?.cause_joint?;
+        let at = self.order.joints.iter().position(|index| *index == joint)?;
+        self.order.names.get(at).cloned()
     }
 
     /// Now, ns of the clock of this state.
@@ -198,9 +205,7 @@ impl State {
     /// The joint that gave the cause of the group's stop; `None` without one, or for one of another claim.
     #[getter]
     fn stop_joint(&self) -> Option<String> {
-        let joint = self.group()?.cause_joint?;
-        let at = self.order.joints.iter().position(|index| *index == joint)?;
-        self.order.names.get(at).cloned()
+        self.joint_of_stop()
     }
 
     /// The IMUs, by name.

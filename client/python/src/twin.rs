@@ -198,7 +198,8 @@ impl Engine {
         Ok(State { state, order, clock: Clock::Virtual(self.clock.clone()) })
     }
 
-    /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values.
+    /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values, `hold` the gains of
+    /// positions and velocities without others. Raises `ClaimLost` once the group has another owner or none.
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
         &self,
@@ -210,10 +211,11 @@ impl Engine {
         kd: Option<&Bound<'_, PyAny>>,
         tau: Option<&Bound<'_, PyAny>>,
         horizon: f64,
+        hold: (f64, f64),
     ) -> PyResult<()> {
         let count = places.len();
         let names = self.names(group, &places)?;
-        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], &names)?;
+        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], hold, &names)?;
         let mut joints = [JointSetpoint::default(); JOINTS_MAX];
         for (at, place) in places.into_iter().enumerate() {
             let setpoint = JointSetpoint {
@@ -232,6 +234,11 @@ impl Engine {
             return Err(raised(&ClientError::HorizonTooLong { horizon, most }));
         }
         let mut twin = self.twin()?;
+        if !caught(|| twin.owns(group))? {
+            let group =
+                self.description.groups.get(group).map_or_else(String::new, |group| group.name.clone());
+            return Err(raised(&ClientError::ClaimLost { group }));
+        }
         caught(|| twin.send(group, &joints[..count], horizon))?.map_err(refused)
     }
 

@@ -1,13 +1,24 @@
-"""The Python code of docs/python.md and of README.md runs as it stands there."""
+"""Each program in Python of README.md and docs runs as it is printed: beside a daemon, and in the twin of a robot."""
 
 import re
 import signal
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import motord
+import motord.sim
 from conftest import TREE, Daemon
+from motord.sim import Mujoco, Twin
+from test_twin import Level
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ROBOT = TREE / "config" / "quadruped.toml"
+IMU = '\n[[imu]]\nname = "base"\ntype = "external"\n'
+SEEDS = range(20)
+"""As many as a period at 50 Hz has cycles: each is the phase at which a program begins."""
 
 
 def blocks(path: Path) -> list[str]:
@@ -16,6 +27,7 @@ def blocks(path: Path) -> list[str]:
 
 PAGE = blocks(TREE / "docs" / "python.md")
 README = blocks(TREE / "README.md")
+TWIN = blocks(TREE / "docs" / "twin.md")
 
 
 def run(daemon: Daemon, folder: Path, block: str) -> None:
@@ -53,5 +65,112 @@ def test_block_of_readme_holds_robot(daemon: Daemon, robot: motord.Robot, tmp_pa
         assert (legs.wait().phase, legs.wait().stop) == ("disarmed", None)
 
 
-def test_page_has_its_blocks() -> None:
+def test_pages_have_their_blocks() -> None:
     assert len(PAGE) == 4, "a controller, a recording, the metadata of a policy, a policy"
+    assert len(TWIN) == 3, "a twin, a plant, an environment"
+    pages = [page.name for page in (TREE / "docs").rglob("*.md") if blocks(page)]
+    assert sorted(pages) == ["python.md", "twin.md"], "the others have no program in Python"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The present folder, with the configuration of a robot. It has the default setpoint timeout."""
+    text = ROBOT.read_text()
+    assert "setpoint-timeout-ms = 20.0" in text
+    (tmp_path / "robot.toml").write_text(text + IMU)
+    (tmp_path / "robot.xml").write_text((EXAMPLES / "quadruped.xml").read_text())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def execute(block: str) -> dict[str, Any]:
+    names: dict[str, Any] = {"__name__": "__main__"}
+    exec(compile(block, "block.py", "exec"), names)
+    return names
+
+
+@pytest.fixture
+def twin_of(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int, str], Twin]:
+    """Returns the twin of a program, to which motord.connect leads: the one with this seed, after as many cycles."""
+
+    def build(seed: int, block: str) -> Twin:
+        twin = Twin("robot.toml", Level() if "imu" in block else None, seed=seed)
+        for _ in range(40 + seed):
+            twin.wait()
+        monkeypatch.setattr(motord, "connect", lambda instance: twin)
+        return twin
+
+    return build
+
+
+@pytest.mark.parametrize("at", [0, 3])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_controller_of_page_runs_in_twin(twin_of: Callable[[int, str], Twin], folder: Path, at: int, seed: int) -> None:
+    if "walk.onnx" in PAGE[at]:
+        pytest.importorskip("onnxruntime")
+        pytest.importorskip("onnx")
+        from policies import save
+
+        save(folder / "walk.onnx")
+    twin = twin_of(seed, PAGE[at])
+    execute(PAGE[at])
+    with twin.claim("legs") as legs:
+        state = legs.wait()
+    assert (state.phase, state.stop) == ("disarmed", None)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_policy_command_starts_in_twin(twin_of: Callable[[int, str], Twin], folder: Path, seed: int) -> None:
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    from motord.policy.__main__ import parse, run
+    from policies import save
+
+    twin = twin_of(seed, "imu")
+    policy = motord.Policy(save(folder / "walk.onnx"))
+    options = parse(["run", "walk.onnx", "--group", "legs", "--start-seconds", "0.5", "--seconds", "0"])
+    assert run(policy, twin, options) == 1  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_block_of_readme_holds_until_stop(twin_of: Callable[[int, str], Twin], seed: int) -> None:
+    twin = twin_of(seed, README[0])
+    end = twin.time + 2.0
+    twin.at(end, "fl-knee", "off")
+    with pytest.raises(motord.Stopped, match="A motor stopped answering .joint fl-knee.") as stopped:
+        execute(README[0])
+    assert (stopped.value.cause, stopped.value.joint) == ("motor-lost", "fl-knee") and twin.time > end
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_robot_of_page_stands(folder: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    pytest.importorskip("mujoco")
+    heights: list[float] = []
+
+    class Watched(Mujoco):
+        def step(self, torques: Any, seconds: float, q: Any, dq: Any) -> None:
+            super().step(torques, seconds, q, dq)
+            heights.append(float(self.data.body("trunk").xpos[2]))
+
+    class Seeded(Twin):
+        def __init__(self, *arguments: Any, **named: Any) -> None:
+            super().__init__(*arguments, **named | {"seed": seed})
+            for _ in range(seed):
+                self.wait()
+
+    monkeypatch.setattr(motord.sim, "Mujoco", Watched)
+    monkeypatch.setattr(motord.sim, "Twin", Seeded)
+    with pytest.raises(motord.Stopped) as stopped:
+        execute(TWIN[0])
+    assert (stopped.value.cause, stopped.value.joint) == ("motor-lost", "fl-knee")
+    first = heights[: round(2.0 / 250e-6)]
+    assert min(first) > 0.25 and max(first) < 0.35, (min(first), max(first))
+
+
+def test_other_blocks_of_twin_run(folder: Path) -> None:
+    pytest.importorskip("mujoco")
+    pytest.importorskip("gymnasium")
+    assert set(vars(motord.sim.Plant)) >= {"begin", "step", "imu"} <= set(vars(execute(TWIN[1])["Plant"]))
+    env = execute(TWIN[2])["env"]
+    env.reset(seed=1)
+    assert env.step(env.action_space.sample())[4] == {}

@@ -321,6 +321,42 @@ def test_removed_owner_has_lost_its_claim(daemon: Daemon, robot: motord.Robot) -
                 pass
 
 
+def test_late_loop_gets_stop_with_gap(robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable()
+        time.sleep(1.3)
+        with pytest.raises(motord.Stopped, match="setpoint-timeout-ms is 1000 after a horizon of 40 ms.* claim") as late:
+            next(legs.cycles())
+        assert (late.value.cause, late.value.timeout) == ("setpoint-timeout", 1.0)
+        assert late.value.gap is not None and 1.2 < late.value.gap < 60.0
+        for _ in range(3):
+            with pytest.raises(motord.Stopped) as again:
+                legs.send(q=0.0, kp=20.0, kd=0.5)
+            assert again.value.gap == late.value.gap
+
+
+def test_setpoints_after_a_stop_fail(robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable()
+        pose = legs.wait().q
+        robot.estop()
+        with pytest.raises(motord.Stopped) as stopped:
+            for _ in range(1000):
+                legs.send(q=pose)
+        assert (stopped.value.cause, stopped.value.gap) == ("emergency-stop", None)
+
+
+def test_position_without_gains_keeps_those_of_enable(robot: motord.Robot) -> None:
+    with robot.claim("legs") as legs:
+        legs.enable(hold=(30.0, 0.8))
+        pose = legs.wait().q
+        for _ in range(1500):
+            legs.send(q=pose)
+            state = legs.wait()
+        assert state.applied["kp"][0] == pytest.approx(30.0, rel=0.01)
+        assert state.applied["kd"][0] == pytest.approx(0.8, rel=0.02)
+
+
 def test_stop_names_motors_that_do_not_answer(daemon: Daemon, robot: motord.Robot) -> None:
     def stop_anew() -> None:
         motord.estop("demo", runtime=daemon.runtime)

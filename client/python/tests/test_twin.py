@@ -298,6 +298,100 @@ def test_silent_controller_is_stopped_and_reset_frees_group() -> None:
         assert abs(legs.wait().q - goal).max() < 0.05
 
 
+ROBOT = CONFIG.with_name("quadruped.toml")
+"""With the default setpoint timeout, 20 ms."""
+
+
+@pytest.mark.parametrize("before", ["enable", "move", "send", "wait"])
+def test_slow_loop_begins_at_each_phase(before: str) -> None:
+    for phase in range(20):
+        twin = Twin(ROBOT, seed=phase)
+        for _ in range(40 + phase):
+            twin.wait()
+        with twin.claim("legs") as legs:
+            legs.enable(hold=(40.0, 1.0))
+            goal = legs.state().q
+            if before == "move":
+                goal = goal - 0.05
+                legs.move_to(goal, 0.2)
+            if before == "send":
+                for _ in range(30):
+                    legs.send(q=goal)
+                    legs.wait()
+            if before == "wait":
+                for _ in range(10):
+                    legs.wait()
+            cycles = []
+            for state in legs.cycles(hz=50):
+                cycles.append(state.cycle)
+                legs.send(q=goal, kp=40.0, kd=1.0, horizon=0.025)
+                if len(cycles) == 10:
+                    break
+        assert all(cycle % 20 == 0 for cycle in cycles) and np.diff(cycles).tolist() == [20] * 9
+
+
+def test_late_loop_gets_stop_with_gap_and_cure() -> None:
+    twin = Twin(ROBOT, seed=3)
+    with twin.claim("legs") as legs:
+        legs.enable()
+        for state in legs.cycles():
+            legs.send(q=state.q, kp=20.0, kd=0.5)
+            if state.cycle % 100 == 0:
+                break
+        for _ in range(35):
+            legs.wait()
+        for _ in range(3):
+            with pytest.raises(motord.Stopped, match="none for 3[0-9].[0-9] ms, and setpoint-timeout-ms is 20. .* claim") as late:
+                legs.send(q=0.0, kp=20.0, kd=0.5)
+            assert late.value.cause == "setpoint-timeout" and late.value.timeout == 0.02
+            assert late.value.gap == pytest.approx(0.035, abs=2e-3)
+        with pytest.raises(motord.Stopped, match="sent none for"):
+            next(legs.cycles())
+        with pytest.raises(motord.Stopped):
+            legs.move_to(0.0, 1.0)
+        while legs.wait().phase != "disarmed":
+            pass
+        twin.reset("legs")
+        with pytest.raises(motord.ClaimLost, match="claim it again"):
+            legs.send(kd=1.0)
+    with twin.claim("legs") as legs:
+        legs.enable()
+        assert legs.wait().phase == "active"
+
+
+def test_setpoints_after_a_stop_fail_until_reset() -> None:
+    twin = Twin(CONFIG)
+    with twin.claim("legs") as legs:
+        legs.enable()
+        first = legs.wait()
+        twin.estop()
+        for _ in range(3):
+            with pytest.raises(motord.Stopped, match="An emergency stop was requested") as stopped:
+                legs.send(q=first.q, kp=20.0, kd=0.5)
+            legs.wait()
+        assert (stopped.value.cause, stopped.value.gap) == ("emergency-stop", None)
+
+
+def test_position_without_gains_keeps_those_of_enable() -> None:
+    twin = Twin(CONFIG)
+    with twin.claim("legs") as legs:
+        legs.enable(hold=(30.0, 0.8))
+        first = legs.wait()
+
+        def applied(**setpoint: Any) -> list[float]:
+            # Longer than the gains take to rise.
+            for _ in range(300):
+                legs.send(**setpoint)
+                state = legs.wait()
+            return [float(state.applied[gain][0]) for gain in ("kp", "kd")]
+
+        assert applied(q=first.q) == pytest.approx([30.0, 0.8], rel=0.01)
+        assert applied(q=first.q, kp=20.0) == pytest.approx([20.0, 0.8], rel=0.01)
+        assert applied(q=first.q, kp=20.0, kd=0.5) == pytest.approx([20.0, 0.5], rel=0.01)
+        assert applied(dq=0.0) == pytest.approx([0.0, 0.8], rel=0.01, abs=0.05)
+        assert applied(tau=0.0) == pytest.approx([0.0, 0.0], abs=0.01)
+
+
 def test_emergency_stop_latches() -> None:
     twin = Twin(CONFIG)
     with twin.claim("legs") as legs:

@@ -176,6 +176,12 @@ impl Twin {
         Ok(())
     }
 
+    /// Returns `true` if the newest states have the claim of this program as the owner of `group`.
+    pub fn owns(&mut self, group: usize) -> bool {
+        let Some(lease) = self.client.lease(group) else { return false };
+        self.client.state().groups.get(group).is_some_and(|state| state.lease == lease.raw())
+    }
+
     /// Sends a request as the owner of `group`, or as an operator without a lease, and runs cycles until it is answered.
     ///
     /// # Errors

@@ -4,8 +4,9 @@
 >>> robot = motord.connect("demo")
 >>> with robot.claim("legs") as legs:          # an exception damps, stops and releases the group
 ...     legs.enable(hold=(20.0, 0.5))          # kp N·m/rad, kd N·m·s/rad, where the joints are
-...     for state in legs.cycles(hz=500):
-...         legs.send(q=state.q, kp=20.0, kd=0.5)
+...     first = legs.wait()
+...     for state in legs.cycles(hz=500):      # a fixed pose: who sends what was measured gives way to each load
+...         legs.send(q=first.q, kp=20.0, kd=0.5)
 """
 
 from ._motord import (

@@ -15,10 +15,15 @@ class Error(RuntimeError):
     """A call failed. Its text says what to do."""
 
 class Stopped(Error):
-    """The group is stopped: it needs a person and a reset."""
+    """The group is stopped: it needs a person and a reset.
+
+    If this program sent no setpoint for longer than timeout, the setpoint timeout in s, gap is that time in s.
+    """
 
     cause: str | None
     joint: str | None
+    gap: float | None
+    timeout: float | None
 
 class Refused(Error):
     """The daemon refused a request."""
@@ -209,8 +214,11 @@ class Claim:
         """Sends a setpoint for each joint: rad, rad/s, N·m/rad, N·m·s/rad, N·m.
 
         Each argument is a number for all joints, an array in the order of the claim, or a mapping that names each joint, in any
-        order; the default is 0. The motor's torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does
-        not wait. Call it in every cycle.
+        order; the default is 0. Without kp, q has the stiffness of the last enable; without kd, q and dq have its damping. The
+        motor's torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does not wait. Call it in every
+        cycle.
+
+        Raises Stopped with each call after a stop of the group, until a reset, and ClaimLost.
 
         With a horizon, s, the daemon moves q, dq and tau linearly from the present command to these within that time after
         they were sent; the setpoint timeout begins at its end. For a controller slower than the cycle: a horizon of its
@@ -228,11 +236,13 @@ class Claim:
 
         pose is a number, an array, or a mapping that names each joint. The gains are those of enable unless given. Raises
         ValueError before it moves if a joint would leave its limits of position or velocity, and Stopped when the group is
-        not active or is stopped. Send the next setpoint before the timeout.
+        not active or is stopped. The pose is held for setpoint-horizon-max-ms and the setpoint timeout: send the next
+        setpoint before.
         """
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Cycles:
         """Waits for the cycles that are due at hz, or for all, and yields their states.
 
+        The last setpoints are kept until the first state of a slow loop, as far as setpoint-horizon-max-ms permits.
         Raises Stopped when the group is stopped, ClaimLost, Restarted, NotRunning or TimedOut. hz must be a whole part of
         the daemon's rate.
         """
@@ -327,7 +337,9 @@ def measure(claim: Claim, every: int, seconds: float) -> tuple[_Array, _Array, i
 def every(rate_hz: float, hz: float) -> int:
     """The number of cycles between two states at hz. ValueError when that is none."""
 
-def stopped(group: str, phase: str | None, cause: str | None, joint: str | None) -> Stopped:
+def stopped(
+    group: str, phase: str | None, cause: str | None, joint: str | None, late: tuple[float, float, float]
+) -> Stopped:
     """The exception for a group that does not follow setpoints, as a claim raises it."""
 
 def setpoints(
@@ -336,6 +348,7 @@ def setpoints(
     kp: _Values | None,
     kd: _Values | None,
     tau: _Values | None,
+    hold: tuple[float, float],
     joints: Sequence[str],
 ) -> list[list[float]]:
     """The values of a setpoint for joints of these names, checked as those of Claim.send: a row for each argument."""
@@ -387,8 +400,12 @@ class Engine:
         kd: _Values | None,
         tau: _Values | None,
         horizon: float,
+        hold: tuple[float, float],
     ) -> None:
-        """Sends a setpoint for each joint of a group; places are the places in the group of the values."""
+        """Sends a setpoint for each joint of a group; places are the places in the group of the values.
+
+        hold are the gains of positions and velocities without others. Raises ClaimLost.
+        """
     def ask(self, operation: str, group: int) -> None:
         """Sends a request, and runs cycles until it is answered."""
     def inject_at(self, at: float, verb: str) -> None:

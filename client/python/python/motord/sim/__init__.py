@@ -1,12 +1,13 @@
 """The robot on virtual time: motord's cycle, simulated drives and buses, and a physics engine.
 
 >>> from motord.sim import Mujoco, Twin
->>> twin = Twin("robot.toml", Mujoco("robot.xml"), compute_us=300, seed=1)
+>>> twin = Twin("robot.toml", Mujoco("robot.xml", key="stand"), compute_us=300, seed=1)
 >>> twin.at(2.0, "fl-knee", "off")
 >>> with twin.claim("legs") as legs:
-...     legs.enable(hold=(20.0, 0.5))
+...     legs.enable(hold=(100.0, 3.0))
+...     first = legs.wait()
 ...     for state in legs.cycles(hz=500):
-...         legs.send(q=state.q, kp=20.0, kd=0.5)
+...         legs.send(q=first.q, kp=100.0, kd=3.0)
 
 A twin has the methods of motord.connect. The same calls with the same seed give the same run.
 """

@@ -1,7 +1,7 @@
 """A Gymnasium environment of a twin: judge and fine-tune a policy against the cycle that will run it.
 
 >>> import gymnasium, motord.sim.env
->>> env = gymnasium.make("motord/Twin-v0", config="robot.toml", model="robot.xml", imu="imu")
+>>> env = gymnasium.make("motord/Twin-v0", config="robot.toml", model="robot.xml", imu="imu", key="stand")
 """
 
 from collections.abc import Callable
@@ -91,9 +91,9 @@ class TwinEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float64]]):
         """Sends the action and runs the cycles until the next one."""
         assert self._legs is not None, "reset the environment first"
         self._action = self._checked(action)
-        self._send()
         self._steps += 1
         try:
+            self._send()
             state = next(self._cycles)
         except Stopped as stopped:
             state = self._legs.wait()

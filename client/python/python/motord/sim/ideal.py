@@ -140,10 +140,11 @@ class IdealEngine:
             joint_age=np.zeros(len(joints)),
         )
 
-    def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float) -> None:
+    def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float,
+             hold: tuple[float, float]) -> None:  # fmt: skip
         joints = np.array(self._robot["groups"][group]["joints"])[places]
         names = [self._robot["joints"][joint]["name"] for joint in joints]
-        values = setpoints(q, dq, kp, kd, tau, names)
+        values = setpoints(q, dq, kp, kd, tau, hold, names)
         if self._joints.phases.get(group) == "active":
             for name, value in zip(("q", "dq", "kp", "kd", "tau"), values, strict=True):
                 getattr(self._joints.setpoints, name)[joints] = value

@@ -1,13 +1,26 @@
 """A robot on virtual time, with the methods of a connection."""
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from os import PathLike, fspath
 from typing import Any, Literal
 
 import numpy as np
 
-from .._motord import Engine, Motion, MotorsOffline, Refused, State, Stopped, TimedOut, describe, every, stopped
+from .._motord import (
+    ClaimLost,
+    Engine,
+    Motion,
+    MotorsOffline,
+    Refused,
+    State,
+    Stopped,
+    TimedOut,
+    describe,
+    every,
+    stopped,
+)
 from .plant import Array, Plant, Taken
 
 Values = float | Array | Mapping[str, float]
@@ -36,13 +49,15 @@ class Twin:
         self.description: dict[str, Any] = json.loads(description)
         self.physics: list[dict[str, Any]] = physics
         self.plant = plant
-        self.engine = self._built(config, None if plant is None else Taken(plant), compute_us * 1e-6, seed)
+        self.compute: float = compute_us * 1e-6
+        self.engine = self._built(config, None if plant is None else Taken(plant), self.compute, seed)
         self.instance: str = self.description["instance"]
         self.rate_hz: float = self.description["rate_hz"]
         self.joints: list[str] = [joint["name"] for joint in self.description["joints"]]
         self.groups: list[str] = [group["name"] for group in self.description["groups"]]
         self.imus: list[str] = [imu["name"] for imu in self.description["imus"]]
         self.setpoint_timeout: float = self.description["setpoint_timeout"]
+        self.setpoint_horizon_max: float = self.description["setpoint_horizon_max"]
 
     def _built(self, config: str | PathLike[str], plant: Plant | None, compute: float, seed: int) -> Any:
         if plant is None:
@@ -132,7 +147,10 @@ class TwinClaim:
         self._places = [known.index(name) for name in self.names]
         self._joints = [twin.joints.index(name) for name in self.names]
         self._hold = (20.0, 0.5)
-        self._released = False
+        self._released = self._follows = False
+        # The values of the last message, when it is sent, and its horizon, s.
+        self._last: tuple[Values | None, ...] = ()
+        self._sent = self._horizon = 0.0
         self._engine.ask("claim", self._index)
 
     def __len__(self) -> int:
@@ -149,10 +167,17 @@ class TwinClaim:
         return self.state()
 
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
-        """Runs cycles, and yields the states of those that are due at hz. Raises Stopped when the group is stopped."""
+        """Runs cycles, and yields the states of those that are due at hz. Raises Stopped when the group is stopped.
+
+        As on the robot, these are the cycles whose number is a multiple, and the last setpoints are kept until the first.
+        """
         due = 1 if hz is None else every(self._twin.rate_hz, hz)
+        return self._cycles(due)
+
+    def _cycles(self, due: int) -> Iterator[State]:
+        self._keep_for(2 * due / self._twin.rate_hz)
         while True:
-            self._engine.step(due)
+            self._engine.step(due - self.state().cycle % due)
             state = self.state()
             self._must_be_active(state)
             yield state
@@ -168,7 +193,24 @@ class TwinClaim:
         horizon: float = 0.0,
     ) -> None:
         """Sends a setpoint for each joint, as motord.Claim.send does."""
-        self._engine.send(self._index, self._places, q, dq, kp, kd, tau, horizon)
+        state = self.state()
+        if self._follows and state.stop is not None:
+            raise self._stopped(state)
+        self._transmit((q, dq, kp, kd, tau), horizon)
+
+    def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
+        self._engine.send(self._index, self._places, *values, horizon, self._hold)
+        # The caller may change its arrays.
+        self._last = tuple(value.copy() if isinstance(value, (np.ndarray, list, dict)) else value for value in values)
+        self._horizon = horizon
+        self._sent = self._twin.time + self._twin.compute
+
+    def _keep_for(self, seconds: float) -> None:
+        """Sends the last setpoints again if the group would be stopped for their age within this time."""
+        timeout = self._twin.setpoint_timeout
+        left = self._sent + self._horizon + timeout - self._twin.time
+        if self._follows and self._last and left < seconds and self.state().stop is None:
+            self._transmit(self._last, min(max(seconds - timeout, 0.0), self._twin.setpoint_horizon_max))
 
     def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
         """Starts the motors where they are, with the stiffness and damping of hold, and waits until they follow."""
@@ -183,7 +225,7 @@ class TwinClaim:
         here = state.q
 
         def follow() -> None:
-            self.send(q=here, kp=hold[0], kd=hold[1])
+            self._transmit((here, None, hold[0], hold[1], None), 0.0)
 
         for _ in range(CHANGE_CYCLES):
             follow()
@@ -191,6 +233,8 @@ class TwinClaim:
                 break
         self._engine.ask("enable", self._index)
         self._until("active", follow)
+        self._follows = True
+        self._keep_for(math.inf)
 
     def move_to(
         self,
@@ -216,6 +260,7 @@ class TwinClaim:
             self.send(q=np.array(q), dq=np.array(dq), kp=kp, kd=kd)
             state = self.wait()
             self._must_be_active(state)
+        self._keep_for(math.inf)
 
     def disable(self) -> None:
         """Damps and stops the motors."""
@@ -224,6 +269,7 @@ class TwinClaim:
     def reset(self) -> None:
         """Clears the latched cause of a stop."""
         self._engine.ask("reset", self._index)
+        self._follows = False
 
     def release(self) -> None:
         """Releases the group."""
@@ -241,7 +287,7 @@ class TwinClaim:
                     self.disable()
                 self._until("disarmed")
                 self.release()
-            except (Refused, Stopped, TimedOut):
+            except (ClaimLost, Refused, Stopped, TimedOut):
                 # The owner was stopped, which ends its ownership.
                 self._released = True
         return False
@@ -262,7 +308,12 @@ class TwinClaim:
 
     def _must_be(self, state: State, phases: tuple[str, ...]) -> None:
         if state.phase not in phases:
-            raise stopped(self.group, state.phase, state.stop, state.stop_joint)
+            raise self._stopped(state)
+
+    def _stopped(self, state: State) -> Stopped:
+        gap = max(self._twin.time - self._sent, 0.0)
+        late = (gap, self._horizon, self._twin.setpoint_timeout)
+        return stopped(self.group, state.phase, state.stop, state.stop_joint, late)
 
     def __repr__(self) -> str:
         return f"<motord.sim.TwinClaim of {self.group!r}: {len(self)} joints>"
