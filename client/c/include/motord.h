@@ -723,7 +723,8 @@ enum motord_status motord_set_horizon(struct motord_claim *claim,
                                       uint64_t horizon_ns);
 
 /**
- * Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed.
+ * Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed. `MOTORD_STATUS_STOPPED` with
+ * each call after a stop of the group, until a reset.
  *
  * # Safety
  * `claim` is a claim.
@@ -734,7 +735,9 @@ enum motord_status motord_commit(struct motord_claim *claim);
  * Stores and sends a setpoint for each joint of the group, in the order of the claim: position, rad; velocity, rad/s; stiffness,
  * N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
  * `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint. `MOTORD_STATUS_BAD_SETPOINT`: a value is not
- * finite, or a gain is negative; then nothing is stored or sent.
+ * finite, or a gain is negative; then nothing is stored or sent. `MOTORD_STATUS_BAD_ARGUMENT`: a position without stiffness or a
+ * velocity without damping, by which the joints would be limp. `MOTORD_STATUS_STOPPED` with each call after a stop of the group,
+ * until a reset.
  *
  * # Safety
  * `claim` is a claim; each array is null or leads to `count` numbers.
@@ -771,7 +774,8 @@ enum motord_status motord_send_f32(struct motord_claim *claim,
 enum motord_status motord_enable(struct motord_claim *claim);
 
 /**
- * Sleeps until the group is in a `motord_phase` or past it, at most `timeout_ns`, and repeats the last setpoints in each cycle.
+ * Sleeps until the group is in a `motord_phase` or past it, at most `timeout_ns`, and repeats the last setpoints in each cycle. Once
+ * the group is active, the daemon keeps them for `setpoint-horizon-max-ms` and the setpoint timeout: send the next ones before.
  *
  * # Safety
  * `claim` is a claim.

@@ -346,7 +346,7 @@ private:
 /// Damps and stops every motor of an instance, from any thread, over a connection of its own. Throws as Client::emergency_stop.
 inline void emergency_stop(const std::string &instance) { detail::check(motord_emergency_stop(instance.c_str())); }
 
-/// The setpoints of a group, in the order of its claim. A missing array is 0 for every joint.
+/// The setpoints of a group, in the order of its claim. A missing array is 0 for every joint; a position needs kp, a velocity kd.
 struct Setpoints {
     const double *position = nullptr; ///< rad
     const double *velocity = nullptr; ///< rad/s
@@ -386,12 +386,12 @@ public:
         return motord_set_horizon(get(), detail::nanoseconds(horizon));
     }
 
-    /// Sends the stored setpoints again.
+    /// Sends the stored setpoints again. Throws Stopped with each call after a stop of the group, until a reset.
     void commit() { detail::check(try_commit()); }
     /// As `commit`, with a status instead of exceptions.
     motord_status try_commit() noexcept { return motord_commit(get()); }
 
-    /// Sends a setpoint for each joint. Each array has `count` numbers. Does not wait.
+    /// Sends a setpoint for each joint. Each array has `count` numbers. Does not wait. Throws as `commit`.
     void send(const Setpoints &setpoints, std::size_t count) { detail::check(try_send(setpoints, count)); }
     /// As `send`, with a status instead of exceptions.
     motord_status try_send(const Setpoints &setpoints, std::size_t count) noexcept {
@@ -401,7 +401,8 @@ public:
     /// Starts the motors towards the last setpoints sent.
     void enable() { detail::check(motord_enable(get())); }
 
-    /// Sleeps until the group is in `phase` or past it.
+    /// Sleeps until the group is in `phase` or past it. Once it is active, the daemon keeps the last setpoints for
+    /// `setpoint-horizon-max-ms` and the setpoint timeout: send the next ones before.
     void wait_for(motord_phase phase, Nanoseconds timeout = std::chrono::seconds(5)) {
         detail::check(motord_wait_for(get(), phase, detail::nanoseconds(timeout)));
     }

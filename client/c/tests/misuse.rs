@@ -44,6 +44,23 @@ fn null_pointers_are_refused_by_name() {
     }
 }
 
+/// A joint with a position and no stiffness is limp.
+#[test]
+fn setpoints_that_move_nothing_are_refused() {
+    let values = [0.5];
+    let (given, null) = (values.as_ptr(), ptr::null());
+    // SAFETY: the arrays have one number, and null pointers are within the contract.
+    unsafe {
+        let of = |q, dq, kp, kd| motord_send(ptr::null_mut(), 1, q, dq, kp, kd, null);
+        assert_refused(of(given, null, null, null), "positions without kp");
+        assert_refused(of(given, null, null, given), "positions without kp");
+        assert_refused(of(null, given, null, null), "velocities without kd");
+        assert_refused(of(given, given, given, null), "velocities without kd");
+        assert_refused(of(given, null, given, null), "motord_claim is a null pointer");
+        assert_refused(of(null, null, null, null), "motord_claim is a null pointer");
+    }
+}
+
 #[test]
 fn null_publishers_and_descriptors_are_refused() {
     // SAFETY: null pointers are within the contract.

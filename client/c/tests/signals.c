@@ -57,12 +57,13 @@ static int failed(const char *what) {
 static int work(motord_claim *claim, motord_state *state, int until) {
     while (stops < until) {
         double values[64];
+        const double limp[64] = {0};
         motord_status status = motord_wait(client, 1000000000, state);
         if (status != MOTORD_STATUS_OK && status != MOTORD_STATUS_TIMEOUT) return failed("wait");
         size_t count = motord_claim_count(claim);
         if (motord_read(state, claim, MOTORD_QUANTITY_POSITION, count, values) != MOTORD_STATUS_OK) return failed("read");
         for (int turn = 0; turn < 50 && stops < until; ++turn) {
-            if (motord_send(claim, count, values, NULL, NULL, NULL, NULL) != MOTORD_STATUS_OK) return failed("send");
+            if (motord_send(claim, count, values, NULL, limp, NULL, NULL) != MOTORD_STATUS_OK) return failed("send");
             void *memory = malloc(16u << turn % 10);
             memset(memory, turn, 16);
             free(memory);

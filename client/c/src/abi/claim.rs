@@ -4,7 +4,7 @@ use crate::arrays::{Number, Setpoints, check_count, numbered};
 use crate::handle::{
     ClaimHandle, ClientHandle, StateHandle, array, array_mut, borrow, guarded, guarded_or, put_new, text,
 };
-use crate::status::Status;
+use crate::status::{Failure, Status};
 use motord_client::Phase;
 use std::ffi::c_char;
 use std::sync::Mutex;
@@ -119,7 +119,8 @@ pub unsafe extern "C" fn motord_set_horizon(claim: *mut ClaimHandle, horizon_ns:
     })
 }
 
-/// Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed.
+/// Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed. `MOTORD_STATUS_STOPPED` with
+/// each call after a stop of the group, until a reset.
 ///
 /// # Safety
 /// `claim` is a claim.
@@ -134,7 +135,9 @@ pub unsafe extern "C" fn motord_commit(claim: *mut ClaimHandle) -> Status {
 /// Stores and sends a setpoint for each joint of the group, in the order of the claim: position, rad; velocity, rad/s; stiffness,
 /// N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
 /// `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint. `MOTORD_STATUS_BAD_SETPOINT`: a value is not
-/// finite, or a gain is negative; then nothing is stored or sent.
+/// finite, or a gain is negative; then nothing is stored or sent. `MOTORD_STATUS_BAD_ARGUMENT`: a position without stiffness or a
+/// velocity without damping, by which the joints would be limp. `MOTORD_STATUS_STOPPED` with each call after a stop of the group,
+/// until a reset.
 ///
 /// # Safety
 /// `claim` is a claim; each array is null or leads to `count` numbers.
@@ -183,7 +186,8 @@ pub unsafe extern "C" fn motord_enable(claim: *mut ClaimHandle) -> Status {
     })
 }
 
-/// Sleeps until the group is in a `motord_phase` or past it, at most `timeout_ns`, and repeats the last setpoints in each cycle.
+/// Sleeps until the group is in a `motord_phase` or past it, at most `timeout_ns`, and repeats the last setpoints in each cycle. Once
+/// the group is active, the daemon keeps them for `setpoint-horizon-max-ms` and the setpoint timeout: send the next ones before.
 ///
 /// # Safety
 /// `claim` is a claim.
@@ -225,6 +229,17 @@ pub unsafe extern "C" fn motord_reset(claim: *mut ClaimHandle) -> Status {
 /// As `motord_send`.
 unsafe fn send<N: Number>(claim: *mut ClaimHandle, count: usize, arrays: [*const N; 5]) -> Status {
     guarded(|| {
+        let [position, velocity, kp, kd, _] = arrays.map(|array| !array.is_null());
+        if position && !kp {
+            return Err(Failure::bad_argument(
+                "positions without kp: give a stiffness, or the joints are limp",
+            ));
+        }
+        if velocity && !kd {
+            return Err(Failure::bad_argument(
+                "velocities without kd: give a damping, or they have no effect",
+            ));
+        }
         // SAFETY: by the contract of this function.
         let claim = unsafe { borrow(claim) }?;
         let mut values = [None; 5];
