@@ -1,5 +1,7 @@
-//! The time between the messages of a claim, and how late one was.
+//! Why a group does not follow setpoints, and how late its owner was.
 
+use crate::state::Group;
+use motord_shared::Cause;
 use std::fmt;
 use std::time::Duration;
 
@@ -20,6 +22,65 @@ impl fmt::Display for Lateness {
             [self.gap, self.horizon, self.timeout].map(|time| time.as_nanos() as f64 / 1e6);
         write!(f, "this program sent none for {gap:.1} ms, and setpoint-timeout-ms is {timeout}")?;
         if self.horizon.is_zero() { Ok(()) } else { write!(f, " after a horizon of {horizon} ms") }
+    }
+}
+
+/// The reason why a group does not follow setpoints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Stop {
+    /// No cause is latched: the group was not enabled since its last stop.
+    Disabled,
+    /// The group is enabled, and still starting.
+    Starting,
+    /// The group was stopped, and the cause is latched until a reset.
+    Cause {
+        /// The cause.
+        cause: Cause,
+        /// The joint that caused the stop, if any.
+        joint: Option<String>,
+        /// Id of the process that requested the stop, if any.
+        pid: Option<u32>,
+        /// How late the caller was, if the cause is `setpoint-timeout` and the stop ended its claim.
+        lateness: Option<Lateness>,
+    },
+    /// The group was stopped for a cause that this client does not know.
+    Unknown,
+}
+
+impl Stop {
+    /// Returns the latched stop of `group`. `joint` is the name of the joint that caused it.
+    pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
+        let pid = group.cause_pid;
+        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid, lateness: None })
+    }
+}
+
+/// Advice for the owner of a group that was late.
+const CURE: &str = "A slow loop sends with a horizon, or needs a longer setpoint-timeout-ms in [safety]. Reset the group, then \
+                    claim and enable it again";
+
+impl fmt::Display for Stop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Disabled => write!(f, "does not follow setpoints: enable it"),
+            Self::Starting => write!(f, "does not follow setpoints yet: it is starting"),
+            Self::Cause { cause, lateness: Some(late), .. } => {
+                let (sentence, advice) = (cause.sentence().trim_end_matches('.'), cause.advice());
+                write!(f, "was stopped: {sentence}: {late}. {advice}. {CURE}")
+            }
+            Self::Cause { cause, joint, pid, lateness: None } => {
+                let at = match (joint, pid) {
+                    (Some(joint), _) => format!(" (joint {joint})"),
+                    (None, Some(pid)) => format!(" (process {pid})"),
+                    (None, None) => String::new(),
+                };
+                let sentence = cause.sentence().trim_end_matches('.');
+                write!(f, "was stopped: {sentence}{at}. {}, then reset the group", cause.advice())
+            }
+            Self::Unknown => {
+                write!(f, "was stopped for a cause that this program does not know: see `motorctl status`")
+            }
+        }
     }
 }
 
