@@ -24,6 +24,8 @@ mod instances;
 mod joint_report;
 mod monitor;
 mod operate;
+mod outcome;
+mod refusal;
 mod report;
 mod say;
 mod sim;
@@ -38,7 +40,7 @@ use motord_doctor as doctor;
 use motord_frame as frame;
 use motord_latency as latency;
 use motord_record as recorder;
-use motord_terminal::{Pages, printable};
+use motord_terminal::Pages;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -351,35 +353,9 @@ enum FaultCommand {
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
-        Err(error) => {
-            // Help and version also arrive here, and go to standard output. A closed pipe is not an
-            // error.
-            let _ = error.print();
-            if error.use_stderr() && std::env::args().skip(1).any(|word| means_emergency_stop(&word)) {
-                eprintln!("motorctl: NOTHING WAS STOPPED: type `motorctl estop`");
-            }
-            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
-        }
+        Err(error) => return refusal::exit(&error),
     };
-    match run(&arguments.instance, arguments.command) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
-        Err(failure) if failure.is_printed() => ExitCode::from(failure.status()),
-        Err(failure) => {
-            eprintln!("motorctl: {}", printable(&failure.to_string()));
-            let verb = if matches!(failure, Failure::NotStopped(_)) { "estop" } else { "status" };
-            if let Some(others) = failure.is_not_running().then(|| instances::instead(verb)).flatten() {
-                eprintln!("motorctl: {}", printable(&others.to_string()));
-            }
-            ExitCode::from(failure.status())
-        }
-    }
-}
-
-/// Returns whether a word of a command line that is refused was meant to stop the robot.
-fn means_emergency_stop(word: &str) -> bool {
-    let letters: String = word.chars().filter(char::is_ascii_alphabetic).collect();
-    matches!(letters.to_ascii_lowercase().as_str(), "stop" | "estop" | "emergencystop" | "halt" | "stopp")
+    outcome::exit_status_of(run(&arguments.instance, arguments.command))
 }
 
 fn run(instance: &str, command: Command) -> Result<(), Failure> {

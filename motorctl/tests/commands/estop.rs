@@ -374,3 +374,17 @@ fn root_stops_daemon_of_its_user() {
     assert!(output.status.success(), "{output:?}");
     assert_eq!(text(&output.stdout).matches("confirmed: every motor").count(), 3, "{output:?}");
 }
+
+/// Goal: an instance whose name no shell can print keeps no robot moving: it is taken for the default name, which means any daemon.
+#[test]
+fn instance_that_is_not_utf8_stops_default() {
+    let script = "start here/own robot; export MOTORD_RUNTIME_DIR=$PWD/here/own\n\
+        for stop in 'motorctl estop' \"motorctl --instance $'caf\\xe9' estop\"; do\n\
+            (export MOTORD_INSTANCE=$'caf\\xe9'; eval \"$stop\") || exit 98\n\
+            is_stopped here/own robot || exit 97\n\
+            motorctl reset --wait >/dev/null || exit 96\n\
+        done";
+    let Some(output) = alone(script) else { return };
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(text(&output.stderr).matches("\"caf\\xE9\" is not UTF-8").count(), 2, "{output:?}");
+}

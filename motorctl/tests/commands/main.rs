@@ -18,6 +18,7 @@ mod hold;
 mod identify;
 mod imu;
 mod monitor;
+mod not_utf8;
 mod operate;
 mod pages;
 mod programs;
