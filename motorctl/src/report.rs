@@ -7,7 +7,7 @@ use motord_client::{
     Bus, BusCondition, Cause, FirstStop, Group, Indicator, JointDescription, Lease, MotorMode, Phase,
     Process, Rejection, RobotDescription, State, Telemetry,
 };
-use motord_terminal::{Cell, Colour, Palette, Table, printable};
+use motord_terminal::{Cell, Colour, Palette, Table, printable, printable_line};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -147,10 +147,8 @@ pub(crate) struct ProcessReport {
 impl fmt::Display for ProcessReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "pid {}", self.pid)?;
-        // A process chooses its own name: replace control characters.
-        let of_a_name = |letter: char| if letter.is_control() { '?' } else { letter };
-        let program = self.program.iter().map(|program| program.chars().map(of_a_name).collect::<String>());
-        program.into_iter().try_for_each(|program| write!(f, ", {program}"))
+        // A process chooses its own name.
+        self.program.iter().try_for_each(|program| write!(f, ", {}", printable_line(program)))
     }
 }
 

@@ -1,8 +1,8 @@
 //! Reads files that any user may have replaced: FIFOs, devices, huge files.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, Read};
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
+use motord_untrusted::{InputError, InputFile};
+use std::io;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use super::problem::Wrong;
@@ -12,34 +12,22 @@ const FILE_BYTES_MAX: u64 = 1024 * 1024;
 
 /// Returns the bytes of a regular file of bounded size that not every user may write.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, Wrong> {
-    // Without O_NONBLOCK the open would wait for a writer if this is a FIFO.
-    let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NONBLOCK).open(path)?;
-    admit(&file)?;
-    let mut bytes = Vec::new();
-    file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(Wrong::TooLarge { bytes_max: FILE_BYTES_MAX });
-    }
-    Ok(bytes)
-}
-
-/// Checks the opened file, not its path: the path may lead to another file a moment later.
-fn admit(file: &File) -> Result<(), Wrong> {
-    let metadata = file.metadata()?;
-    let kind = metadata.file_type();
-    if kind.is_dir() {
-        return Err(Wrong::NotRegular("a directory"));
-    }
-    if kind.is_fifo() {
-        return Err(Wrong::NotRegular("a FIFO"));
-    }
-    if !kind.is_file() {
-        return Err(Wrong::NotRegular("a device or socket"));
-    }
-    if metadata.permissions().mode() & 0o002 != 0 {
+    let file = InputFile::open(path)?;
+    if file.metadata().permissions().mode() & 0o002 != 0 {
         return Err(Wrong::WorldWritable);
     }
-    Ok(())
+    Ok(file.read(FILE_BYTES_MAX)?)
+}
+
+impl From<InputError> for Wrong {
+    fn from(error: InputError) -> Self {
+        match error {
+            InputError::System(error) => Self::Unreadable(error),
+            InputError::NotRegular(kind) => Self::NotRegular(kind),
+            InputError::TooLarge { bytes_max } => Self::TooLarge { bytes_max },
+            InputError::NotUtf8 => Self::NotUtf8,
+        }
+    }
 }
 
 impl From<io::Error> for Wrong {

@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 
 use motord_shared::limits::NAME_BYTES_MAX;
+use motord_untrusted::printable_line;
 
 use super::units::{Shown, short};
 
@@ -424,8 +425,7 @@ impl Wrong {
     }
 }
 
-/// Escapes control characters: a problem is one line, and a file must not control the terminal.
+/// Escapes characters that a terminal obeys or hides: a problem is one line, and a file must not control the terminal.
 pub(super) fn plain(text: &str) -> String {
-    let escape = |c: char| if c.is_control() { c.escape_default().collect() } else { String::from(c) };
-    text.chars().map(escape).collect()
+    printable_line(text).into_owned()
 }

@@ -11,6 +11,8 @@
 //! output, which can block for ever and panics when it is closed; it writes nothing about dropped lines; and it panics when
 //! there can be no more threads.
 
+use motord_terminal::printable;
+use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::os::unix::fs::MetadataExt;
 use std::sync::Arc;
@@ -42,6 +44,8 @@ pub struct Log {
     dropped: Arc<AtomicU64>,
     /// Lines begin with their priority.
     for_journal: bool,
+    /// Lines have the colours of a terminal.
+    is_coloured: bool,
 }
 
 /// Writes lines of one level.
@@ -57,10 +61,10 @@ impl Log {
     ///
     /// The error of the system when it refuses a thread.
     pub fn to_stderr() -> io::Result<Self> {
-        Self::to(io::stderr(), is_read_by_journal())
+        Self::to(io::stderr(), is_read_by_journal(), io::stderr().is_terminal())
     }
 
-    fn to(out: impl Write + Send + 'static, for_journal: bool) -> io::Result<Self> {
+    fn to(out: impl Write + Send + 'static, for_journal: bool, is_coloured: bool) -> io::Result<Self> {
         let (messages, received) = sync_channel(LINES_MAX);
         let dropped = Arc::new(AtomicU64::new(0));
         let counted = Arc::clone(&dropped);
@@ -68,7 +72,7 @@ impl Log {
             .name("motord-log".into())
             .stack_size(STACK_BYTES)
             .spawn(move || write(out, &received, &counted))?;
-        Ok(Self { messages, dropped, for_journal })
+        Ok(Self { messages, dropped, for_journal, is_coloured })
     }
 
     /// Takes the lines of `tracing` from now on, those of `most` and more important ones.
@@ -76,7 +80,7 @@ impl Log {
         let lines = tracing_subscriber::fmt()
             .with_writer(self.clone())
             .with_max_level(most)
-            .with_ansi(std::io::stderr().is_terminal())
+            .with_ansi(self.is_coloured)
             .with_target(false)
             // A closed log must not end a thread.
             .log_internal_errors(false);
@@ -101,9 +105,11 @@ impl Log {
         self.push(Level::ERROR, format!("{text}\n").as_bytes());
     }
 
-    /// Queues the lines of `text`.
+    /// Queues the lines of `text`, without characters that a terminal obeys or hides.
     fn push(&self, level: Level, text: &[u8]) {
-        let text = if self.for_journal { with_priority(level, text) } else { text.to_vec() };
+        let text = String::from_utf8_lossy(text);
+        let text = if self.is_coloured { except_colours(&text) } else { printable(&text).into_owned() };
+        let text = if self.for_journal { with_priority(level, text.as_bytes()) } else { text.into_bytes() };
         if self.messages.try_send(Message::Line(text)).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -150,6 +156,18 @@ fn is_read_by_journal() -> bool {
     stream.is_some() && stream == named
 }
 
+/// Spells out what [`printable`] does, without the escapes of colours. `tracing_subscriber` has spelled out the escapes
+/// in the values.
+fn except_colours(text: &str) -> String {
+    const ESCAPE: char = '\u{1b}';
+    text.split_inclusive(ESCAPE)
+        .flat_map(|part| match part.strip_suffix(ESCAPE) {
+            Some(part) => [printable(part), Cow::Borrowed("\u{1b}")],
+            None => [printable(part), Cow::Borrowed("")],
+        })
+        .collect()
+}
+
 /// Each line with the priority of `level`, of `syslog(3)`.
 fn with_priority(level: Level, text: &[u8]) -> Vec<u8> {
     let priority = match level {
@@ -191,7 +209,7 @@ mod tests {
     #[test]
     fn unread_log_blocks_no_thread_and_counts_drops() {
         let (reader, writer) = UnixStream::pair().unwrap();
-        let log = Log::to(writer, false).unwrap();
+        let log = Log::to(writer, false, false).unwrap();
         for line in 0..100_000 {
             log.error(&format!("line {line}"));
         }
@@ -205,11 +223,26 @@ mod tests {
     #[test]
     fn lines_before_the_end_are_written() {
         let (reader, writer) = UnixStream::pair().unwrap();
-        let log = Log::to(writer, false).unwrap();
+        let log = Log::to(writer, false, false).unwrap();
         log.error("the motors are stopped");
         log.finish();
         reader.set_nonblocking(true).unwrap();
         assert_eq!(BufReader::new(reader).lines().next().unwrap().unwrap(), "the motors are stopped");
+    }
+
+    #[test]
+    fn log_neither_reorders_nor_hides_text() {
+        for is_coloured in [false, true] {
+            let (reader, writer) = UnixStream::pair().unwrap();
+            let log = Log::to(writer, false, is_coloured).unwrap();
+            log.error("\u{1b}[31mERROR\u{1b}[0m knee\u{202e}\u{7f}\u{200b}\nend");
+            log.finish();
+            reader.set_nonblocking(true).unwrap();
+            let lines: Vec<String> = BufReader::new(reader).lines().map_while(Result::ok).collect();
+            let escape = if is_coloured { "\u{1b}" } else { "\\u{1b}" };
+            let expected = format!("{escape}[31mERROR{escape}[0m knee\\u{{202e}}\\u{{7f}}\\u{{200b}}");
+            assert_eq!(lines, [expected.as_str(), "end"]);
+        }
     }
 
     #[test]

@@ -2,11 +2,15 @@
 
 use crate::failure::DirectFailure;
 use motord_commissioning::{Change, Confirmation, Event};
+use motord_terminal::{InputError, InputFile};
 use serde_json::{Value as Json, json};
 use std::fs::{File, OpenOptions};
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Largest journal, bytes: tens of thousands of applications.
+const BYTES_MAX: u64 = 64 << 20;
 
 /// One JSON object per line: `begin`; `writing`, `refreshing` and `written` of each item; `end`.
 /// Lines are appended.
@@ -30,7 +34,10 @@ impl Journal {
             Path::to_owned,
         );
         let failed = |source| DirectFailure::File { path: path.clone(), source };
-        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let text = match InputFile::open(&path).and_then(|file| file.read_text(BYTES_MAX)) {
+            Err(InputError::System(error)) if error.kind() == io::ErrorKind::NotFound => String::new(),
+            text => text.map_err(io::Error::from).map_err(failed)?,
+        };
         let last = text
             .lines()
             .last()
@@ -99,6 +106,14 @@ impl Journal {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn path_that_is_no_journal_is_refused() {
+        for path in ["/dev/zero", "/dev/null", "/tmp"] {
+            let refused = Journal::open(Path::new("x"), Some(Path::new(path))).map(|_| ()).unwrap_err();
+            assert!(refused.to_string().contains("name a regular file"), "{path}: {refused}");
+        }
+    }
 
     #[test]
     fn line_without_its_end_is_completed_first() {

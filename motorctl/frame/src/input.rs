@@ -9,7 +9,7 @@ use crate::output::{ObjectWriter, Place};
 use crate::rejected::Rejected;
 use crate::robot::LoggedRobot;
 use motord_bus::{Content, Frame, Unsupported};
-use motord_terminal::open_regular;
+use motord_terminal::InputFile;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
@@ -48,8 +48,8 @@ impl Decoder<'_> {
         match decoded {
             Err((_, Rejected::LogLine(_) | Rejected::Hex { .. })) if Path::new(argument).exists() => {
                 let named = |error: io::Error| io::Error::new(error.kind(), format!("{argument}: {error}"));
-                let file = open_regular(Path::new(argument)).map_err(named)?;
-                self.input(Some(argument), BufReader::new(file)).map_err(named)
+                let file = InputFile::open(Path::new(argument)).map_err(|error| named(error.into()))?;
+                self.input(Some(argument), BufReader::new(file.into_file())).map_err(named)
             }
             decoded => self.print(None, None, decoded),
         }

@@ -6,8 +6,7 @@ use crate::hlog;
 use crate::snapshot::{Histograms, percentiles};
 use crate::table;
 use hdrhistogram::Histogram;
-use motord_terminal::{Table, open_regular};
-use std::io::{self, Read};
+use motord_terminal::{InputFile, Table};
 use std::path::Path;
 
 /// Largest file: a day of twelve motors with intervals of 1 s.
@@ -41,8 +40,9 @@ impl Run {
 
     /// Reads a file: percentiles if its name ends with `.hgrm`, otherwise an interval log.
     pub(crate) fn read(path: &Path) -> Result<Self, LatencyFailure> {
-        let bytes =
-            bytes(path).map_err(|error| LatencyFailure::Unreadable { path: path.to_owned(), error })?;
+        let bytes = InputFile::open(path).and_then(|file| file.read(FILE_BYTES_MAX));
+        let bytes = bytes
+            .map_err(|error| LatencyFailure::Unreadable { path: path.to_owned(), error: error.into() })?;
         let malformed = |kind| move |wrong| LatencyFailure::Malformed { path: path.to_owned(), kind, wrong };
         let latencies = if path.extension().is_some_and(|end| end == "hgrm") {
             let points =
@@ -85,16 +85,6 @@ impl Run {
             Latencies::Percentiles(points) => table::points(points),
         }
     }
-}
-
-fn bytes(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut file = open_regular(path)?.take(FILE_BYTES_MAX + 1);
-    file.read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "it is larger than 4 GiB"));
-    }
-    Ok(bytes)
 }
 
 fn points(values: &Histogram<u64>) -> Vec<Point> {

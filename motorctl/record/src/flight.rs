@@ -163,12 +163,14 @@ impl Files {
                 Ok((path, cycles)) => {
                     eprintln!("motorctl: {}: {cycles} cycles", printable(&path.display().to_string()));
                 }
-                Err(error) => eprintln!("motorctl: {why} is not written: {error}"),
+                Err(error) => {
+                    eprintln!("motorctl: {why} is not written: {}", printable(&error.to_string()));
+                }
             }
         });
         match thread {
             Ok(thread) => self.under_way = Some(thread),
-            Err(error) => eprintln!("motorctl: a stop is not written: {error}"),
+            Err(error) => eprintln!("motorctl: a stop is not written: {}", printable(&error.to_string())),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use crate::demo::error::DemoError;
 use motord_client::DEFAULT_INSTANCE;
+use motord_terminal::InputFile;
 use serde::Deserialize;
 use std::fs::{self, File};
 use std::io;
@@ -12,6 +13,8 @@ use tempfile::TempDir;
 const CONFIG: &str = "config/quadruped-simulated.toml";
 /// The same, for an installed motorctl.
 const BUILT_IN_CONFIG: &str = include_str!("../../../config/quadruped-simulated.toml");
+/// Largest configuration, bytes: that of the daemon.
+const CONFIG_BYTES_MAX: u64 = 1 << 20;
 /// Lines of a log that are shown when its process failed.
 const LOG_END_LINES: usize = 20;
 
@@ -53,7 +56,8 @@ impl WorkDirectory {
                 copy
             }
         };
-        let text = fs::read_to_string(&config).map_err(DemoError::system("read the configuration"))?;
+        let text = InputFile::open(&config).and_then(|file| file.read_text(CONFIG_BYTES_MAX));
+        let text = text.map_err(|error| DemoError::system("read the configuration")(error.into()))?;
         let head: Head = toml::from_str(&text).unwrap_or_default();
         let instance = head.daemon.instance.unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
         Ok(Self { directory, config, instance })

@@ -2,9 +2,12 @@
 
 use crate::identify::failure::IdentifyFailure;
 use motord_identify::{KnownLoad, Value, torque_scale};
-use motord_terminal::within;
+use motord_terminal::{InputFile, within};
 use serde::Deserialize;
 use std::path::Path;
+
+/// Largest identification, bytes: a thousand times that of one joint.
+const BYTES_MAX: u64 = 1 << 20;
 
 /// Parses `KG@M` into the inertia of a point mass, kg·m².
 pub(crate) fn parse_load(text: &str) -> Result<f64, String> {
@@ -46,7 +49,8 @@ impl Known {
             joint: joint.to_owned(),
             reason,
         };
-        let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+        let text = InputFile::open(path).and_then(|file| file.read_text(BYTES_MAX));
+        let text = text.map_err(|error| refused(error.to_string()))?;
         let file: File = serde_json::from_str(&text).map_err(|error| refused(error.to_string()))?;
         if file.joint != joint {
             return Err(refused(format!("it is that of {}", file.joint)));
@@ -69,6 +73,14 @@ impl Known {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn endless_identification_is_refused() {
+        for path in ["/dev/zero", "/proc/self/fd"] {
+            let refused = Known::read(Some(0.02), Some(Path::new(path)), "knee").unwrap_err();
+            assert!(refused.to_string().contains("name a regular file"), "{path}: {refused}");
+        }
+    }
 
     #[test]
     fn load_is_mass_at_distance() {

@@ -198,7 +198,7 @@ fn pipes_and_devices_are_no_recordings() {
         for command in [&["plot", path, "hip"][..], &["replay", path], &["latency", path]] {
             let output =
                 std::process::Command::new(env!("CARGO_BIN_EXE_motorctl")).args(command).output().unwrap();
-            let is_named = said(&output).contains("no regular file");
+            let is_named = said(&output).contains("name a regular file");
             assert!(is_named && status(&output) != 0, "{command:?}: {}", said(&output));
         }
     }

@@ -1,9 +1,13 @@
 //! The memories of motors in files, which persist across processes.
 
 use crate::{InjectError, Motor, SimulatedBus};
+use motord_untrusted::{InputError, InputFile};
 use std::collections::HashMap;
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
+
+/// Largest memory, bytes: a hundred times that of a motor.
+const BYTES_MAX: u64 = 1 << 20;
 
 /// A directory with a file for each motor, `NAME.memory`: its drive's non-volatile memory, a line
 /// for each item of GIM document, table 7.
@@ -34,9 +38,11 @@ impl Store {
         let names: Vec<String> = bus.motors().iter().map(|motor| motor.name().to_owned()).collect();
         for name in names {
             let file = self.file(&name);
-            let memory = match std::fs::read_to_string(&file) {
-                Err(error) if error.kind() == ErrorKind::NotFound => continue,
-                memory => memory?,
+            let memory = match InputFile::open(&file).and_then(|file| file.read_text(BYTES_MAX)) {
+                Err(InputError::System(error)) if error.kind() == ErrorKind::NotFound => continue,
+                memory => memory.map_err(|error| {
+                    Error::new(ErrorKind::InvalidData, format!("{}: {error}", file.display()))
+                })?,
             };
             let wrong = |error: InjectError| {
                 Error::new(ErrorKind::InvalidData, format!("{}: {error}", file.display()))

@@ -1,6 +1,6 @@
 //! Reports of an unavailable daemon.
 
-use crate::text::printable;
+use motord_untrusted::printable;
 use std::fmt::Display;
 
 /// Reports an unavailable daemon once, not on every failed attempt.

@@ -8,13 +8,12 @@ pub mod exit_status;
 mod interrupt;
 pub mod json;
 mod pages;
-mod regular;
 mod table;
 mod text;
 
 pub use absence::Absence;
 pub use interrupt::Interrupt;
+pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line};
 pub use pages::{Pages, Shell};
-pub use regular::open_regular;
 pub use table::{Cell, Colour, Palette, Table};
-pub use text::{number, printable, within};
+pub use text::{number, within};

@@ -1,6 +1,7 @@
 //! Tables and colours.
 
-use crate::text::{number, printable};
+use crate::text::number;
+use motord_untrusted::printable_line;
 use std::io::{self, IsTerminal, Write};
 
 /// Colour of a piece of text.
@@ -68,7 +69,7 @@ pub struct Cell {
 impl Cell {
     /// Creates a cell with a colour. Control characters in the text are spelled out.
     pub fn new(text: impl ToString, colour: Colour) -> Self {
-        Self { text: printable(&text.to_string()).into_owned(), colour }
+        Self { text: printable_line(&text.to_string()).into_owned(), colour }
     }
 
     /// Creates a cell without colour.

@@ -1,23 +1,4 @@
-//! Text for a terminal.
-
-use std::borrow::Cow;
-
-/// Spells out control characters, as `\u{1b}`. Text of a file or another process must not move the
-/// cursor, change colours or ring. Line ends stay.
-pub fn printable(text: &str) -> Cow<'_, str> {
-    let is_harmless = |letter: char| letter == '\n' || !letter.is_control();
-    if text.chars().all(is_harmless) {
-        return Cow::Borrowed(text);
-    }
-    let mut spelled = String::with_capacity(2 * text.len());
-    for letter in text.chars() {
-        match is_harmless(letter) {
-            true => spelled.push(letter),
-            false => spelled.extend(letter.escape_unicode()),
-        }
-    }
-    Cow::Owned(spelled)
-}
+//! Numbers on a terminal.
 
 /// Formats `value` with `digits` decimals, an unknown one as a dash, and a zero without a minus
 /// sign.
@@ -56,11 +37,5 @@ mod tests {
         for wrong in ["0.4", "2.1", "nan", "inf", "", "1s"] {
             assert_eq!(within(wrong, 0.5, 2.0), Err("expected 0.5 to 2".to_owned()));
         }
-    }
-
-    #[test]
-    fn nothing_that_a_terminal_obeys_is_left() {
-        assert_eq!(printable("knee\x1b[31m\u{9b}2J\r\x07\n"), "knee\\u{1b}[31m\\u{9b}2J\\u{d}\\u{7}\n");
-        assert!(matches!(printable("Torque 2 N·m\n"), Cow::Borrowed(_)));
     }
 }

@@ -13,7 +13,7 @@ use motord_bus::arithmetic::SERIAL_FRAME_BITS;
 use motord_configuration::{self as config, ConfigError, Loaded};
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
-use motord_terminal::printable;
+use motord_terminal::{json, printable};
 
 use imus::ImuReport;
 use joints::JointReport;
@@ -65,7 +65,7 @@ fn print(
     out: &mut impl Write,
 ) -> io::Result<()> {
     match wanted.json {
-        true => writeln!(out, "{}", serde_json::to_string(&Report::of(judged, wanted.joints))?)?,
+        true => json::write_line(out, &Report::of(judged, wanted.joints))?,
         false => print_for_people(path, judged, wanted.joints, out)?,
     }
     out.flush()

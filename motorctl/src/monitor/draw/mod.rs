@@ -15,6 +15,7 @@ mod troubles;
 use super::picture::{Picture, Reading};
 use super::request::Notice;
 use super::view::{Page, View};
+use motord_terminal::is_harmless;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -111,16 +112,10 @@ fn remove_colours(buffer: &mut Buffer, area: Rect) {
 fn scrub(buffer: &mut Buffer, area: Rect) {
     for position in area.positions() {
         let cell = &mut buffer[position];
-        if cell.symbol().chars().any(is_obeyed) {
+        if !cell.symbol().chars().all(is_harmless) {
             cell.set_symbol("?");
         }
     }
-}
-
-/// Returns true for control characters and for invisible ones that reorder or join text.
-fn is_obeyed(letter: char) -> bool {
-    letter.is_control()
-        || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
 /// The rows of the screen or of a page, and those of them that the joints, the curves and all values take.

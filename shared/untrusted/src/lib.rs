@@ -1,0 +1,12 @@
+//! Files and texts that another user or process may have made.
+//!
+//! - [`InputFile`]: a file to read. It is a regular file, and has a limit.
+//! - [`printable`] and [`printable_line`]: text for a terminal, a log or a page.
+
+#![forbid(unsafe_code)]
+
+mod file;
+mod text;
+
+pub use file::{InputError, InputFile};
+pub use text::{is_harmless, printable, printable_line};
