@@ -35,6 +35,9 @@ pub(super) struct ImuTables {
     pub(super) simulation: keys::ImuSimulation,
 }
 
+/// Names of a file that are compared with those of a configuration.
+const COMPARED_MAX: usize = 1000;
+
 /// The old name of `[ipc]`.
 const OLD_IPC: &str = "exchange";
 
@@ -51,8 +54,9 @@ pub(super) fn foreign(root: &DeTable<'_>) -> Option<Wrong> {
     };
     let is_table = |name: &str| root.get(name).is_some_and(|value| is_table(value.get_ref()));
     let names = || root.keys().map(|key| key.get_ref().as_ref());
-    let tables = || names().filter(|name| is_table(name));
-    let is_known = tables().any(is_near) || (tables().next().is_none() && names().any(is_near));
+    let tables = || names().filter(|name| is_table(name)).take(COMPARED_MAX);
+    let is_known =
+        tables().any(is_near) || (tables().next().is_none() && names().take(COMPARED_MAX).any(is_near));
     (!is_known).then_some(Wrong::NoConfiguration)
 }
 

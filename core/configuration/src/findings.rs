@@ -15,7 +15,10 @@ use super::similar::suggestion;
 /// Letters of a rejected name in a report.
 const SHOWN_MAX: usize = 200;
 
-/// Errors and warnings, each with its place.
+/// Most problems of a report, before equal ones are joined. The place of each takes a pass over the file.
+const PROBLEMS_MAX: usize = 1000;
+
+/// Errors and warnings, each with its place. At most [`PROBLEMS_MAX`]; further ones are dropped.
 pub(super) struct Findings<'a> {
     file: &'a Path,
     text: &'a str,
@@ -40,18 +43,30 @@ impl<'a> Findings<'a> {
         (without_repetitions(errors), warnings)
     }
 
+    /// Returns whether no further problem is reported.
+    pub(super) fn is_full(&self) -> bool {
+        self.errors.len() + self.warnings.len() >= PROBLEMS_MAX
+    }
+
     pub(super) fn error(&mut self, at: At, wrong: Wrong) {
-        self.errors.push(self.problem(at, wrong));
+        // Without an error, a file with many warnings would be accepted.
+        if !self.is_full() || self.errors.is_empty() {
+            self.errors.push(self.problem(at, wrong));
+        }
     }
 
     pub(super) fn warn(&mut self, at: At, wrong: Wrong) {
-        self.warnings.push(self.problem(at, wrong));
+        if !self.is_full() {
+            self.warnings.push(self.problem(at, wrong));
+        }
     }
 
     /// An error of a key that the table of keys does not have.
     pub(super) fn error_of_key(&mut self, section: &str, key: &str, offset: usize, wrong: Wrong) {
-        let problem = self.place(offset, path(section, &plain(key)), wrong);
-        self.errors.push(problem);
+        if !self.is_full() || self.errors.is_empty() {
+            let problem = self.place(offset, path(section, &plain(key)), wrong);
+            self.errors.push(problem);
+        }
     }
 
     /// Notes that the tables of `list` are in the file in a wrong form, which was reported.

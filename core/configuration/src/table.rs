@@ -1,5 +1,6 @@
 //! Reads one table of the file key by key, and reports unknown keys.
 
+use motord_shared::limits::JOINTS_MAX;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -10,6 +11,9 @@ use super::problem::{LISTS, Wrong, plain};
 use super::similar::{closest, suggestion, with_words};
 use super::sort::found;
 use super::value::Value;
+
+/// Most tables of any list of the file.
+const LIST_MAX: usize = JOINTS_MAX;
 
 /// A kind of table: its keys, all read.
 pub(super) trait Section: Sized {
@@ -114,7 +118,12 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             self.findings.error(at(S::PATH, written), Wrong::ListOfTables(S::PATH));
         }
         let items = written.get_ref().as_array();
-        let items: Vec<_> = items.map_or_else(|| vec![written], |items| items.iter().collect());
+        let mut items: Vec<_> = items.map_or_else(|| vec![written], |items| items.iter().collect());
+        // One more than any list may have, for the error. The checks of more would take minutes.
+        if items.len() > LIST_MAX {
+            self.findings.spoil(S::PATH);
+            items.truncate(LIST_MAX + 1);
+        }
         if items.iter().any(|item| !item.get_ref().is_table()) {
             let expected = if written.get_ref().is_array() { "tables" } else { "a table" };
             let wrong = self.no_table(expected, written, &below_header(&format!("[[{}]]", S::PATH)));
@@ -149,6 +158,9 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             let name = key.get_ref().as_ref();
             if known.contains(&name) {
                 continue;
+            }
+            if self.findings.is_full() {
+                return;
             }
             let wrong = match written_as_table(name, value.get_ref()) {
                 Some(table) if self.path.is_empty() => self.unknown_table(name, table, &tables),

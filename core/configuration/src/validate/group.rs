@@ -1,7 +1,7 @@
 //! `[[group]]`: every joint in exactly one.
 
 use motord_settings::settings::{GroupSettings, SafeStop};
-use motord_shared::limits::GROUPS_MAX;
+use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 
 use super::motor::Item;
 use crate::entry::{self, At};
@@ -63,6 +63,10 @@ fn group<'k>(
     let joints = keys.joints.value.as_ref()?;
     if joints.is_empty() {
         findings.error(keys.joints.at, Wrong::EmptyGroup);
+        return None;
+    }
+    if joints.len() > JOINTS_MAX {
+        findings.error(keys.joints.at, Wrong::TooMany { max: JOINTS_MAX });
         return None;
     }
     let label = keys.name.value.as_deref().unwrap_or_default();
