@@ -1,37 +1,11 @@
 //! The robot of a configuration without its hardware, and the mechanics that move its joints.
 
+use crate::error::TwinError;
 use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
-use motord_configuration::ConfigError;
 use motord_core::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
 use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{PlantBus, SharedBus, couple};
-
-/// The reason why a configuration has no twin.
-#[derive(Debug)]
-pub enum TwinError {
-    /// The configuration has errors.
-    Configuration(ConfigError),
-    /// The twin has no serial lines.
-    SerialBus {
-        /// The name of the bus.
-        bus: String,
-    },
-}
-
-impl core::fmt::Display for TwinError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Configuration(error) => error.fmt(f),
-            Self::SerialBus { bus } => write!(
-                f,
-                "bus {bus} is a serial line, which a twin does not have: give its motors a CAN bus for the twin"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for TwinError {}
 
 /// Makes every bus and every IMU a simulated one. An IMU keeps the errors of its `[imu.simulation]`, and is aligned with the body.
 ///
@@ -60,15 +34,18 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
 
 /// Builds the simulated buses of `settings`, whose motors `mechanics` move, with the seed of each. The joints begin where the
 /// mechanics have them, and `settings` says so afterwards. Returns the buses to inject faults, and those for the cycle.
+///
+/// # Errors
+/// [`TwinError::Begin`].
 pub fn coupled(
     settings: &mut Settings,
     seed: impl Fn(usize) -> u64,
     mechanics: Box<dyn Mechanics>,
-) -> (Vec<SharedBus>, Vec<PlantBus>) {
-    let plant = JointPlant::new(mechanics, settings);
+) -> Result<(Vec<SharedBus>, Vec<PlantBus>), TwinError> {
+    let plant = JointPlant::new(mechanics, settings)?;
     let buses = alone(settings, seed);
     let coupled = couple(&buses, plant);
-    (buses, coupled)
+    Ok((buses, coupled))
 }
 
 /// Builds the simulated buses of `settings`, whose motors turn by themselves, with the seed of each.

@@ -1,5 +1,6 @@
 //! The joints of a twin: mechanics in the terms of the configuration.
 
+use crate::error::{NUMBER_MAX, TwinError};
 use crate::physics::physics;
 use motord_core::joint::Transmission;
 use motord_core::settings::{MotorSettings, Settings};
@@ -68,9 +69,17 @@ pub(crate) struct JointPlant {
 
 impl JointPlant {
     /// Sets where the motors of `settings` begin.
-    pub(crate) fn new(mut mechanics: Box<dyn Mechanics>, settings: &mut Settings) -> Self {
+    ///
+    /// # Errors
+    /// [`TwinError::Begin`].
+    pub(crate) fn new(mut mechanics: Box<dyn Mechanics>, settings: &mut Settings) -> Result<Self, TwinError> {
         let mut positions = positions(settings);
         mechanics.begin(&mut positions);
+        let mut begins = settings.motors.iter().zip(&positions);
+        // False for NaN.
+        if let Some((motor, &position)) = begins.find(|(_, position)| !(position.abs() <= NUMBER_MAX)) {
+            return Err(TwinError::Begin { joint: motor.name.clone(), position });
+        }
         for ((simulation, motor), position) in
             settings.simulation.iter_mut().zip(&settings.motors).zip(&positions)
         {
@@ -82,7 +91,7 @@ impl JointPlant {
         };
         let joints = (0..settings.buses.len()).flat_map(of_bus).collect();
         let zeros = vec![0.0; positions.len()];
-        Self { mechanics, joints, torques: zeros.clone(), velocities: zeros, positions }
+        Ok(Self { mechanics, joints, torques: zeros.clone(), velocities: zeros, positions })
     }
 }
 

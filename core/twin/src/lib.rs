@@ -6,12 +6,14 @@
 //! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the daemon.
 
 mod coupled;
+mod error;
 mod imus;
 mod joints;
 mod physics;
 mod twin;
 
-pub use coupled::{TwinError, coupled, simulate_all};
+pub use coupled::{coupled, simulate_all};
+pub use error::{NUMBER_MAX, TwinError};
 pub use imus::{Body, sample};
 pub use joints::{JointPhysics, Mechanics};
 pub use physics::{armature, physics, simulate};

@@ -1,6 +1,7 @@
 //! One robot on virtual time, with its owner and its operator.
 
-use crate::coupled::{TwinError, alone, coupled, simulate_all};
+use crate::coupled::{alone, coupled, simulate_all};
+use crate::error::TwinError;
 use crate::imus::{Body, Sensor};
 use crate::joints::Mechanics;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
@@ -85,7 +86,7 @@ impl Twin {
     /// simulated: samples arrive at its rate, with the errors of its `[imu.simulation]`.
     ///
     /// # Errors
-    /// [`TwinError::SerialBus`].
+    /// [`TwinError::SerialBus`], [`TwinError::Begin`].
     pub fn new(
         mut settings: Settings,
         options: Options,
@@ -97,7 +98,7 @@ impl Twin {
         let seed = |bus: usize| options.seed + bus as u64;
         let (buses, opened, plant) = match mechanics {
             Some(mechanics) => {
-                let (buses, coupled) = coupled(&mut settings, seed, mechanics);
+                let (buses, coupled) = coupled(&mut settings, seed, mechanics)?;
                 let plant = coupled.first().cloned();
                 (buses, boxed(coupled), plant)
             }

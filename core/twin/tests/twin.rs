@@ -176,6 +176,24 @@ fn convention_of_a_plant_is_named() {
 }
 
 #[test]
+fn plant_beyond_any_machine_is_refused() {
+    struct Far(f64);
+    impl Mechanics for Far {
+        fn begin(&mut self, positions: &mut [f64]) {
+            positions[2] = self.0;
+        }
+
+        fn step(&mut self, _: &[f64], _: f64, _: &mut [f64], _: &mut [f64]) {}
+    }
+    for far in [1e308, f64::NAN, f64::NEG_INFINITY] {
+        let path = configuration("quadruped-simulated.toml");
+        let refused =
+            Twin::load(&path, compute(Duration::ZERO), Some(Box::new(Far(far))), None).err().unwrap();
+        assert!(matches!(&refused, TwinError::Begin { joint, .. } if joint == "fl-knee"), "{refused}");
+    }
+}
+
+#[test]
 fn imu_measures_body_of_plant_at_tick() {
     let table = Table::default();
     let (plant, body): (Box<dyn Mechanics>, Box<dyn Body>) = (Box::new(table.clone()), Box::new(table));

@@ -13,7 +13,7 @@ use crate::imus::SimulatedImus;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_simulator::{Fault, FaultVerb, InjectError, PlantBus, SharedBus, SimulatedBus};
-use motord_twin::{Mechanics, coupled};
+use motord_twin::{Mechanics, TwinError, coupled};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 /// The cycle takes a fault within this time, as long as it runs.
@@ -155,11 +155,20 @@ impl Injectors {
 
     /// As [`open`](Self::open), where `mechanics` move the motors. They begin where the mechanics have them; `settings` says so
     /// afterwards. Every bus must be a simulated one. Allocates.
-    #[must_use]
-    pub fn open_coupled(settings: &mut Settings, mechanics: Box<dyn Mechanics>) -> (Vec<Box<dyn Bus>>, Self) {
+    ///
+    /// # Errors
+    ///
+    /// The mechanics begin where no joint can be.
+    pub fn open_coupled(
+        settings: &mut Settings,
+        mechanics: Box<dyn Mechanics>,
+    ) -> Result<(Vec<Box<dyn Bus>>, Self), TwinError> {
         let seeds: Vec<_> = settings.buses.iter().map(|bus| seed(bus).unwrap_or_default()).collect();
-        let (shared, coupled) = coupled(settings, |bus| seeds[bus], mechanics);
-        Self::of(settings, shared.into_iter().zip(coupled).map(|(shared, bus)| Wire::Coupled(shared, bus)))
+        let (shared, coupled) = coupled(settings, |bus| seeds[bus], mechanics)?;
+        Ok(Self::of(
+            settings,
+            shared.into_iter().zip(coupled).map(|(shared, bus)| Wire::Coupled(shared, bus)),
+        ))
     }
 
     fn of(settings: &Settings, wires: impl Iterator<Item = Wire>) -> (Vec<Box<dyn Bus>>, Self) {

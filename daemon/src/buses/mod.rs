@@ -56,7 +56,7 @@ pub fn open_planted(settings: &mut Settings, path: &Path) -> Result<Buses, Plant
     if body.is_none() {
         settings.imus.iter().for_each(|imu| warn_of_blind(&imu.name));
     }
-    let (buses, injectors) = Injectors::open_coupled(settings, mechanics);
+    let (buses, injectors) = Injectors::open_coupled(settings, mechanics)?;
     let world = body.map_or(World::Blind, World::Body);
     Ok(Buses { injectors: Some(injectors), plant: Some((plant, world)), ..Buses::of(buses) })
 }

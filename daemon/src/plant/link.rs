@@ -12,7 +12,7 @@ use motord_configuration::describe;
 use motord_core::settings::Settings;
 use motord_shared::description::RobotDescription;
 use motord_simulator::ImuValues;
-use motord_twin::JointPhysics;
+use motord_twin::{JointPhysics, NUMBER_MAX};
 use serde::{Deserialize, Serialize};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -47,11 +47,13 @@ pub enum PlantError {
     /// Its answer to the greeting is none.
     #[error("the plant's answer is not understood: {0}")]
     Answer(String),
-    /// A number is NaN or infinite.
+    /// A number is NaN, infinite, or beyond any machine.
     #[error(
-        "the plant has computed {quantity} {value} of {joint}: check the model for an unstable contact or a torque that is too large"
+        "the plant has computed {quantity} {value:e} of {joint}, not a number from {:e} to {:e}: check the model for an unstable contact or a torque that is too large",
+        -NUMBER_MAX,
+        NUMBER_MAX
     )]
-    NotFinite {
+    NotPlausible {
         /// The quantity.
         quantity: &'static str,
         /// The number.
@@ -200,9 +202,9 @@ impl PlantLink {
     }
 
     fn sound(&self, quantity: &'static str, values: &[f64]) -> Result<(), PlantError> {
-        match values.iter().zip(&self.names).find(|(value, _)| !value.is_finite()) {
+        match values.iter().zip(&self.names).find(|(value, _)| !is_plausible(**value)) {
             Some((value, joint)) => {
-                Err(PlantError::NotFinite { quantity, value: *value, joint: joint.clone() })
+                Err(PlantError::NotPlausible { quantity, value: *value, joint: joint.clone() })
             }
             None => Ok(()),
         }
@@ -223,6 +225,11 @@ pub(super) fn imu_values([w, x, y, z, gx, gy, gz, ax, ay, az]: [f64; IMU_LEN]) -
     }
 }
 
+/// False for NaN.
+fn is_plausible(value: f64) -> bool {
+    value.abs() <= NUMBER_MAX
+}
+
 fn sound_imu(imu: &ImuValues) -> Result<(), PlantError> {
     let ImuValues { orientation, angular_velocity, acceleration, .. } = imu;
     let quantities: [(&'static str, &[f64]); 3] = [
@@ -231,8 +238,8 @@ fn sound_imu(imu: &ImuValues) -> Result<(), PlantError> {
         ("the specific force", acceleration),
     ];
     for (quantity, values) in quantities {
-        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-            return Err(PlantError::NotFinite { quantity, value: *value, joint: "its IMU".into() });
+        if let Some(value) = values.iter().find(|value| !is_plausible(**value)) {
+            return Err(PlantError::NotPlausible { quantity, value: *value, joint: "its IMU".into() });
         }
     }
     Ok(())

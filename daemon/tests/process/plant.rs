@@ -164,14 +164,16 @@ fn daemon_ends_when_its_plant_is_silent() {
 
 #[test]
 fn numbers_that_are_none_end_the_daemon() {
-    let mut steps = 0;
-    let breaks = Box::new(move |_torque: f64| {
-        steps += 1;
-        [if steps > 1000 { f64::NAN } else { 0.0 }, 0.0]
-    });
-    let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, breaks));
-    assert_eq!(status, Some(69), "{log}");
-    assert!(log.contains("the plant has computed the position NaN of arm"), "{log}");
+    for (number, name) in [(f64::NAN, "NaN"), (-1e308, "-1e308")] {
+        let mut steps = 0;
+        let breaks = Box::new(move |_torque: f64| {
+            steps += 1;
+            [if steps > 1000 { number } else { 0.0 }, 0.0]
+        });
+        let (status, log) = end(daemon(CONFIG, r#"{"imu": true}"#, breaks));
+        assert_eq!(status, Some(69), "{log}");
+        assert!(log.contains(&format!("the plant has computed the position {name} of arm")), "{log}");
+    }
 }
 
 /// A plant whose answers have another length does not fit its greeting: each later answer would be read shifted.
@@ -241,6 +243,7 @@ fn refusals_of_plant_are_told() {
         (CONFIG, "no JSON", "the plant's answer is not understood", 69),
         (CONFIG, r#"{"begin": [0.1, 0.2]}"#, "`begin` must have 1 positions", 69),
         (CONFIG, r#"{"begin": [1e999]}"#, "the plant's answer is not understood", 69),
+        (CONFIG, r#"{"begin": [1e308]}"#, "the plant has computed the position 1e308 of arm", 69),
         (&serial, "{}", "bus left is a serial line", 78),
     ] {
         let (status, log) = end(daemon(config, greeting, joint()));
