@@ -209,6 +209,37 @@ fn motor_without_answer_starts_with_written_ends() {
     assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0, is_assumed: true })), 1);
 }
 
+/// The motor contradicts the written ends, has no power for some time, and its answers to requests are lost afterwards.
+#[test]
+fn contradicted_ends_are_not_assumed_after_silence() {
+    let mut robot = shoulder(WRITTEN, |motor| motor.ends = Some([12.5, 50.0, 10.0]));
+    robot.steps(100);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::Mismatch);
+    robot.disturb("shoulder power-off");
+    robot.steps(50);
+    let mute = shoulder(WRITTEN, |motor| motor.ends = None);
+    let exchange = |robot: &Robot| {
+        robot.buses[0].with(|bus| mute.buses[0].with(|other| core::mem::swap(bus, other)));
+    };
+    exchange(&robot);
+    robot.take_events();
+    robot.steps(2500);
+    let is_unread = |event: &Event| matches!(event, Event::Unread { motor: 0, is_assumed: false });
+    assert_eq!(robot.take_events().iter().filter(|event| is_unread(event)).count(), 1);
+    assert_eq!(enable(&mut robot).unwrap_err(), Refusal::Mismatch, "VMAX is 50, by its last answer");
+    assert!(robot.joint(0).position.is_nan(), "its states have no meaning");
+
+    // The vendor's tool corrects the motor, and its answers arrive again.
+    robot.disturb("shoulder power-off");
+    robot.steps(50);
+    exchange(&robot);
+    robot.disturb("shoulder on");
+    robot.steps(600);
+    write_vmax(&robot, 30.0);
+    robot.steps(1100);
+    enable(&mut robot).expect("it reported the written ends");
+}
+
 #[test]
 fn motor_without_answer_needs_all_ends_written() {
     for left_out in 0..3 {

@@ -52,8 +52,8 @@ impl RegisterLog {
                 motor = name,
                 see = "unread",
                 "answers, but does not report its registers PMAX, VMAX and TMAX (requests to 0x7FF): its states are not used, and it \
-                 is not enabled. motord asks again every second. If its ends are known, write position-end-rad, \
-                 velocity-end-rad-s and torque-end-nm"
+                 is not enabled. motord asks again every second. If it has reported no end that contradicts the configuration, and \
+                 its ends are known, write position-end-rad, velocity-end-rad-s and torque-end-nm"
             ),
         }
     }

@@ -69,7 +69,7 @@ impl Motor {
     #[cold]
     pub(crate) fn report_register(&mut self, number: u8, value: f32, cx: &mut Context) {
         self.replies.alive();
-        if !self.registers.take(number, value) {
+        if !self.registers.take(number, value, &self.settings.registers) {
             return;
         }
         self.registers.check(&self.settings.registers, cx.now);

@@ -13,6 +13,8 @@
 //!   Unknown, Expired ──no answer for RETRY, every value is written──▶ Assumed ──answer, or silence──▶ Unknown
 //! ```
 //!
+//! Nothing is assumed of a motor that reported a value out of range, until all its values are read and in range.
+//!
 //! States are used unless `Unknown`. A `Known` or `Assumed` motor starts. A `Known` one is not asked; an `Assumed` one is asked while it is
 //! stopped.
 
@@ -35,7 +37,7 @@ pub(super) struct Registers {
     /// Number of the register to be read next.
     next: u8,
     pub(super) values: [f32; REGISTERS_MAX],
-    /// The first register whose value is out of range, after all were read.
+    /// A register whose value was out of range when it was last read; after all were read, the first one. A silence does not clear it.
     pub(super) wrong: Option<u8>,
     /// Requests since the last answer.
     tries: u32,
@@ -68,11 +70,12 @@ impl Registers {
         }
     }
 
-    /// Forgets everything: after its silence the motor may be another one.
+    /// Requires another reading of everything: after its silence the motor may be another one. A value out of range still forbids to
+    /// assume values: it may as well be the same motor.
     pub(super) const fn forget(&mut self) {
         if self.count > 0 {
             self.knowledge = Knowledge::Unknown;
-            (self.next, self.wrong, self.tries) = (0, None, 0);
+            (self.next, self.tries) = (0, 0);
             (self.due, self.reported) = (Instant::ZERO, None);
         }
     }
@@ -103,7 +106,7 @@ impl Registers {
     }
 
     /// Uses the written values of a motor that answered no request. Returns whether it did: it does not where a value is not written, or
-    /// where the motor reported one.
+    /// where the motor reported one since its silence, or one out of range before it.
     pub(super) fn assume(&mut self, ranges: &[RegisterRange; REGISTERS_MAX]) -> bool {
         let ranges = &ranges[..usize::from(self.count)];
         let reported_some = self.next > 0 || self.wrong.is_some();
@@ -121,7 +124,7 @@ impl Registers {
     }
 
     /// Takes the value of a register. Returns whether it is the last one.
-    pub(super) fn take(&mut self, number: u8, value: f32) -> bool {
+    pub(super) fn take(&mut self, number: u8, value: f32, ranges: &[RegisterRange; REGISTERS_MAX]) -> bool {
         if matches!(self.knowledge, Knowledge::Known) || number != self.next {
             return false;
         }
@@ -129,6 +132,9 @@ impl Registers {
             self.knowledge = Knowledge::Unknown;
         }
         self.values[usize::from(number)] = value;
+        if !ranges[usize::from(number)].contains(value) {
+            self.wrong = Some(number);
+        }
         (self.tries, self.due) = (0, Instant::ZERO);
         self.next = (number + 1) % self.count;
         self.next == 0
@@ -185,7 +191,7 @@ mod tests {
         assert_eq!(registers.values, WRITTEN);
         assert_eq!(registers.request(Instant::ZERO), Some((0, false)), "it is asked on");
         for (number, value) in [12.5, 50.0, 10.0].into_iter().enumerate() {
-            registers.take(number as u8, value);
+            registers.take(number as u8, value, &ranges);
             assert!(!registers.permits_start() && registers.is_unknown(), "not before all are read");
         }
         registers.check(&ranges, Instant::ZERO);
@@ -195,10 +201,31 @@ mod tests {
     #[test]
     fn nothing_is_assumed_of_unwritten_or_reported_ends() {
         let (mut one, mut ranges) = (registers(), ranges());
-        one.take(0, 12.5);
+        one.take(0, 12.5, &ranges);
         assert!(!one.assume(&ranges), "it reported one");
         ranges[2].written = None;
         let mut other = registers();
         assert!(!other.assume(&ranges) && !other.permits_start());
+    }
+
+    #[test]
+    fn contradicted_ends_are_not_assumed_after_silence() {
+        let (mut registers, ranges) = (registers(), ranges());
+        registers.take(0, 12.5, &ranges);
+        registers.take(1, 50.0, &ranges);
+        registers.forget();
+        assert!(
+            !registers.assume(&ranges) && !registers.permits_start(),
+            "it reported VMAX 50, and lost the third answer"
+        );
+        registers.take(0, 12.5, &ranges);
+        registers.forget();
+        assert!(!registers.assume(&ranges), "VMAX is not read again");
+        for (number, value) in WRITTEN.into_iter().enumerate() {
+            registers.take(number as u8, value, &ranges);
+        }
+        registers.check(&ranges, Instant::ZERO);
+        registers.forget();
+        assert!(registers.assume(&ranges), "all values were in range");
     }
 }
