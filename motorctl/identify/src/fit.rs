@@ -218,7 +218,7 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, late: f64, found:
     let best = &model.best;
     let gravity = |by_sine: f64, by_cosine: f64| {
         if !best.has(COSINE) {
-            return Value::none(if best.has(Term::Knot(0)) { Why::Misfit } else { Why::Separation });
+            return Value::none(Why::Separation);
         }
         // A spring is part of the sine.
         let of = |fit: &Fit, solution: &DVector<f64>| {

@@ -105,6 +105,20 @@ fn spring_is_named_and_is_no_gravity() {
     }
 }
 
+/// Goal: a torque by position is named. Gravity, which is part of it, is not separated; the other values are.
+#[test]
+fn cogging_is_named_and_hides_only_gravity() {
+    let gear = Hidden { extra: Extra::Cogging(0.15, 40.0), ..NOMINAL };
+    let found = identified(&gear, 6);
+    assert!(found.notes.contains(&Note::Position), "{found:?}");
+    for value in [found.gravity_sine, found.gravity_cosine, found.offset] {
+        assert_eq!(value.why, Some(Why::Separation), "{value:?}");
+    }
+    for (name, truth, value) in &values(&gear, &found)[..3] {
+        assert!(value.why.is_none() && contains(value, *truth), "{name} {truth}: {value:?}");
+    }
+}
+
 /// Goal: the friction of a harmonic gear does not change its viscous part.
 #[test]
 fn stribeck_friction_is_a_term_of_its_own() {
