@@ -22,11 +22,13 @@ fn enabled(hidden: &Hidden, seed: u64) -> (Twin, Vec<JointSetpoint>, Limits) {
     twin.ask(Operation::Claim, 0).unwrap();
     joints[0] = JointSetpoint { position: twin.state().joints()[0].position, kp: 1.0, kd: 0.05, ..rest };
     // The registers of Damiao motors are read first.
+    let mut refused = None;
     let is_enabled = (0..500).any(|_| {
         follow(&mut twin, &joints);
-        twin.ask(Operation::Enable, 0).is_ok()
+        refused = twin.ask(Operation::Enable, 0).err();
+        refused.is_none()
     });
-    assert!(is_enabled, "no motor is enabled");
+    assert!(is_enabled, "no motor is enabled: {refused:?}; {hidden:?}");
     while twin.state().groups()[0].phase != Phase::Active.code() {
         follow(&mut twin, &joints);
     }
