@@ -216,11 +216,16 @@ enum Command {
     /// the motion, and prints each value with its 95 % interval, or why the motion does not show it. It also prints the lines
     /// of `[motor.simulation]` with which `motord run`, the twin and `fit_mjcf` simulate this joint.
     ///
+    /// The fit has inertia, viscous and Coulomb friction, and gravity; where the motion shows them, also friction that falls
+    /// with the speed (Stribeck), a spring, a torque by position (cogging), and a lag. A note names each of these. A joint that
+    /// does not fit all this, such as one with play, has no values. Missed ticks, late and missing replies are counted; where
+    /// more than a tenth is missing, nothing is fitted.
+    ///
     /// Hang the robot up, or free the joint: a leg that touches the ground is another mechanism. The other joints must not move.
     /// Torques are those that the motor reports; --known-load measures their scale.
     ///
-    /// Exit status: 0 the inertia was identified; 1 it was not, or the group was stopped; 130 interrupted, and the group is
-    /// stopped.
+    /// Exit status: 0 the inertia was identified; 1 it was not: the joint does not fit, its motion does not show the inertia,
+    /// too much is missing, or the group was stopped; 130 interrupted, and the group is stopped.
     #[command(
         after_help = "Examples:\n  motorctl identify fl-knee --yes --seconds 10\n  motorctl identify fl-knee --amplitude-rad 0.2 --seconds 10 --yes --json | jq .inertia_kg_m2"
     )]
