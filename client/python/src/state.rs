@@ -330,6 +330,6 @@ impl Imu {
     /// what to change.
     #[getter]
     fn contradictions(&self) -> BTreeMap<&'static str, &'static str> {
-        self.0.contradictions().map(|found| (found.name(), found.sentence())).collect()
+        self.imu.contradictions().map(|found| (found.name(), found.sentence())).collect()
     }
 }
