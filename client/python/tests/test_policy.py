@@ -77,11 +77,12 @@ def test_observation_has_order_of_policy(robot: motord.Robot, good: Path) -> Non
     observed = policy.observe(state, motord.policy.Command(0.3, 0.1, 0.2), state.imu["base"])
     assert observed.shape == (policies.OBSERVED,)
     assert observed[6:9] == pytest.approx([0.3, 0.1, 0.2]) and observed[3:6] == pytest.approx([0, 0, -1], abs=0.05)
-    assert observed[9:21] == pytest.approx(state.q - policy.default)
+    assert observed[9:21] == pytest.approx(state.q - np.asarray(policy.default))
     pose = policy.step(state, motord.policy.Command(turn=0.5), state.imu["base"])
     expected = policy.default + 0.25 * (0.1 - 0.1 * (state.q - policy.default))
-    assert pose == pytest.approx(expected, abs=1e-5)
-    assert policy.observe(state, imu=state.imu["base"])[33:] == pytest.approx((pose - policy.default) / 0.25, abs=1e-5)
+    assert pose == pytest.approx(dict(expected), abs=1e-5)
+    actions = np.asarray((pose - policy.default) / 0.25)
+    assert policy.observe(state, imu=state.imu["base"])[33:] == pytest.approx(actions, abs=1e-5)
     with pytest.raises(motord.PolicyError, match="base_ang_vel needs an IMU"):
         policy.step(state)
 
@@ -95,8 +96,9 @@ def test_policy_moves_its_joints_in_every_order(folder: Path, names: list[str]) 
         legs.enable()
         legs.move_to(policy.default, 2.0, kp=policy.kp, kd=policy.kd)
         goal = policy.default
-        for _, state in zip(range(10), legs.cycles(hz=policy.rate_hz)):
-            goal = policy.step(state, motord.policy.Command(turn=0.5), state.imu["base"])
+        for _, state in zip(range(40), legs.cycles(hz=policy.rate_hz)):
+            goal = 0.8 * goal + 0.2 * policy.step(state, motord.policy.Command(turn=0.5), state.imu["base"])
+            goal = np.clip(goal, policy.default - 0.2, policy.default + 0.2)
             legs.send(q=goal, kp=policy.kp, kd=policy.kd)
         state = legs.wait()
     applied = dict(zip(state.names, state.applied["q"], strict=True))
@@ -113,9 +115,75 @@ def test_state_without_a_joint_is_refused(robot: motord.Robot, good: Path) -> No
 def test_values_are_arrays_in_order_of_policy(good: Path) -> None:
     policy = motord.Policy(good)
     assert list(policy.default) == policies.ORDER and policy.default["rr-knee"] == -1.7
-    assert np.asarray(policy.default)[8:] == pytest.approx([-1.7] * 4)
-    doubled = 2.0 * policy.default + policy.kp
-    assert type(doubled) is np.ndarray and doubled[8] == pytest.approx(36.6)
+    array = np.asarray(policy.default)
+    assert type(array) is np.ndarray and array[8:] == pytest.approx([-1.7] * 4)
+
+
+VALUES = motord.policy.JointValues(["hip", "thigh", "knee"], [0.5, 1.0, -2.0])
+
+
+def test_arithmetic_keeps_names() -> None:
+    array = np.array([0.1, 0.2, 0.3])
+    for result, expected in (
+        (2.0 * VALUES + VALUES, [1.5, 3.0, -6.0]),
+        (np.float64(2.0) * VALUES, [1.0, 2.0, -4.0]),
+        (array + VALUES, [0.6, 1.2, -1.7]),
+        (VALUES - array, [0.4, 0.8, -2.3]),
+        (np.clip(VALUES, -1.0, 0.6), [0.5, 0.6, -1.0]),
+        (np.clip(array, VALUES - 1.0, VALUES), [0.1, 0.2, -2.0]),
+        (VALUES.clip(max=VALUES - 0.1), [0.4, 0.9, -2.1]),
+        (np.where(VALUES > 0.0, VALUES, 0.0), [0.5, 1.0, 0.0]),
+        (np.maximum(VALUES, 0.6), [0.6, 1.0, 0.6]),
+        (np.round(VALUES + 0.04, 1), [0.5, 1.0, -2.0]),
+        (np.copy(VALUES), [0.5, 1.0, -2.0]),
+        (VALUES.copy(), [0.5, 1.0, -2.0]),
+        (VALUES.astype(np.float32), [0.5, 1.0, -2.0]),
+        (np.modf(VALUES)[0], [0.5, 0.0, 0.0]),
+    ):
+        assert isinstance(result, motord.policy.JointValues)
+        assert dict(result) == pytest.approx(dict(zip(VALUES, expected)))
+    assert VALUES.astype(np.float32).__array__().dtype == np.float32
+
+
+def test_operands_are_taken_by_name() -> None:
+    turned = {"knee": 3.0, "hip": 1.0, "thigh": 2.0}
+    operands: list[Any] = [turned, motord.policy.JointValues(list(turned), list(turned.values()))]
+    for other in operands:
+        assert dict(VALUES + other) == {"hip": 1.5, "thigh": 3.0, "knee": 1.0}
+        assert np.allclose(np.where(True, VALUES, other), VALUES)
+    for names in (["hip", "thigh"], ["hip", "thigh", "ankle"]):
+        with pytest.raises(ValueError, match="different joints: only one has (ankle, )?knee"):
+            _ = VALUES + motord.policy.JointValues(names, [0.0] * len(names))
+
+
+def test_numbers_of_all_joints_have_no_names() -> None:
+    assert np.max(VALUES) == 1.0 and np.add.reduce(VALUES) == -0.5 and VALUES @ VALUES == 5.25
+    assert np.shape(VALUES) == (3,) and np.linalg.norm(VALUES) == pytest.approx(5.25**0.5) and np.all(VALUES == VALUES)
+    with pytest.raises(ValueError, match="use np.all or np.any"):
+        bool(VALUES == VALUES)
+
+
+def test_results_without_joints_are_refused() -> None:
+    array = np.zeros(3)
+    for made in (
+        lambda: np.sort(VALUES),
+        lambda: np.linspace(VALUES, 2.0 * VALUES, 5),
+        lambda: np.concatenate([VALUES, VALUES]),
+        lambda: np.ones((2, 3)) * VALUES,
+        lambda: np.eye(3) @ VALUES,
+        lambda: np.add.accumulate(VALUES),
+        lambda: np.where(VALUES),
+        lambda: np.copyto(array, VALUES),
+        lambda: np.multiply.outer(VALUES, VALUES),
+    ):
+        with pytest.raises(TypeError, match=r"give it np.asarray\(values\)"):
+            made()
+    for into in (array, VALUES):
+        with pytest.raises(TypeError, match="write a = a \\+ b"):
+            into += VALUES
+    assert VALUES["hip"] == 0.5
+    with pytest.raises(ValueError, match="named twice"):
+        motord.policy.JointValues(["hip", "hip"], [0.0, 0.0])
 
 
 def test_absolute_positions_are_observed_as_measured(robot: motord.Robot, folder: Path) -> None:
@@ -127,7 +195,7 @@ def test_absolute_positions_are_observed_as_measured(robot: motord.Robot, folder
     for policy in (motord.Policy(said), motord.Policy(unsaid, joint_pos="absolute")):
         assert policy.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured, abs=0.02)
     relative = motord.Policy(unsaid, joint_pos="relative")
-    assert relative.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured - relative.default, abs=0.02)
+    assert relative.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured - np.asarray(relative.default), abs=0.02)
     with pytest.raises(motord.PolicyError, match="joint_pos is absolute in the metadata, and relative in the call"):
         motord.Policy(said, joint_pos="relative")
 
@@ -182,7 +250,7 @@ def test_good_policy_runs_at_its_rate(daemon: Daemon, robot: motord.Robot, good:
     with robot.claim("legs") as legs:
         state = legs.wait()
     assert (state.phase, state.stop) == ("disarmed", None)
-    assert np.abs(robot.wait(names=policies.ORDER).q - motord.Policy(good).default - 0.025).max() < 0.3
+    assert np.max(np.abs(robot.wait(names=policies.ORDER).q - motord.Policy(good).default - 0.025)) < 0.3
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
