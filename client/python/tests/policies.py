@@ -176,6 +176,8 @@ def spoiled(folder: Path) -> dict[str, tuple[Path, str]]:
     with (folder / "huge.onnx").open("wb") as file:
         file.truncate(1 << 40)
     made["huge"] = (folder / "huge.onnx", "it has 1048576 MiB; at most 256 MiB are read")
+    for name in ("pipe.onnx", "zeros.onnx"):
+        (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / "pipe.onnx")
     made["pipe"] = (folder / "pipe.onnx", "pipe.onnx: it is no regular file")
     (folder / "zeros.onnx").symlink_to("/dev/zero")

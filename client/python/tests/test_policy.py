@@ -56,6 +56,10 @@ def test_every_spoiled_policy_is_refused(robot: motord.Robot, folder: Path) -> N
         assert re.search(pattern, text) and str(path) in text and text.isprintable(), (name, text)
 
 
+def test_policies_replace_those_of_before(tmp_path: Path) -> None:
+    assert policies.spoiled(tmp_path) == policies.spoiled(tmp_path)
+
+
 def test_rate_and_group_must_fit(robot: motord.Robot, good: Path) -> None:
     policy = motord.Policy(good)
     policy.check(robot.description, "legs", 50.0)
