@@ -45,11 +45,12 @@ def save(
     kind: int = TensorProto.FLOAT,
     bound: float | None = None,
     length: int | str | None = None,
-    endless: bool = False,
+    endless: float | None = None,
 ) -> Path:
     """Saves a policy: each action follows its velocity command a little, and its joint back to the default pose.
 
-    With bound, the network leaves out the actions above it; length is the declared one. An endless one never returns.
+    With bound, the network leaves out the actions above it; length is the declared one. It never returns for an action
+    above endless.
     """
     weights = np.zeros((observed, actions), dtype=np.float32)
     weights[8 % observed, :] = 0.2
@@ -59,9 +60,9 @@ def save(
         [
             helper.make_node("Cast", ["observation"], ["cast"], to=TensorProto.FLOAT),
             helper.make_node("MatMul", ["cast", "weights"], ["product"]),
-            helper.make_node("Add", ["product", "bias"], ["action" if bound is None and not endless else "sum"]),
+            helper.make_node("Add", ["product", "bias"], ["action" if bound is None and endless is None else "sum"]),
             *([] if bound is None else _bounded()),
-            *([_loop()] if endless else []),
+            *([] if endless is None else _loop()),
         ],
         "policy",
         [helper.make_tensor_value_info("observation", kind, [1, observed])]
@@ -71,7 +72,7 @@ def save(
             numpy_helper.from_array(weights, "weights"),
             numpy_helper.from_array(np.full(actions, bias, dtype=np.float32), "bias"),
             *([] if bound is None else [numpy_helper.from_array(np.array(bound, dtype=np.float32), "bound")]),
-            *([numpy_helper.from_array(np.array(True), "true")] if endless else []),
+            *([] if endless is None else [numpy_helper.from_array(np.array(endless, dtype=np.float32), "endless")]),
         ],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
@@ -91,8 +92,8 @@ def _bounded() -> list[onnx.NodeProto]:
     ]
 
 
-def _loop() -> onnx.NodeProto:
-    """Repeats the action for ever."""
+def _loop() -> list[onnx.NodeProto]:
+    """Repeats the action for ever if the largest is above the bound."""
     shape = [1, len(JOINTS)]
     body = helper.make_graph(
         [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Identity", ["here"], ["there"])],
@@ -107,7 +108,11 @@ def _loop() -> onnx.NodeProto:
             helper.make_tensor_value_info("there", TensorProto.FLOAT, shape),
         ],
     )
-    return helper.make_node("Loop", ["", "true", "sum"], ["action"], body=body)
+    return [
+        helper.make_node("ReduceMax", ["sum"], ["largest"], keepdims=0),
+        helper.make_node("Greater", ["largest", "endless"], ["is_endless"]),
+        helper.make_node("Loop", ["", "is_endless", "sum"], ["action"], body=body),
+    ]
 
 
 def _with(key: str, at: int, value: str) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -14,13 +15,15 @@ from numpy.typing import NDArray
 
 from .._files import FileError, check_regular
 from .._text import printable
-from ._bounded import Bounded, Unfinished
+from ._bounded import Bounded, Unfinished, Watchdog
 from ._values import JointValues
 
 if TYPE_CHECKING:
     from motord import Imu, State
 
 _Floats = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
 
 _JOINT = -1
 """Stands for the number of joints in the size of a term."""
@@ -49,7 +52,7 @@ TRIAL_S = 10.0
 """Longest time of the first run, which also prepares the network."""
 
 STEP_S = 1.0
-"""Longest time of a step. The daemon stops a group without setpoints for at most this long."""
+"""Longest processor time of a step."""
 
 _OF_IMU = ("base_ang_vel", "projected_gravity")
 _KEYS = {
@@ -189,8 +192,8 @@ class Policy:
     ) -> None:
         """Loads a file. joint_pos is the meaning of the term of this name, where the metadata lack it."""
         self.path: str = os.fsdecode(path)
-        self._bounded = Bounded()
-        self._session, self._options = _load(self.path, self._bounded)
+        bounded = Bounded()
+        self._session, self._options = _load(self.path, bounded)
         metadata = _Metadata(self.path, _metadata(self._session))
         metadata.refuse_processing()
         self.joints: list[str] = metadata.names("joint_names")
@@ -212,7 +215,8 @@ class Policy:
         self._joint_pos = _JOINT_POS[metadata.joint_pos(joint_pos)] if is_given else ""
         self._names = _ports(metadata, self._session, sum(self._sizes), count, dict(zip(self.terms, self._sizes, strict=True)))
         self._action: _Floats = np.zeros(count)
-        self._probe(metadata)
+        self._watchdog = Watchdog()
+        self._probe(metadata, bounded)
         self._warn_of_zeros()
 
     def _size(self, metadata: _Metadata, term: str) -> int:
@@ -221,13 +225,14 @@ class Policy:
         size = TERMS[term]
         return len(self.joints) if size == _JOINT else size
 
-    def _probe(self, metadata: _Metadata) -> None:
+    def _probe(self, metadata: _Metadata, bounded: Bounded) -> None:
         """Runs the policy in its default pose, so that a broken one is found before the robot moves."""
         known = {"projected_gravity": np.array([0.0, 0.0, -1.0])}
         if self._joint_pos == "joint_pos":
             known["joint_pos"] = self._default
         parts = [known.get(term, np.zeros(size)) for term, size in zip(self.terms, self._sizes, strict=True)]
-        action = self._run(np.concatenate(parts), TRIAL_S)
+        _log.info("%s is loaded; its first run ends within %g s", printable(self.path), TRIAL_S)
+        action = self._run(np.concatenate(parts), bounded, TRIAL_S)
         for at, value in enumerate(action):
             if not np.isfinite(value):
                 raise metadata.fault(f"the action of {self.joints[at]} in the default pose is {value}: the weights are broken")
@@ -240,7 +245,7 @@ class Policy:
                 text = f"{self.path}: {key} of {', '.join(zeros)} is 0: {effect}"
                 warnings.warn(printable(text), RuntimeWarning, stacklevel=3)
 
-    def _run(self, observation: _Floats, seconds: float) -> _Floats:
+    def _run(self, observation: _Floats, limit: Bounded | Watchdog, seconds: float) -> _Floats:
         """Returns the action, one finite or other number for each joint."""
         feed = {self._names[0]: observation.astype(np.float32)[np.newaxis, :]}
         options = self._options()
@@ -253,7 +258,7 @@ class Policy:
             options.terminate = True
 
         try:
-            action = self._bounded.call(run, seconds, cancel)
+            action = limit.call(run, seconds, cancel)
         except Unfinished:
             raise PolicyError(f"{self.path}: the network has run for {seconds:g} s, and does not end") from None
         except Exception as error:  # onnxruntime has classes for errors without a common base
@@ -306,8 +311,8 @@ class Policy:
         return np.array([names.index(joint) for joint in self.joints])
 
     def step(self, state: State, command: Command = Command(), imu: Imu | None = None) -> JointValues:
-        """Returns the positions to send for a state, rad, by name."""
-        action = self._run(self.observe(state, command, imu), STEP_S)
+        """Returns the positions to send for a state, rad, by name. The network runs in the calling thread."""
+        action = self._run(self.observe(state, command, imu), self._watchdog, STEP_S)
         for at, value in enumerate(action):
             if not np.isfinite(value):
                 raise PolicyError(f"{self.path}: the action of {self.joints[at]} is {value} in cycle {state.cycle}")

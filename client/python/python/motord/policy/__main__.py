@@ -1,6 +1,7 @@
 """python -m motord.policy: checks a policy, and runs it on a group."""
 
 import argparse
+import logging
 import signal
 import sys
 import time
@@ -124,6 +125,8 @@ def load(options: argparse.Namespace) -> Policy:
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Ctrl-C and SIGTERM end a run like the end of its time: damped, stopped, released."""
     options = parse(arguments)
+    logging.basicConfig(format="motord.policy: %(message)s")
+    logging.getLogger("motord.policy").setLevel(logging.INFO)
     policy = load(options)
     if options.what == "check":
         # A reader that ends early, such as `head`, is no error.

@@ -1,26 +1,47 @@
-"""Calls of a library that may not return."""
+"""Limits on calls of a library that may not return."""
 
 from __future__ import annotations
 
 import os
+import time
 import weakref
-from _thread import start_new_thread
+from _thread import get_ident, start_new_thread
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
+from threading import Event
 from typing import Any, TypeVar
 
 CANCEL_S = 2.0
 """Longest time that a cancelled call takes to end."""
 
-T = TypeVar("T")
+WATCH_S = 0.25
+"""Time between two looks of a watchdog."""
 
-_Outcomes = SimpleQueue[tuple[Any, BaseException | None]]
-_Jobs = SimpleQueue[tuple[Callable[[], Any], _Outcomes] | None]
+T = TypeVar("T")
 
 
 class Unfinished(Exception):
     """A call has not returned in time."""
+
+
+@dataclass
+class _Job:
+    function: Callable[[], Any]
+    value: Any = None
+    error: BaseException | None = None
+    ended: Event = field(default_factory=Event)
+
+    def run(self) -> None:
+        try:
+            self.value = self.function()
+        except BaseException as error:
+            self.error = error
+        self.ended.set()
+
+
+_Jobs = SimpleQueue[_Job | None]
 
 
 class Bounded:
@@ -40,23 +61,21 @@ class Bounded:
         """
         if self._process != os.getpid():
             self._start()
-        outcomes: _Outcomes = SimpleQueue()
+        job = _Job(function)
         try:
-            self._jobs.put((function, outcomes))
-            value, error = outcomes.get(timeout=seconds)
-        except BaseException as error:
+            self._jobs.put(job)
+            if not job.ended.wait(seconds):
+                raise Unfinished
+        except BaseException:
             cancel()
             self._process = 0
             self._jobs.put(None)
             # A thread that returns to the interpreter while that ends would abort the process.
-            with suppress(Empty):
-                outcomes.get(timeout=CANCEL_S)
-            if isinstance(error, Empty):
-                raise Unfinished from None
+            job.ended.wait(CANCEL_S)
             raise
-        if error is not None:
-            raise error
-        result: T = value
+        if job.error is not None:
+            raise job.error
+        result: T = job.value
         return result
 
     def _start(self) -> None:
@@ -69,10 +88,72 @@ class Bounded:
 
 def _work(jobs: _Jobs) -> None:
     while (job := jobs.get()) is not None:
-        function, outcomes = job
-        try:
-            outcomes.put((function(), None))
-        except BaseException as error:
-            outcomes.put((None, error))
+        job.run()
         # Without this, the thread would keep the last job, and its policy.
-        del job, function, outcomes
+        del job
+
+
+@dataclass(eq=False)
+class _Run:
+    """A call in the thread of its caller."""
+
+    clock: int
+    """The clock of this thread."""
+    end_s: float
+    cancel: Callable[[], None]
+    is_cancelled: bool = False
+
+    def check(self) -> None:
+        if time.clock_gettime(self.clock) >= self.end_s:
+            self.is_cancelled = True
+            self.cancel()
+
+
+class Watchdog:
+    """Calls functions in the thread of the caller, with its priority and processors, and cancels those that compute for too long.
+
+    Its thread looks every WATCH_S, so that a call wakes no other thread. The limit is processor time of the caller's thread: a
+    machine that stops for a while ends no call.
+    """
+
+    def __init__(self) -> None:
+        self._start()
+
+    def call(self, function: Callable[[], T], seconds: float, cancel: Callable[[], None]) -> T:
+        """Returns the result of a function, or raises its exception. Unfinished if the function raises because it is cancelled.
+
+        It is cancelled after `seconds` of processor time, or up to WATCH_S later. Ctrl-C waits for its end.
+        """
+        if self._process != os.getpid():
+            self._start()
+        run = _Run(time.pthread_getcpuclockid(get_ident()), time.thread_time() + seconds, cancel)
+        try:
+            self._runs.add(run)
+            return function()
+        except Exception:
+            if run.is_cancelled:
+                raise Unfinished from None
+            raise
+        finally:
+            self._runs.discard(run)
+
+    def _start(self) -> None:
+        # A forked process has no thread, and no other runs.
+        self._runs: set[_Run] = set()
+        ended: SimpleQueue[None] = SimpleQueue()
+        weakref.finalize(self, ended.put, None)
+        start_new_thread(_watch, (self._runs, ended))
+        self._process = os.getpid()
+
+
+def _watch(runs: set[_Run], ended: SimpleQueue[None]) -> None:
+    while True:
+        with suppress(Empty):
+            ended.get(timeout=WATCH_S)
+            return
+        _check(runs)
+
+
+def _check(runs: set[_Run]) -> None:
+    for run in tuple(runs):
+        run.check()
