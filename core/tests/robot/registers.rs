@@ -218,10 +218,10 @@ fn contradicted_ends_are_not_assumed_after_silence() {
     robot.disturb("shoulder power-off");
     robot.steps(50);
     let mute = shoulder(WRITTEN, |motor| motor.ends = None);
-    let exchange = |robot: &Robot| {
+    let swap_motors = |robot: &Robot| {
         robot.buses[0].with(|bus| mute.buses[0].with(|other| core::mem::swap(bus, other)));
     };
-    exchange(&robot);
+    swap_motors(&robot);
     robot.take_events();
     robot.steps(2500);
     let is_unread = |event: &Event| matches!(event, Event::Unread { motor: 0, is_assumed: false });
@@ -232,7 +232,7 @@ fn contradicted_ends_are_not_assumed_after_silence() {
     // The vendor's tool corrects the motor, and its answers arrive again.
     robot.disturb("shoulder power-off");
     robot.steps(50);
-    exchange(&robot);
+    swap_motors(&robot);
     robot.disturb("shoulder on");
     robot.steps(600);
     write_vmax(&robot, 30.0);

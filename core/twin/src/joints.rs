@@ -76,8 +76,8 @@ impl JointPlant {
         let mut positions = positions(settings);
         mechanics.begin(&mut positions);
         let mut begins = settings.motors.iter().zip(&positions);
-        // False for NaN.
-        if let Some((motor, &position)) = begins.find(|(_, position)| !(position.abs() <= NUMBER_MAX)) {
+        let is_possible = |position: f64| position.abs() <= NUMBER_MAX; // False for NaN.
+        if let Some((motor, &position)) = begins.find(|(_, position)| !is_possible(**position)) {
             return Err(TwinError::Begin { joint: motor.name.clone(), position });
         }
         for ((simulation, motor), position) in
