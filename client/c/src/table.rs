@@ -1,7 +1,8 @@
 //! The objects of one kind, and the numbers that callers have of them.
 //!
 //! The pointer of a caller is a number that names a slot of a table and its use. It leads to no memory, so the library reads nothing that
-//! was freed, and a number is not used again. Every function is lock-free, so a forked process finds no lock of its parent.
+//! was freed, and a number is not used again. The numbers of two copies of the library in a process may be equal. Every function is
+//! lock-free, so a forked process finds no lock of its parent.
 //!
 //! ```text
 //!   1 | use | slot | kind | 000
@@ -57,14 +58,14 @@ impl Number {
         let shifted = handle >> ALIGNMENT_BITS;
         let (slot, used) = (shifted >> KIND_BITS, shifted >> (KIND_BITS + SLOT_BITS));
         let number = Self { slot: low(slot, SLOT_BITS), used: low(used, USE_BITS) };
-        (number.to_handle(kind) == handle).then_some(number)
+        (number.to_handle(kind) == handle && number.used % 2 == 1).then_some(number)
     }
 }
 
 /// A slot for an object.
 #[derive(Debug)]
 struct Slot<T> {
-    /// Number of its use: odd from the insertion of an object to its removal.
+    /// Number of its use: odd from the insertion of an object to its removal. Only grows.
     used: AtomicUsize,
     /// Null without an object.
     object: AtomicPtr<T>,
@@ -89,9 +90,10 @@ impl<T> Table<T> {
     pub fn insert(&self, object: T) -> Option<usize> {
         for index in 0..OBJECTS_MAX {
             let slot = self.slot_or_new(index)?;
-            let free = slot.used.load(Ordering::Relaxed);
+            let free = slot.used.load(Ordering::Acquire);
             let used = free.wrapping_add(1);
-            let is_free = free % 2 == 0;
+            // The object of the last use may not be taken yet. A slot is not used again after its last number.
+            let is_free = free % 2 == 0 && free < USE_MAX && slot.object.load(Ordering::Acquire).is_null();
             if is_free && slot.used.compare_exchange(free, used, Ordering::AcqRel, Ordering::Relaxed).is_ok()
             {
                 slot.object.store(Box::into_raw(Box::new(object)), Ordering::Release);
@@ -112,21 +114,21 @@ impl<T> Table<T> {
         (is_this && !object.is_null()).then_some(object.cast_const())
     }
 
-    /// Takes the object of a handle out of the table; `None` where [`find`](Self::find) returns `None`.
+    /// Takes the object of a handle out of the table; `None` where [`find`](Self::find) returns `None`, and while another thread takes it.
     pub fn remove(&self, handle: usize) -> Option<Box<T>> {
         self.find(handle)?;
-        let number = Number::of_handle(handle, self.kind)?;
+        self.take(Number::of_handle(handle, self.kind)?)
+    }
+
+    /// Takes the object with this number, which had one. The first of several threads gets it.
+    fn take(&self, number: Number) -> Option<Box<T>> {
         let slot = self.slot(number.slot)?;
+        // Ends the use first: a number never returns, and no other thread takes or stores an object until the slot is empty.
+        let next = number.used + 1;
+        slot.used.compare_exchange(number.used, next, Ordering::AcqRel, Ordering::Relaxed).ok()?;
         let object = slot.object.swap(ptr::null_mut(), Ordering::AcqRel);
-        if object.is_null() {
-            return None;
-        }
-        // The slot is not used again after its last number.
-        if number.used < USE_MAX {
-            slot.used.store(number.used + 1, Ordering::Release);
-        }
-        // SAFETY: `insert` made it of a box, and only this call took it from the slot.
-        Some(unsafe { Box::from_raw(object) })
+        // SAFETY: `insert` made it of a box, and only the thread that ended its use takes it.
+        (!object.is_null()).then(|| unsafe { Box::from_raw(object) })
     }
 
     fn slot(&self, index: usize) -> Option<&Slot<T>> {
@@ -189,6 +191,34 @@ mod tests {
         assert!(table.remove(last).is_some());
         let next = Number::of_handle(table.insert('b').unwrap(), Kind::State);
         assert_eq!((next, value(&table, last)), (Some(Number { slot: 1, used: 1 }), None));
+    }
+
+    /// A thread found an object. Before it takes it, another one removes it, and a third one stores an object in the slot.
+    #[test]
+    fn second_free_takes_no_later_object() {
+        let table = Table::new(Kind::Claim);
+        let first = table.insert('a').unwrap();
+        let found = Number::of_handle(first, Kind::Claim).unwrap();
+        assert!(table.remove(first).is_some());
+        let later = table.insert('b').unwrap();
+        assert_eq!((table.take(found), value(&table, later)), (None, Some('b')));
+        assert!(table.remove(later).is_some());
+        assert_ne!(table.insert('c'), Some(later), "no number returns");
+    }
+
+    /// A thread has ended the use of a slot, and has not taken the object out yet.
+    #[test]
+    fn slot_is_free_once_it_is_empty() {
+        let table = Table::new(Kind::Claim);
+        let first = table.insert('a').unwrap();
+        let Number { slot, used } = Number::of_handle(first, Kind::Claim).unwrap();
+        table.slot(slot).unwrap().used.store(used + 1, Ordering::Release);
+        let next = Number { slot, used: used + 1 }.to_handle(Kind::Claim);
+        assert_eq!((value(&table, first), value(&table, next)), (None, None));
+        let other = Number::of_handle(table.insert('b').unwrap(), Kind::Claim);
+        assert_eq!(other, Some(Number { slot: slot + 1, used: 1 }));
+        table.slot(slot).unwrap().used.store(used, Ordering::Release);
+        assert_eq!(table.remove(first).as_deref(), Some(&'a'));
     }
 
     #[test]
