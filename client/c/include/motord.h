@@ -11,6 +11,9 @@
  * gives it to no other object. A call with a null pointer, a freed one or one of another kind returns MOTORD_STATUS_BAD_ARGUMENT, and a
  * function that frees ignores it.
  *
+ * The numbers are those of one copy of the library. In a process with two copies, such as a static and a shared one, objects of both
+ * may have the same number: use an object only with the copy that created it, and link one copy where that is possible.
+ *
  * Clients, states, claims and publishers belong to the process that created them. In a forked process each call with one returns
  * MOTORD_STATUS_FORKED, or the value of an object that is none, and a function that frees does nothing. Only the two emergency stops of
  * a client work there too. The check makes no system call. It does not detect a child that shares the memory, one of vfork or of clone
