@@ -986,7 +986,8 @@ enum motord_status motord_imu_publisher_send(struct motord_imu_publisher *publis
 bool motord_imu_publisher_is_used(struct motord_imu_publisher *publisher);
 
 /**
- * Creates an empty state. Free it with `motord_state_free`. Null only while 65 536 states exist.
+ * Creates an empty state. Free it with `motord_state_free`. Null while 65 536 states exist, which `motord_error_message` says. In a
+ * 32-bit program: while 256 exist, and once 2²⁵ were created.
  */
 struct motord_state *motord_state_new(void);
 

@@ -166,7 +166,11 @@ class Claim;
 /// The daemon's state after a cycle. One thread uses it at a time.
 class State {
 public:
-    State() : handle_(motord_state_new()) {}
+    /// An empty state. Throws an Error while as many exist as the library permits.
+    State() : handle_(motord_state_new()) {
+        if (!handle_)
+            detail::check(MOTORD_STATUS_UNAVAILABLE);
+    }
 
     /// The cycle of the state.
     motord_cycle cycle() const {

@@ -70,10 +70,16 @@ impl Handle for PublisherHandle {
     }
 }
 
-/// Moves an object to the caller, who gets a number of it in place of its address. Null while [`OBJECTS_MAX`] of its kind exist.
-pub(crate) fn give<T: Handle>(body: T) -> *mut T {
+/// Moves an object to the caller, who gets a number of it in place of its address. Fails while its kind has no free slot: while
+/// [`OBJECTS_MAX`] exist, and once a 32-bit program has used each number.
+pub(crate) fn give<T: Handle>(body: T) -> Result<*mut T, Failure> {
     let handle = T::table().insert(Owned { creator: Creator::this(), body });
-    handle.map_or(ptr::null_mut(), ptr::without_provenance_mut)
+    let name = T::NAME;
+    handle.map(ptr::without_provenance_mut).ok_or_else(|| {
+        let message =
+            format!("no further {name}: at most {OBJECTS_MAX} exist. Free those that are no longer in use");
+        Failure::new(Status::Unavailable, message)
+    })
 }
 
 /// Returns the failure of a pointer that is no handle of its kind.
@@ -192,11 +198,7 @@ pub(crate) unsafe fn put_new<T: Handle>(
 ) -> Result<(), Failure> {
     // SAFETY: by the contract of this function.
     unsafe { put(pointer, ptr::null_mut()) }?;
-    let made = give(make()?);
-    if made.is_null() {
-        let message = format!("{OBJECTS_MAX} {}s exist: free those that are no longer in use", T::NAME);
-        return Err(Failure::new(Status::Unavailable, message));
-    }
+    let made = give(make()?)?;
     // SAFETY: by the contract of this function.
     unsafe { put(pointer, made) }
 }

@@ -5,7 +5,7 @@ use crate::handle::{
     ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, guarded_or, put,
 };
 use crate::joint::{JointInfo, fault_name, limit_name, mode_name};
-use crate::status::{Failure, Status};
+use crate::status::{Failure, Status, fail};
 use motord_client::{Cause, Client, Error, GroupView, Phase, State};
 use std::ffi::{CString, c_char};
 use std::ptr;
@@ -40,10 +40,14 @@ impl From<Option<Phase>> for GroupPhase {
     }
 }
 
-/// Creates an empty state. Free it with `motord_state_free`. Null only while 65 536 states exist.
+/// Creates an empty state. Free it with `motord_state_free`. Null while 65 536 states exist, which `motord_error_message` says. In a
+/// 32-bit program: while 256 exist, and once 2²⁵ were created.
 #[unsafe(no_mangle)]
 pub extern "C" fn motord_state_new() -> *mut StateHandle {
-    give(StateHandle(Mutex::default()))
+    give(StateHandle(Mutex::default())).unwrap_or_else(|failure| {
+        fail(failure);
+        ptr::null_mut()
+    })
 }
 
 /// Frees a state. Null is no error.
