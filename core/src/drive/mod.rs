@@ -169,6 +169,7 @@ impl Drive {
         let (question, latency) = match correlator.receive(kind, at) {
             Role::Answer(question, latency) => (question, latency),
             Role::LateReport => (Question::Fault, Duration::ZERO),
+            Role::LateRegister => return Received::Reply(dialect.accept_late_register(payload)),
             Role::Ambiguous => return Received::Reply(dialect.accept_ambiguous(payload, at)),
             Role::Late => {
                 dialect.refute();
@@ -203,6 +204,16 @@ impl Dialect {
         match self {
             Self::Mit(mit) => mit.accept_ambiguous(payload, at),
             Self::Gim(_) => Reported::Alive,
+        }
+    }
+
+    /// Takes a register that answers an earlier question. Only MIT has such replies.
+    #[cold]
+    fn accept_late_register(&mut self, payload: &[u8]) -> Reported {
+        self.refute();
+        match self {
+            Self::Mit(mit) => mit.accept_late_register(payload),
+            Self::Gim(_) => Reported::Late,
         }
     }
 

@@ -116,7 +116,7 @@ fn removed_owner_is_told_so() {
     assert!(daemon.motorctl(&["release", "all", "--force"]).status.success());
     let ended = child.wait_with_output().unwrap();
     let said = text(&ended.stderr);
-    assert!(!ended.status.success() && said.contains("no longer belongs to this claim"), "{said}");
+    assert!(!ended.status.success() && said.contains("was taken from its owner"), "{said}");
 }
 
 /// A program that moves the joint.

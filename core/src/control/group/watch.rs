@@ -113,6 +113,10 @@ impl Group {
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),
             Reported::Refused => motor.report_refusal(),
+            Reported::LateRegister(number, value) => {
+                motor.report_late();
+                motor.report_register(number, value, cx);
+            }
             Reported::Late => motor.report_late(),
         }
         Consequence::None

@@ -236,7 +236,7 @@ impl Wire {
             };
             if let Received::Reply(reported) = &received {
                 *replied_at = arrival.at;
-                answers += usize::from(!matches!(reported, Reported::Late));
+                answers += usize::from(!matches!(reported, Reported::Late | Reported::LateRegister(..)));
             } else {
                 count_useless(counters, &received);
             }

@@ -62,7 +62,7 @@ struct Request {
 /// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
 /// | nothing, or sent too short ago | any other | unasked | unasked |
 /// | any | unreadable | malformed | malformed |
-/// | any but Register, or sent too short ago | register | late while replies are owed or unpaid, otherwise malformed | the same |
+/// | any but Register, or sent too short ago | register | late register while replies are owed, late while they are unpaid, otherwise malformed | the same |
 /// | Register | register | answer | unasked |
 /// | Register | report, continuation, plain | unasked | unasked |
 /// | State | report, while replies are owed | late report | late report |
@@ -175,7 +175,12 @@ impl Correlator {
     /// motor.
     #[cold]
     const fn unasked_register(&mut self) -> Role {
-        if self.owed > 0 || self.unpaid > 0 { self.late() } else { Role::Malformed }
+        let is_owed = self.owed > 0;
+        if !is_owed && self.unpaid == 0 {
+            return Role::Malformed;
+        }
+        let late = self.late();
+        if is_owed { Role::LateRegister } else { late }
     }
 
     /// Returns whether a payload that arrived at `at` can have been sent after the request.

@@ -42,6 +42,8 @@ pub(crate) enum Role {
     Ambiguous,
     /// A fault report, which answers an earlier fault request.
     LateReport,
+    /// A register, which answers an earlier request: it names its number.
+    LateRegister,
     /// Answers an earlier request. Its content is unknown or outdated.
     Late,
     /// Answers no request.

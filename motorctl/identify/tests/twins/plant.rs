@@ -213,7 +213,6 @@ pub(crate) fn draw_kind(seed: u64) -> Hidden {
 }
 
 impl Hidden {
-    /// The requests to registers of three Damiao motors yield to every reply: the last answer arrives 0.9 ms after its tick.
     fn configuration(&self) -> String {
         let motor = |index: usize| {
             format!(
@@ -228,7 +227,7 @@ impl Hidden {
         let motors: String = (0..=self.others).map(motor).collect();
         let joints: Vec<_> = (0..=self.others).map(|index| format!("\"j{index}\"")).collect();
         format!(
-            "[cycle]\nreply-deadline-percent = 95\n[[bus]]\nname = \"b\"\ntype = \"simulated\"\n{motors}[[group]]\nname = \"g\"\njoints = [{}]\n",
+            "[[bus]]\nname = \"b\"\ntype = \"simulated\"\n{motors}[[group]]\nname = \"g\"\njoints = [{}]\n",
             joints.join(", ")
         )
     }
