@@ -473,6 +473,7 @@ impl Log {
     pub(super) fn log_counts(&mut self, counters: &Counters) {
         self.motors.iter_mut().for_each(|motor| motor.subject.summarise());
         self.buses.iter_mut().for_each(Subject::summarise);
+        self.imus.iter_mut().for_each(Subject::summarise);
         self.requests.summarise();
         self.quiet_for = self.quiet_for.saturating_add(1);
         if self.quiet_for >= MISSED_TICKS_PERIOD {
