@@ -104,7 +104,6 @@ impl InputFile {
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 mod tests {
     use super::*;
     use nix::sys::stat::Mode;
