@@ -42,7 +42,8 @@ class Mujoco:
         motors: Motors | None = None,
     ) -> None:
         self._path, self._imu, self._key = fspath(model), imu, key
-        self._prefix, self._motors = prefix, motors
+        self._prefix = prefix
+        self._motors: Motors | None = motors
         self.model: Any = None
         self.data: Any = None
 
