@@ -34,9 +34,9 @@ public:
     }
 
     void send_nonsense() {
-        const std::vector<double> nonsense(claim_->size(), std::nan(""));
+        const std::vector<double> nonsense(claim_->size(), std::nan("")), stiffness(claim_->size(), 20.0);
         try {
-            claim_->send({nonsense.data(), nullptr, nullptr, nullptr, nullptr}, nonsense.size());
+            claim_->send({nonsense.data(), nullptr, stiffness.data(), nullptr, nullptr}, nonsense.size());
         } catch (const motord::Error &error) {
             require(error.status() == MOTORD_STATUS_BAD_SETPOINT, error.what());
             return;
