@@ -55,6 +55,9 @@ const AXES: usize = 24;
 /// The conventions that may agree: those of [`CONVENTIONS`], then the turns.
 const CANDIDATES: usize = CONVENTIONS.len() + AXES - 1;
 
+/// The contradictions of the size of the acceleration. The others are of directions.
+const SIZES: u32 = AccelerationInG.bit() | WithoutGravity.bit() | Size.bit();
+
 /// The outcome of a rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Finding {
@@ -128,7 +131,7 @@ impl GravityCheck {
     fn size(&self, mean: &ImuSample) -> u32 {
         let size = norm(mean.acceleration);
         let is_near = |unit: f32, part: f32| (size - unit).abs() <= part * unit;
-        let is_wrong = self.contradictions & (AccelerationInG.bit() | WithoutGravity.bit() | Size.bit()) != 0;
+        let is_wrong = self.contradictions & SIZES != 0;
         match size {
             _ if is_near(GRAVITY, if is_wrong { HYSTERESIS * SIZE_MAX } else { SIZE_MAX }) => 0,
             ..WITHOUT_GRAVITY_MAX => WithoutGravity.bit(),
@@ -141,8 +144,7 @@ impl GravityCheck {
         if norm(mean.acceleration) < WITHOUT_GRAVITY_MAX {
             return 0;
         }
-        let sizes = AccelerationInG.bit() | WithoutGravity.bit() | Size.bit();
-        let is_wrong = self.contradictions & !sizes != 0;
+        let is_wrong = self.contradictions & !SIZES != 0;
         let limit = if is_wrong { HYSTERESIS * ANGLE_MAX } else { ANGLE_MAX };
         if angle(up(mean.orientation), mean.acceleration) <= limit {
             self.agreeing = u64::MAX;

@@ -64,18 +64,18 @@ impl LocalClient {
         let ticket = self.request(operation, group)?;
         for _ in 0..ANSWER_CYCLES {
             cycle();
-            if let Some(outcome) = self.answer_to(ticket) {
-                return outcome;
+            if let Some(reply) = self.answer_to(ticket) {
+                return outcome(reply);
             }
         }
         Err(Refusal::Busy)
     }
 
-    /// Returns the outcome of the request with this ticket, once it is answered. Drops the answers to earlier requests.
-    pub fn answer_to(&mut self, ticket: u32) -> Option<Result<AdminReply, Refusal>> {
+    /// Returns the reply to the request with this ticket, once it is answered. Drops the answers to earlier requests.
+    pub fn answer_to(&mut self, ticket: u32) -> Option<AdminReply> {
         while let Some((answered, reply)) = self.answer() {
             if answered == ticket {
-                return Some(outcome(reply));
+                return Some(reply);
             }
         }
         None

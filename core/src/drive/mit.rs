@@ -9,7 +9,7 @@ use crate::joint::{Impedance, Measured, MotorSide, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{Ends, Faults, Field, Profile, Scales, register};
+use motord_protocol::{Faults, Field, Profile, Scales, register};
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -149,10 +149,9 @@ impl Mit {
         Some(())
     }
 
-    /// Uses these ends of the codes from now on. The gains keep theirs, which no register contains.
-    pub(super) fn use_ends(&mut self, [position, velocity, torque]: [f32; 3]) {
-        let [position, velocity, torque] = [position, velocity, torque].map(f64::from);
-        let scales = Scales::of(&Ends { position, velocity, torque, ..self.scales.ends() });
+    /// Uses these ends of the codes from now on.
+    pub(super) fn use_ends(&mut self, ends: [f32; 3]) {
+        let scales = self.scales.with_ends(ends);
         if scales == self.scales {
             return;
         }

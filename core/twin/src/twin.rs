@@ -197,10 +197,8 @@ impl Twin {
         let Ok(ticket) = self.client.request(operation, group) else { return busy };
         for _ in 0..ANSWER_CYCLES {
             self.step();
-            while let Some((answered, reply)) = self.client.answer() {
-                if answered == ticket {
-                    return reply;
-                }
+            if let Some(reply) = self.client.answer_to(ticket) {
+                return reply;
             }
         }
         busy

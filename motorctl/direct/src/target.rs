@@ -6,7 +6,7 @@ use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify};
 use motord_configuration as config;
-use motord_protocol::{Ends, MotorProtocol, Scales};
+use motord_protocol::{MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -248,8 +248,7 @@ fn reported_scales(link: &mut Link, motor: &MotorSettings) -> Result<Scales, Err
         return Ok(motor.scales);
     }
     let silent = Error::Silent { id: motor.id, request: "registers PMAX, VMAX and TMAX" };
-    let [position, velocity, torque] = ends(link, motor.id, motor.host_id)?.ok_or(silent)?.map(f64::from);
-    Ok(Scales::of(&Ends { position, velocity, torque, ..motor.scales.ends() }))
+    Ok(motor.scales.with_ends(ends(link, motor.id, motor.host_id)?.ok_or(silent)?))
 }
 
 /// The bus and the ids of a motor.
@@ -367,6 +366,7 @@ impl Session {
 mod tests {
     use super::*;
     use motord_bus::{Instant, VirtualClock};
+    use motord_protocol::Ends;
     use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SimulatedBus};
 
     /// A jog by the ends of the model would turn the joint by four times the requested angle.

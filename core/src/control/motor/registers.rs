@@ -57,7 +57,10 @@ enum Knowledge {
 
 impl Registers {
     pub(super) fn new(settings: &MotorSettings) -> Self {
-        let count = settings.capabilities.registers.min(REGISTERS_MAX as u8);
+        Self::of(settings.capabilities.registers.min(REGISTERS_MAX as u8))
+    }
+
+    const fn of(count: u8) -> Self {
         Self {
             count,
             knowledge: if count == 0 { Knowledge::Known } else { Knowledge::Unknown },
@@ -168,16 +171,7 @@ mod tests {
     const WRITTEN: [f32; REGISTERS_MAX] = [12.5, 30.0, 10.0];
 
     fn registers() -> Registers {
-        Registers {
-            count: REGISTERS_MAX as u8,
-            knowledge: Knowledge::Unknown,
-            next: 0,
-            values: [0.0; REGISTERS_MAX],
-            wrong: None,
-            tries: 0,
-            due: Instant::ZERO,
-            reported: None,
-        }
+        Registers::of(REGISTERS_MAX as u8)
     }
 
     fn ranges() -> [RegisterRange; REGISTERS_MAX] {

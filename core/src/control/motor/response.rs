@@ -18,7 +18,7 @@
 use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
-use motord_protocol::{Ends, Scales};
+use motord_protocol::Scales;
 use motord_shared::SetpointMode;
 
 /// A reply may answer the newest command, the one before, and one two turns earlier: a reply may have
@@ -72,9 +72,7 @@ impl Response {
     /// Uses the codes of these ends of position, velocity and torque, which the motor reported.
     #[cold]
     pub(super) fn rescale(&mut self, settings: &MotorSettings, ends: [f32; 3]) {
-        let [position, velocity, torque] = ends.map(f64::from);
-        let ends = Ends { position, velocity, torque, ..settings.scales.ends() };
-        self.measure_codes(&Scales::of(&ends), settings);
+        self.measure_codes(&settings.scales.with_ends(ends), settings);
     }
 
     fn measure_codes(&mut self, scales: &Scales, settings: &MotorSettings) {

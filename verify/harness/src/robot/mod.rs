@@ -302,13 +302,11 @@ impl Robot {
 
     /// Posts a request and runs cycles until its answer arrives.
     pub fn ask(&mut self, request: AdminRequest) -> Result<AdminReply, Refusal> {
-        let asked = self.client.post(request).expect("the ring has room");
+        let ticket = self.client.post(request).expect("the ring has room");
         for _ in 0..4000 {
             self.step();
-            while let Some((ticket, reply)) = self.client.answer() {
-                if ticket == asked {
-                    return if reply.refusal == 0 { Ok(reply) } else { Err(refusal(reply)) };
-                }
+            if let Some(reply) = self.client.answer_to(ticket) {
+                return if reply.refusal == 0 { Ok(reply) } else { Err(refusal(reply)) };
             }
         }
         panic!("no answer to {request:?}");
