@@ -179,9 +179,7 @@ pub use joint::{Faults, Joint, Limits};
 pub use lateness::Lateness;
 pub use members::{JointKey, Slot};
 pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
-pub use motord_ports::running::{
-    RunningInstance, foreign as foreign_instances, running as running_instances,
-};
+pub use motord_ports::running::{Listeners, RunningInstance, listeners, running as running_instances};
 pub use motord_ports::service::{Obstacle, Part, ServiceError};
 pub use motord_ports::stop_socket::StopError;
 #[doc(hidden)]

@@ -1,9 +1,7 @@
 //! `motorctl instances`: the daemons of this computer.
 
 use crate::failure::Failure;
-use motord_client::{
-    DEFAULT_INSTANCE, RUNTIME_DIR_VARIABLE, RunningInstance, foreign_instances, running_instances,
-};
+use motord_client::{DEFAULT_INSTANCE, Listeners, RUNTIME_DIR_VARIABLE, RunningInstance, listeners};
 use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -38,10 +36,10 @@ const FOREIGN_MAX: usize = 3;
 ///
 /// When the output cannot be written.
 pub(crate) fn run(as_json: bool, all: bool) -> Result<(), Failure> {
-    let others = foreign_instances();
+    let Listeners { daemons, foreign: others } = listeners();
     let hidden = if all { 0 } else { others.len() };
     let others = others.into_iter().filter(|_| all).map(|other| Entry::new(other, true));
-    let running = running_instances().into_iter().map(|running| Entry::new(running, false));
+    let running = daemons.into_iter().map(|running| Entry::new(running, false));
     let entries: Vec<Entry> = running.chain(others).collect();
     let out = &mut io::stdout().lock();
     if as_json {
@@ -75,14 +73,14 @@ fn table(entries: &[Entry]) -> Table {
 
 /// Returns the commands for the running daemons as lines to paste; `None` if none runs.
 pub(crate) fn instead(verb: &str) -> Option<String> {
-    let running = running_instances();
+    let Listeners { daemons: running, foreign: others } = listeners();
     let mut lines: Vec<String> =
         running.iter().map(|running| format!("  {} {verb}", line(running))).collect();
     if verb == "estop" && !lines.is_empty() {
         lines.push("  motorctl estop --all".to_owned());
     }
     let these = (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")));
-    let others = foreign(verb, &foreign_instances(), &[]);
+    let others = foreign(verb, &others, &[]);
     let others = (!others.is_empty()).then_some(others);
     match (these, others) {
         (Some(these), Some(others)) => Some(format!("{these}\n{others}")),
@@ -140,7 +138,7 @@ fn remedy(other: &RunningInstance) -> String {
     "find it with `sudo ss -xap | grep motord-stop:`, and end it with `sudo kill`".to_owned()
 }
 
-/// Returns the beginning of the commands for `running`. Its words need no quotes: see [`running_instances`].
+/// Returns the beginning of the commands for `running`. Its words need no quotes: see [`Listeners::daemons`].
 pub(crate) fn line(running: &RunningInstance) -> String {
     let RunningInstance { name, runtime, .. } = running;
     let directory = match runtime.to_str() {

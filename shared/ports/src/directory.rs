@@ -22,6 +22,8 @@ const DEPTH_MAX: usize = 8;
 const TRIES: usize = 10;
 /// Mode bit: only the owner of a file, or of the directory, may delete or rename the file.
 pub(crate) const STICKY: u32 = 0o1000;
+/// Mode bits with which users other than the owner may write to a directory.
+pub(crate) const OTHERS_WRITE: u32 = 0o022;
 
 /// A file or directory under a name that motord needs, which another user had created and this
 /// process removed or renamed. Only root and the owner of the directory may do that.

@@ -9,7 +9,7 @@
 use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Connections that are being opened or ended, and [`FORK`] for each fork.
 static GATE: AtomicU32 = AtomicU32::new(0);
@@ -17,8 +17,8 @@ static GATE: AtomicU32 = AtomicU32::new(0);
 const FORK: u32 = 1 << 16;
 /// Interval between two looks at the gate.
 const POLL: Duration = Duration::from_micros(100);
-/// Longest wait, in intervals: 1 s at least. A connection takes milliseconds.
-const POLLS: u32 = 10_000;
+/// Longest wait for the gate. A connection takes milliseconds.
+const WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// Opens or ends a connection with `call`, while no thread forks. Waits for 1 s or a little more at most, and then calls all the same.
 /// `call` neither forks nor passes the gate again.
@@ -47,15 +47,16 @@ impl Drop for Leaving {
     }
 }
 
-/// Tries until `is_done`, for 1 s or a little more at most.
+/// Tries until `is_done`, for [`WAIT_MAX`] and a [`POLL`] at most.
 fn poll(mut is_done: impl FnMut() -> bool) -> bool {
-    (0..POLLS).any(|_| {
-        let done = is_done();
-        if !done {
-            sleep(POLL);
+    let end = Instant::now() + WAIT_MAX;
+    while !is_done() {
+        if Instant::now() >= end {
+            return false;
         }
-        done
-    })
+        sleep(POLL);
+    }
+    true
 }
 
 fn register() {

@@ -15,7 +15,7 @@
 pub use crate::directory::Displaced;
 pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
-use crate::directory::{Directory, STICKY};
+use crate::directory::{Directory, OTHERS_WRITE, STICKY};
 use crate::instance_error::{ROOT_BYTES_MAX, refused};
 use crate::lock_file::{Locks, dead_holder, exclusive, hold, read_number};
 use motord_shared::limits::NAME_BYTES_MAX;
@@ -33,9 +33,6 @@ pub(crate) const SERVICE_RUNTIME: &str = "/run/motord";
 
 /// Marker below the instance's directory while its daemon opens the services.
 const OPENING: &str = "opening";
-
-/// Mode bits with which users other than the owner may write to a directory.
-const GROUP_WRITES: u32 = 0o022;
 
 /// Name and location of an instance, running or not.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -204,7 +201,7 @@ impl Instance {
         let mut displaced = Vec::new();
         let lock = hold(&runtime, &self.lock_name(), &mut displaced)?;
         let mode = runtime.stat()?.st_mode;
-        if mode & GROUP_WRITES != 0 {
+        if mode & OTHERS_WRITE != 0 {
             runtime.set_mode(mode | STICKY);
         }
         let iox = runtime.make_below("iox", mode & 0o2777 | STICKY, &mut displaced)?;

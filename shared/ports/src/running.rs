@@ -4,6 +4,7 @@
 //! its process and its directory belong to [`TrustedUsers`]. Nothing in the directory of another one is opened, and no directory is
 //! looked at before every request is sent.
 
+use crate::directory::{OTHERS_WRITE, STICKY};
 use crate::instance::{self, Instance};
 use crate::liveness;
 use crate::peer::TrustedUsers;
@@ -31,10 +32,8 @@ const LISTENING: &[u8] = b"00010000";
 const RETRY_MS: u16 = 1;
 /// Longest wait for the directories: a file system may not answer.
 const CHECK_MAX: Duration = Duration::from_millis(200);
-/// Mode bits: users other than the owner may create files in a directory, and only their owners may rename these.
-const OTHERS_WRITE: u32 = 0o022;
+/// Mode bit with which the group may write to a directory.
 const GROUP_WRITES: u32 = 0o020;
-const STICKY: u32 = 0o1000;
 
 /// A daemon that runs in this network namespace.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -49,23 +48,37 @@ pub struct RunningInstance {
     pub uid: u32,
 }
 
-/// Returns the daemons of [`TrustedUsers`] that listen for emergency stops, sorted. Sends no request. The values need no quotes in a
-/// shell: an instance has a valid name, and directories with characters other than letters, digits and `/._+-` are omitted.
-#[must_use]
-pub fn running() -> Vec<RunningInstance> {
-    sorted(listening().into_iter().filter_map(|(_, verdict)| match verdict {
-        Verdict::Daemon(instance) => Some(instance),
-        Verdict::Foreign | Verdict::Late => None,
-    }))
+/// The processes that listen for emergency stops, each list sorted.
+#[derive(Debug)]
+pub struct Listeners {
+    /// The daemons of [`TrustedUsers`]. Their values need no quotes in a shell: an instance has a valid name, and directories with
+    /// characters other than letters, digits and `/._+-` are omitted.
+    pub daemons: Vec<RunningInstance>,
+    /// All other processes under names of daemons. They may be daemons.
+    pub foreign: Vec<RunningInstance>,
 }
 
-/// Returns all other processes that listen under names of daemons, sorted like [`running`]. They may be daemons.
+/// Returns the processes that listen for emergency stops. Sends no request.
 #[must_use]
-pub fn foreign() -> Vec<RunningInstance> {
-    sorted(listening().into_iter().filter_map(|(candidate, verdict)| match verdict {
-        Verdict::Daemon(_) => None,
-        Verdict::Foreign | Verdict::Late => Some(candidate.instance),
-    }))
+pub fn listeners() -> Listeners {
+    let users = trusted_users();
+    let mut candidates = candidates();
+    candidates.iter_mut().for_each(|candidate| drop(candidate.meet(&users)));
+    candidates.retain(|candidate| !candidate.is_unbound());
+    let (mut daemons, mut foreign) = (Vec::new(), Vec::new());
+    for (candidate, verdict) in check_directories(candidates, &users) {
+        match verdict {
+            Verdict::Daemon(instance) => daemons.push(instance),
+            Verdict::Foreign | Verdict::Late => foreign.push(candidate.instance),
+        }
+    }
+    Listeners { daemons: sorted(daemons), foreign: sorted(foreign) }
+}
+
+/// Returns the daemons of [`listeners`].
+#[must_use]
+pub fn running() -> Vec<RunningInstance> {
+    listeners().daemons
 }
 
 /// The outcome of [`stop_all`].
@@ -75,7 +88,7 @@ pub struct AllStops {
     pub trusted: Vec<(RunningInstance, Result<(), StopError>)>,
     /// The other processes to which the request was sent. Their answers do not count.
     pub foreign: Vec<RunningInstance>,
-    /// The processes that did not get the request. They are no daemons of [`TrustedUsers`], unless the reason is
+    /// The processes that did not get the request, or whose directories were not checked in time. They are no daemons of [`TrustedUsers`], unless the reason is
     /// [`StopError::System`]: then that is unknown.
     pub unreached: Vec<(RunningInstance, StopError)>,
 }
@@ -245,7 +258,7 @@ struct Case {
 }
 
 impl Case {
-    fn judge(self, users: &TrustedUsers) -> Verdict {
+    fn decide(self, users: &TrustedUsers) -> Verdict {
         let daemon = match is_trusted_directory(&self.instance.runtime, users) {
             true if self.standing == Standing::Trusted => Some(self.instance),
             true => self.seen_alive(users),
@@ -266,7 +279,7 @@ impl Case {
 }
 
 /// Closes all connections, and decides about each candidate. Waits at most [`CHECK_MAX`]: any user may name a directory whose file
-/// system does not answer. Processes of trusted users come first.
+/// system does not answer. Without a thread for it, waits as long as the file systems take. Processes of trusted users come first.
 fn check_directories(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidate, Verdict)> {
     candidates.iter_mut().for_each(|candidate| candidate.socket = None);
     let mut verdicts = vec![Verdict::Foreign; candidates.len()];
@@ -280,13 +293,13 @@ fn check_directories(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Ve
     cases.sort_by_key(|case| case.standing != Standing::Trusted);
     let (end, left, users) = (Instant::now() + CHECK_MAX, cases.len(), users.clone());
     let (sender, verdict_of) = channel();
-    let judge = move || {
+    let decide_all = move || {
         for case in cases {
-            let _given_up = sender.send((case.index, case.judge(&users)));
+            let _given_up = sender.send((case.index, case.decide(&users)));
         }
     };
-    if left > 0 && std::thread::Builder::new().spawn(judge.clone()).is_err() {
-        judge();
+    if left > 0 && std::thread::Builder::new().spawn(decide_all.clone()).is_err() {
+        decide_all();
     }
     for _ in 0..left {
         let Ok((index, verdict)) = verdict_of.recv_timeout(end.saturating_duration_since(Instant::now()))
@@ -296,15 +309,6 @@ fn check_directories(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Ve
         verdicts[index] = verdict;
     }
     candidates.into_iter().zip(verdicts).collect()
-}
-
-/// Returns the processes that listen under names of daemons. Sends no request.
-fn listening() -> Vec<(Candidate, Verdict)> {
-    let users = trusted_users();
-    let mut candidates = candidates();
-    candidates.iter_mut().for_each(|candidate| drop(candidate.meet(&users)));
-    candidates.retain(|candidate| !candidate.is_unbound());
-    check_directories(candidates, &users)
 }
 
 /// Waits for an answer until `end`, or for the next attempt to connect.
@@ -534,7 +538,7 @@ mod tests {
         let unreached: Vec<_> =
             stops.unreached.iter().map(|(found, error)| (found.runtime.as_path(), *error)).collect();
         assert_eq!(unreached, [(instances[3].runtime(), StopError::NoReply)], "a full queue is not hidden");
-        assert!(foreign().iter().any(|found| found.runtime == instances[3].runtime()));
+        assert!(listeners().foreign.iter().any(|found| found.runtime == instances[3].runtime()));
         drop(answers.join().unwrap());
     }
 }
