@@ -1,5 +1,6 @@
 //! The state of a joint, with codes as enums instead of numbers.
 
+use motord_ports::clock;
 use motord_shared::message::{JOINT_FRESH, JOINT_MISMATCH, JOINT_VALID};
 use motord_shared::{Applied, Fault, Field, JointState, Limit, MotorMode};
 use std::fmt;
@@ -95,6 +96,18 @@ impl Joint {
     #[must_use]
     pub fn is_excluded(&self) -> bool {
         self.mode == Some(MotorMode::Excluded)
+    }
+
+    /// Returns the time since the motor's last reply. `None` before its first.
+    #[must_use]
+    pub fn age(&self) -> Option<Duration> {
+        self.age_at(clock::now_ns())
+    }
+
+    /// Returns the time from the motor's last reply to `time_ns`, ns of `CLOCK_MONOTONIC`. `None` before its first.
+    #[must_use]
+    pub fn age_at(&self, time_ns: u64) -> Option<Duration> {
+        (self.receive_ns > 0).then(|| Duration::from_nanos(time_ns.saturating_sub(self.receive_ns)))
     }
 
     fn measured(&self, value: f32) -> Option<f32> {

@@ -71,9 +71,9 @@ impl ImuPublisher {
         }
         self.link.refresh()?;
         self.follow_restart()?;
-        self.check_time(sample.time_ns)?;
+        let time_ns = self.checked_time(sample.time_ns)?;
         self.message.sequence += 1;
-        self.message.time_ns = if sample.time_ns == 0 { clock::now_ns() } else { sample.time_ns };
+        self.message.time_ns = time_ns;
         self.message.orientation = sample.orientation;
         self.message.angular_velocity = sample.angular_velocity;
         self.message.acceleration = sample.acceleration;
@@ -95,14 +95,14 @@ impl ImuPublisher {
         imu.is_some_and(|imu| !imu.lost && imu.publisher == self.message.publisher)
     }
 
-    /// Checks that a time is of `CLOCK_MONOTONIC`.
-    fn check_time(&mut self, time_ns: u64) -> Result<(), Error> {
+    /// Returns a time of `CLOCK_MONOTONIC`; now for 0.
+    fn checked_time(&mut self, time_ns: u64) -> Result<u64, Error> {
         let now_ns = clock::now_ns();
         let time_ns = if time_ns == 0 { now_ns } else { time_ns };
         let is_old = self.lost_after_ns > 0 && now_ns.saturating_sub(time_ns) > self.lost_after_ns;
         self.old = if is_old { self.old.saturating_add(1) } else { 0 };
         if time_ns <= now_ns.saturating_add(FUTURE_MAX_NS) && self.old < OLD_MAX {
-            return Ok(());
+            return Ok(time_ns);
         }
         let offset_ns = i64::try_from(i128::from(time_ns) - i128::from(now_ns)).unwrap_or(i64::MAX);
         Err(Error::SampleTime { imu: self.name.clone(), offset_ns, clock: clock::other_clock(time_ns) })

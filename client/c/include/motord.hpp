@@ -390,7 +390,8 @@ public:
         return motord_set_horizon(get(), detail::nanoseconds(horizon));
     }
 
-    /// Sends the stored setpoints again. Throws Stopped with each call after a stop of the group, until a reset.
+    /// Sends the stored setpoints again. Throws Stopped with each call after a stop of the group
+    /// that this claim had started, until a reset.
     void commit() { detail::check(try_commit()); }
     /// As `commit`, with a status instead of exceptions.
     motord_status try_commit() noexcept { return motord_commit(get()); }

@@ -2,7 +2,6 @@
 
 use crate::status::Failure;
 use motord_client::{Claim, Error, Imu, Joint, Setpoint, State};
-use std::time::Duration;
 
 /// A quantity of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,8 +52,8 @@ impl Quantity {
         numbered(&Self::ALL, number, "motord_quantity")
     }
 
-    /// Returns the value in `joint` at `now_ns` of `CLOCK_MONOTONIC`; NaN while it is unknown.
-    fn of(self, joint: &Joint, now_ns: u64) -> f32 {
+    /// Returns the value in `joint`; NaN while it is unknown.
+    fn of(self, joint: &Joint) -> f32 {
         let known = match self {
             Self::Position => joint.position(),
             Self::Velocity => joint.velocity(),
@@ -65,22 +64,9 @@ impl Quantity {
             Self::AppliedTorque => Some(joint.applied.torque),
             Self::AppliedKp => Some(joint.applied.kp),
             Self::AppliedKd => Some(joint.applied.kd),
-            Self::Age => Some(age_of(joint, now_ns) as f32),
+            Self::Age => joint.age().map(|age| age.as_secs_f32()),
         };
         known.unwrap_or(f32::NAN)
-    }
-}
-
-/// Returns the present time, ns of `CLOCK_MONOTONIC`, by the age of `state`.
-pub(crate) fn now_ns(state: &State) -> u64 {
-    state.publish_ns().saturating_add(u64::try_from(state.age().as_nanos()).unwrap_or(u64::MAX))
-}
-
-/// Returns the time from the last reply of a joint's motor to `now_ns`, s; NaN before its first.
-pub(crate) fn age_of(joint: &Joint, now_ns: u64) -> f64 {
-    match joint.receive_ns {
-        0 => f64::NAN,
-        received => Duration::from_nanos(now_ns.saturating_sub(received)).as_secs_f64(),
     }
 }
 
@@ -132,9 +118,8 @@ pub fn read<N: Number>(
     values: &mut [N],
 ) -> Result<(), Failure> {
     check_count(joints.len(), values.len())?;
-    let now_ns = now_ns(state);
     for (value, index) in values.iter_mut().zip(joints) {
-        *value = N::of(state.joint(*index).map_or(f32::NAN, |joint| quantity.of(&joint, now_ns)));
+        *value = N::of(state.joint(*index).map_or(f32::NAN, |joint| quantity.of(&joint)));
     }
     Ok(())
 }

@@ -1,10 +1,6 @@
 //! A joint after a cycle.
 
-use crate::arrays::{age_of, now_ns};
-use motord_client::{Applied, Fault, Joint, Limit, MotorMode, State};
-use std::ffi::{CString, c_char};
-use std::ptr;
-use std::sync::OnceLock;
+use motord_client::{Applied, Joint, MotorMode};
 
 /// Mode of a motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -158,9 +154,9 @@ pub struct JointInfo {
 }
 
 impl JointInfo {
-    /// Returns a joint of `state`.
+    /// Returns a joint as it is now.
     #[must_use]
-    pub fn new(joint: &Joint, state: &State) -> Self {
+    pub fn new(joint: &Joint) -> Self {
         let wide = |value: Option<f32>| value.map_or(f64::NAN, f64::from);
         let Applied { position, velocity, kp, kd, torque } = joint.applied;
         Self {
@@ -173,7 +169,7 @@ impl JointInfo {
             applied_kp: kp.into(),
             applied_kd: kd.into(),
             applied_torque: torque.into(),
-            age: age_of(joint, now_ns(state)),
+            age: joint.age().map_or(f64::NAN, |age| age.as_secs_f64()),
             age_cycles: joint.age_cycles,
             missed: joint.missed,
             late: joint.late,
@@ -186,38 +182,10 @@ impl JointInfo {
     }
 }
 
-/// Names of codes, for callers in C.
-type Names = OnceLock<Vec<(u32, CString)>>;
-
-fn name(names: &'static Names, number: u32, all: impl Iterator<Item = (u32, &'static str)>) -> *const c_char {
-    let text = |(number, name)| (number, CString::new(name).unwrap_or_default());
-    let names = names.get_or_init(|| all.map(text).collect());
-    names.iter().find(|(known, _)| *known == number).map_or(ptr::null(), |(_, name)| name.as_ptr())
-}
-
-/// Returns the name of a `motord_mode`; null for a number that is none.
-pub(crate) fn mode_name(mode: u32) -> *const c_char {
-    static NAMES: Names = OnceLock::new();
-    let unknown = (Mode::Unknown as u32, "unknown");
-    let known = MotorMode::ALL.iter().map(|mode| (Mode::from(Some(*mode)) as u32, mode.name()));
-    name(&NAMES, mode, known.chain([unknown]))
-}
-
-/// Returns the name of a `motord_fault`; null for a number that is none.
-pub(crate) fn fault_name(fault: u32) -> *const c_char {
-    static NAMES: Names = OnceLock::new();
-    name(&NAMES, fault, Fault::ALL.iter().map(|fault| (fault.bit(), fault.name())))
-}
-
-/// Returns the name of a `motord_limit`; null for a number that is none.
-pub(crate) fn limit_name(limit: u32) -> *const c_char {
-    static NAMES: Names = OnceLock::new();
-    name(&NAMES, limit, Limit::ALL.iter().map(|limit| (limit.bit(), limit.name())))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_client::{Fault, Limit};
 
     /// Returns the name of a variant as the tables write it.
     fn kebab(variant: impl core::fmt::Debug) -> String {

@@ -51,15 +51,8 @@ fn read_only<'py>(py: Python<'py>, values: impl Iterator<Item = f64>) -> Array<'
 }
 
 impl State {
-    pub(crate) fn group(&self) -> Option<Group> {
+    fn group(&self) -> Option<Group> {
         self.state.group(self.order.group?)
-    }
-
-    /// Name of the joint that gave the cause of the group's stop.
-    pub(crate) fn joint_of_stop(&self) -> Option<String> {
-        let joint = self.group()?.cause_joint?;
-        let at = self.order.joints.iter().position(|index| *index == joint)?;
-        self.order.names.get(at).cloned()
     }
 
     /// Now, ns of the clock of this state.
@@ -149,9 +142,8 @@ impl State {
     #[getter]
     fn joint_age<'py>(&self, py: Python<'py>) -> Array<'py> {
         let now = self.now_ns();
-        let age = |joint: Option<Joint>| match joint.map_or(0, |joint| joint.receive_ns) {
-            0 => f64::NAN,
-            received => now.saturating_sub(received) as f64 * 1e-9,
+        let age = |joint: Option<Joint>| {
+            joint.and_then(|joint| joint.age_at(now)).map_or(f64::NAN, |age| age.as_secs_f64())
         };
         read_only(py, self.joints().map(age))
     }
@@ -205,7 +197,9 @@ impl State {
     /// The joint that gave the cause of the group's stop; `None` without one, or for one of another claim.
     #[getter]
     fn stop_joint(&self) -> Option<String> {
-        self.joint_of_stop()
+        let joint = self.group()?.cause_joint?;
+        let at = self.order.joints.iter().position(|index| *index == joint)?;
+        self.order.names.get(at).cloned()
     }
 
     /// The IMUs, by name.

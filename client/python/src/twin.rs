@@ -248,13 +248,12 @@ impl Engine {
         let operation = *operation.ok_or_else(|| PyValueError::new_err("no such operation"))?;
         let mut twin = self.twin()?;
         let reply = caught(|| twin.reply_to(operation, group))?;
-        let position = twin.state().joints().get(reply.detail as usize).map(|joint| joint.position);
+        let position = |joint: usize| twin.state().joints().get(joint).map(|joint| joint.position);
+        let refused = (reply.refusal != 0)
+            .then(|| ClientError::refusal(operation, reply, &self.description, position));
         drop(twin);
         self.checked(())?;
-        match reply.refusal {
-            0 => Ok(()),
-            _ => Err(raised(&ClientError::refusal(operation, reply, &self.description, |_| position))),
-        }
+        refused.map_or(Ok(()), |error| Err(raised(&error)))
     }
 
     /// Gives a bus, a motor or an IMU a fault at a virtual time, s.

@@ -120,7 +120,7 @@ pub unsafe extern "C" fn motord_set_horizon(claim: *mut ClaimHandle, horizon_ns:
 }
 
 /// Sends the stored setpoints again. Call it in every cycle of the controller, even if nothing changed. `MOTORD_STATUS_STOPPED` with
-/// each call after a stop of the group, until a reset.
+/// each call after a stop of the group that this claim had started, until a reset.
 ///
 /// # Safety
 /// `claim` is a claim.
@@ -136,8 +136,8 @@ pub unsafe extern "C" fn motord_commit(claim: *mut ClaimHandle) -> Status {
 /// N·m/rad; damping, N·m·s/rad; torque, N·m. A null pointer for an array is 0 for every joint. Does not wait. The motor's torque is
 /// `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint. `MOTORD_STATUS_BAD_SETPOINT`: a value is not
 /// finite, or a gain is negative; then nothing is stored or sent. `MOTORD_STATUS_BAD_ARGUMENT`: a position without stiffness or a
-/// velocity without damping, by which the joints would be limp. `MOTORD_STATUS_STOPPED` with each call after a stop of the group,
-/// until a reset.
+/// velocity without damping, by which the joints would be limp. `MOTORD_STATUS_STOPPED` with each call after a stop of the group
+/// that this claim had started, until a reset.
 ///
 /// # Safety
 /// `claim` is a claim; each array is null or leads to `count` numbers.

@@ -4,12 +4,13 @@ use crate::arrays::{ImuValues, Number, Quantity, read};
 use crate::handle::{
     ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, guarded_or, put,
 };
-use crate::joint::{JointInfo, fault_name, limit_name, mode_name};
+use crate::joint::JointInfo;
+use crate::names::{cause_name, fault_name, limit_name, mode_name};
 use crate::status::{Failure, Status, fail};
-use motord_client::{Cause, Client, Error, GroupView, Phase, State};
-use std::ffi::{CString, c_char};
+use motord_client::{Client, Error, GroupView, Phase, State};
+use std::ffi::c_char;
 use std::ptr;
-use std::sync::{Mutex, OnceLock};
+use std::sync::Mutex;
 use std::time::Duration;
 
 /// Phase of a group.
@@ -305,7 +306,7 @@ pub unsafe extern "C" fn motord_state_joint(
         let unknown = || Failure::new(Status::Unknown, format!("there is no joint with index {index}"));
         // SAFETY: by the contract of this function.
         let info = unsafe { borrow(state) }?
-            .with(|state| Ok(JointInfo::new(&state.joint(index).ok_or_else(unknown)?, state)))?;
+            .with(|state| Ok(JointInfo::new(&state.joint(index).ok_or_else(unknown)?)))?;
         // SAFETY: by the contract of this function.
         unsafe { put(joint, info) }
     })
@@ -347,14 +348,6 @@ pub unsafe extern "C" fn motord_state_imu(
         // SAFETY: by the contract of this function.
         unsafe { put(imu, values) }
     })
-}
-
-fn cause_name(cause: Cause) -> *const c_char {
-    static NAMES: OnceLock<Vec<CString>> = OnceLock::new();
-    let names = NAMES
-        .get_or_init(|| Cause::NAMES.iter().map(|name| CString::new(*name).unwrap_or_default()).collect());
-    let index = Cause::ALL.iter().position(|known| *known == cause);
-    index.and_then(|index| names.get(index)).map_or(ptr::null(), |name| name.as_ptr())
 }
 
 /// # Safety
