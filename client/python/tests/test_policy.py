@@ -19,20 +19,12 @@ import motord
 from conftest import CONFIG, PATIENT, Daemon
 from motord.policy._bounded import Bounded, Unfinished, Watchdog
 from motord.sim import Twin
-from motord.sim.plant import Array
-from test_twin import Alone
+from test_twin import Level
 
 pytest.importorskip("onnxruntime")
 pytest.importorskip("onnx")
 
 import policies  # noqa: E402
-
-
-class Level(Alone):
-    """Joints alone, and an IMU that lies level."""
-
-    def imu(self) -> tuple[Array, Array, Array]:  # type: ignore[override]
-        return np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81])
 
 
 SECONDS = float(os.environ.get("MOTORD_POLICY_SECONDS", "5"))

@@ -510,7 +510,7 @@ def test_wide_limits_of_joint_allow_wide_range(tmp_path: Path) -> None:
     first, motor, rest = CONFIG.read_text().partition("[[motor]]")
     assert "position-rad = [" in rest
     low, _, high = rest.partition("position-rad = [")
-    wide = f'{low}position-rad = [-50.0, 50.0]{high.partition("]")[2]}'.replace("[[motor]]", "[[motor]]", 1)
+    wide = f'{low}position-rad = [-50.0, 50.0]{high.partition("]")[2]}'
     config.write_text(first + motor + '\nbeyond-range = "wrap"' + wide)
     with pytest.raises(ValueError) as refused:
         Twin(config, Mujoco(model))

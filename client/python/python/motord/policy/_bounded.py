@@ -17,7 +17,7 @@ CANCEL_S = 2.0
 """Longest time that a cancelled call takes to end."""
 
 WATCH_S = 0.25
-"""Time between two looks of a watchdog."""
+"""Time between two checks of a watchdog."""
 
 T = TypeVar("T")
 
@@ -112,7 +112,7 @@ class _Run:
 class Watchdog:
     """Calls functions in the thread of the caller, with its priority and processors, and cancels those that compute for too long.
 
-    Its thread looks every WATCH_S, so that a call wakes no other thread. The limit is processor time of the caller's thread: a
+    Its thread checks every WATCH_S, so that a call wakes no other thread. The limit is processor time of the caller's thread: a
     machine that stops for a while ends no call.
     """
 

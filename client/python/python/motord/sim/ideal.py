@@ -55,7 +55,7 @@ class _Imus(dict[str, IdealImu]):
 
 @dataclass
 class IdealState:
-    """A state without age, noise or steps of codes."""
+    """A state of age 0, without noise or steps of codes."""
 
     names: list[str]
     q: Array

@@ -161,6 +161,11 @@ class TwinClaim:
         state: State = self._engine.state(self.names, self._joints, self._index)
         return state
 
+    def _group_state(self) -> State:
+        """The state of the group alone, without a joint."""
+        state: State = self._engine.state([], [], self._index)
+        return state
+
     def wait(self, timeout: float = 1.0) -> State:
         """Runs a cycle and returns its state, in the order of the claim."""
         self._engine.step(1)
@@ -177,7 +182,7 @@ class TwinClaim:
     def _cycles(self, due: int) -> Iterator[State]:
         self._keep_for(2 * due / self._twin.rate_hz)
         while True:
-            self._engine.step(due - self.state().cycle % due)
+            self._engine.step(due - self._group_state().cycle % due)
             state = self.state()
             self._must_be_active(state)
             yield state
@@ -193,9 +198,8 @@ class TwinClaim:
         horizon: float = 0.0,
     ) -> None:
         """Sends a setpoint for each joint, as motord.Claim.send does."""
-        state = self.state()
-        if self._follows and state.stop is not None:
-            raise self._stopped(state)
+        if self._follows and self._group_state().stop is not None:
+            raise self._stopped(self.state())
         self._transmit((q, dq, kp, kd, tau), horizon)
 
     def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
@@ -209,7 +213,7 @@ class TwinClaim:
         """Sends the last setpoints again if the group would be stopped for their age within this time."""
         timeout = self._twin.setpoint_timeout
         left = self._sent + self._horizon + timeout - self._twin.time
-        if self._follows and self._last and left < seconds and self.state().stop is None:
+        if self._follows and self._last and left < seconds and self._group_state().stop is None:
             self._transmit(self._last, min(max(seconds - timeout, 0.0), self._twin.setpoint_horizon_max))
 
     def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
