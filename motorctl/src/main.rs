@@ -50,7 +50,7 @@ use std::process::ExitCode;
 #[command(name = "motorctl", version, max_term_width = 100, after_help = EXAMPLES)]
 struct Arguments {
     /// Name of the daemon's instance: `instance` in its configuration.
-    #[arg(long, global = true, value_name = "NAME", env = "MOTORD_INSTANCE", default_value = motord_client::DEFAULT_INSTANCE)]
+    #[arg(long, global = true, value_name = "NAME", env = refusal::INSTANCE, default_value = motord_client::DEFAULT_INSTANCE)]
     instance: String,
     #[command(subcommand)]
     command: Command,

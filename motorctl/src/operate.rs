@@ -11,6 +11,9 @@ use motord_client::{Client, Error, JointDescription, Phase, Refusal};
 use motord_direct::Confirm;
 use std::time::Duration;
 
+/// Other names of `estop`.
+pub(crate) const ESTOP_ALIASES: [&str; 2] = ["e-stop", "emergency-stop"];
+
 /// Longest wait for stopped motors. A configuration holds and damps for at most 30 s each.
 const STOPPED: Duration = Duration::from_secs(60);
 
@@ -47,7 +50,7 @@ pub(crate) enum Operate {
     ///
     /// This is a software stop. It does not replace a switch that cuts the power.
     #[command(
-        visible_aliases = ["e-stop", "emergency-stop"],
+        visible_aliases = ESTOP_ALIASES,
         after_help = "Examples:\n  motorctl estop || echo 'cut the power'\n  motorctl estop --all      # every robot of this computer"
     )]
     Estop {

@@ -1,5 +1,6 @@
 //! A command line that is refused. It never costs an emergency stop without a word.
 
+use crate::operate::ESTOP_ALIASES;
 use crate::outcome::exit_status_of;
 use crate::{estop, exit_status};
 use clap::error::ErrorKind;
@@ -9,10 +10,8 @@ use std::env;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// The command for an emergency stop, and its aliases.
-const STOPS: [&str; 3] = ["estop", "e-stop", "emergency-stop"];
 /// The variable with the name of the instance.
-const INSTANCE: &str = "MOTORD_INSTANCE";
+pub(crate) const INSTANCE: &str = "MOTORD_INSTANCE";
 
 /// Prints `error`. If a word or the name of the instance is not UTF-8 and the command is an
 /// emergency stop, the stop is carried out: the other words say what to stop.
@@ -27,7 +26,7 @@ pub(crate) fn exit(error: &clap::Error) -> ExitCode {
     print(error, words.iter().chain(&variable));
     let readable: Vec<&str> = words.iter().filter_map(|word| word.to_str()).collect();
     let is_readable = readable.len() == words.len() && variable.iter().all(|name| name.to_str().is_some());
-    if !is_readable && readable.iter().any(|word| STOPS.contains(word)) {
+    if !is_readable && readable.iter().any(|word| is_stop(word)) {
         let instance = instance(&words).or(variable.and_then(|name| name.into_string().ok()));
         let is_all = readable.contains(&"--all");
         return exit_status_of(estop::run(instance.as_deref().unwrap_or(DEFAULT_INSTANCE), is_all));
@@ -46,6 +45,10 @@ fn print<'w>(error: &clap::Error, mut texts: impl Iterator<Item = &'w OsString>)
     {
         eprintln!("motorctl: {} is not UTF-8", printable(&format!("{text:?}")));
     }
+}
+
+fn is_stop(word: &str) -> bool {
+    word == "estop" || ESTOP_ALIASES.contains(&word)
 }
 
 /// Returns the value of `--instance`, if it is UTF-8.

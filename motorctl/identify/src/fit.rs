@@ -130,13 +130,12 @@ pub fn identify(samples: &[Sample], wire: Wire) -> Identified {
     let found = Identified { windows: lines.len(), notes, ..unmoved };
     let noise = code_of(samples) / 12.0_f64.sqrt();
     let motion = Motion::new(samples, &speeds, centre, &lines);
-    let Some(mut model) = Model::of(&motion, &lines, noise, torque.coarse) else {
+    let late = delay.map_or(0.0, |delay| delay.motor.upper);
+    let Some(model) = Model::of(&motion, &lines, noise, torque.coarse, late) else {
         return found.but(nothing(Why::Separation));
     };
-    let late = delay.map_or(0.0, |delay| delay.motor.upper);
-    model.allow_stamps(&motion, &lines, late);
-    let values = values(&model, &motion, &torque, late, found);
-    if model.is_misfit(late) { values.refused(Note::Misfit(model.share)) } else { values.noted(&model, late) }
+    let values = values(&model, &motion, &torque, found);
+    if model.is_misfit() { values.refused(Note::Misfit(model.share)) } else { values.noted(&model) }
 }
 
 /// No value, for a reason.
@@ -162,14 +161,14 @@ fn nothing(why: Why) -> Identified {
 
 impl Identified {
     /// With what the model has beyond the equation of every joint.
-    fn noted(mut self, model: &Model, late: f64) -> Self {
+    fn noted(mut self, model: &Model) -> Self {
         let best = &model.best;
         for term in &best.terms {
             self.notes.extend(match term {
                 Term::Stribeck { at, .. } => Some(Note::Stribeck(*at)),
                 Term::Spring => Some(Note::Spring(best.found(Term::Spring))),
                 Term::Knot(0) => Some(Note::Position),
-                Term::Late => model.lag(late).map(Note::Late),
+                Term::Late => model.lag().map(Note::Late),
                 _ => None,
             });
         }
@@ -213,7 +212,7 @@ impl Identified {
 }
 
 /// The values of a model.
-fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, late: f64, found: Identified) -> Identified {
+fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, found: Identified) -> Identified {
     let (sin, cos) = motion.centre.sin_cos();
     let best = &model.best;
     let gravity = |by_sine: f64, by_cosine: f64| {
@@ -226,19 +225,16 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, late: f64, found:
             by_sine * sine + by_cosine * fit.unknown(solution, COSINE)
         };
         let open = if model.may_be_spring { by_sine * best.found(SINE) } else { 0.0 };
-        model.value(of, late, open)
+        model.value(of, open)
     };
     let torque_at = |fit: &Fit, of: &dyn Fn(Term) -> f64, position: f64| -> f64 {
         fit.terms.iter().map(|term| motion.at(*term, position) * of(*term)).sum()
     };
-    let at_centre = model.value(
-        |fit, solution| torque_at(fit, &|term| fit.unknown(solution, term), motion.centre),
-        late,
-        0.0,
-    );
+    let at_centre =
+        model.value(|fit, solution| torque_at(fit, &|term| fit.unknown(solution, term), motion.centre), 0.0);
     let held = |position: f64| torque_at(best, &|term| best.found(term), position);
     let kp = motion.samples.iter().map(|sample| sample.applied.kp).fold(0.0, f64::max);
-    let basic = |term, open| physical(model.basic(term, late, kp, open));
+    let basic = |term, open| physical(model.basic(term, kp, open));
     let offset =
         |fit: &Fit, solution: &DVector<f64>| fit.unknown(solution, CONSTANT) + fit.unknown(solution, COSINE);
     Identified {
@@ -248,11 +244,11 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, late: f64, found:
         stiction: stiction(motion.samples, torque, best.found(INERTIA), held, at_centre.half()),
         gravity_sine: gravity(cos, -sin),
         gravity_cosine: gravity(-sin, -cos),
-        offset: if best.has(COSINE) { model.value(offset, late, 0.0) } else { gravity(0.0, 0.0) },
-        stribeck: best.terms.iter().any(Term::is_stribeck).then(|| model.value(stribeck, late, 0.0)),
+        offset: if best.has(COSINE) { model.value(offset, 0.0) } else { gravity(0.0, 0.0) },
+        stribeck: best.terms.iter().any(Term::is_stribeck).then(|| model.value(stribeck, 0.0)),
         spring: best
             .has(Term::Spring)
-            .then(|| model.value(|fit, solution| fit.unknown(solution, Term::Spring), late, 0.0)),
+            .then(|| model.value(|fit, solution| fit.unknown(solution, Term::Spring), 0.0)),
         ..found
     }
 }

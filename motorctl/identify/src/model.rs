@@ -28,9 +28,9 @@ const NEAR: [f64; 6] = [0.8, 0.9, 0.95, 1.05, 1.1, 1.25];
 
 /// Change of the squares of the errors, as a share, by which a value differs between two halves of the windows.
 const DIFFERS: f64 = 0.97;
-/// Root mean square of the residuals, as a share of the torque that moves the joint, from which the equation does not fit.
+/// Largest [`Model::share`] of a joint that the equation describes.
 const MISFIT: f64 = 0.025;
-/// The same share for the residuals that every joint has.
+/// Root mean square of the residuals that every joint has, as a share of the torque that moves it.
 const INHERENT: f64 = 0.005;
 /// Part of the further residuals that may imitate a value.
 const IMITATES: f64 = 0.3;
@@ -51,12 +51,12 @@ pub(crate) struct Model {
     pub(crate) splits: Vec<(Term, By, f64)>,
     /// The part of the intervals of the basic terms by the residuals.
     open: [f64; SPLIT],
-    /// Root mean square of the residuals by that of the torque that moves the joint.
+    /// Root mean square of the residuals beyond those of every joint, by that of the torque that moves the joint.
     pub(crate) share: f64,
     /// The spring that the motion does not exclude explains the whole sine.
     pub(crate) may_be_spring: bool,
-    /// Of the lines.
-    weights: Vec<f64>,
+    /// The torque acts up to this time later than the stamps say, s.
+    late: f64,
 }
 
 /// Basic terms that are tested by halves: inertia, viscous and Coulomb friction.
@@ -64,8 +64,9 @@ const SPLIT: usize = 3;
 
 impl Model {
     /// Chooses the terms. `noise` is the standard error of a position, rad. `None` where the motion separates nothing.
-    /// `coarse` is the error of a torque by its codes, N·m: above 0 they hide further terms, and none is sought.
-    pub(crate) fn of(motion: &Motion<'_>, rows: &[Row], noise: f64, coarse: f64) -> Option<Self> {
+    /// `coarse` is the error of a torque by its codes, N·m: above 0 they hide further terms, and none is sought. The torque acts up to
+    /// `late` later than the stamps say, s: where that explains the delay of the fit, one without a delay counts besides.
+    pub(crate) fn of(motion: &Motion<'_>, rows: &[Row], noise: f64, coarse: f64, late: f64) -> Option<Self> {
         let even = vec![1.0; rows.len()];
         let first = (LEAST..=UNKNOWNS).rev().find_map(|count| Fit::of(motion, rows, &even, basic(count)))?;
         let mut weights = weights(rows, &first, noise);
@@ -89,33 +90,30 @@ impl Model {
         let splits = if coarse > 0.0 { Vec::new() } else { splits(&best, fit) };
         let may_be_spring = may_be_spring(&best, fit);
         let (open, share) = residue(&best, rows, noise, coarse);
-        Some(Self { best, alike, splits, open, share, may_be_spring, weights })
-    }
-
-    /// Takes the fit without a delay besides, where the stamps explain it: the torque acts up to `late` later, s.
-    pub(crate) fn allow_stamps(&mut self, motion: &Motion<'_>, rows: &[Row], late: f64) {
-        if self.best.has(Term::Late) && self.lag(late).is_none() {
-            let terms = self.best.terms.iter().copied().filter(|term| *term != Term::Late).collect();
-            self.alike.extend(Fit::of(motion, rows, &self.weights, terms));
+        let mut model = Self { best, alike, splits, open, share, may_be_spring, late };
+        if model.best.has(Term::Late) && model.lag().is_none() {
+            let terms = model.best.terms.iter().copied().filter(|term| *term != Term::Late).collect();
+            model.alike.extend(Fit::of(motion, rows, &weights, terms));
         }
+        Some(model)
     }
 
     /// The time by which the torque acts later than the stamps explain, s; negative: earlier.
-    pub(crate) fn lag(&self, late: f64) -> Option<f64> {
+    pub(crate) fn lag(&self) -> Option<f64> {
         let lag = self.best.found(Term::Late);
-        (lag > late + STAMPS || -lag > late + STAMPS_EARLY).then_some(lag)
+        (lag > self.late + STAMPS || -lag > self.late + STAMPS_EARLY).then_some(lag)
     }
 
     /// Returns whether the equation is not that of the joint. A torque that acts before its command is a sign of an elastic
     /// part or a play.
-    pub(crate) fn is_misfit(&self, late: f64) -> bool {
-        self.share > MISFIT || self.lag(late).is_some_and(|lag| lag < 0.0)
+    pub(crate) fn is_misfit(&self) -> bool {
+        self.share > MISFIT || self.lag().is_some_and(|lag| lag < 0.0)
     }
 
     /// The value of a combination of unknowns, over all models that predict as well.
-    pub(crate) fn value(&self, of: impl Fn(&Fit, &DVector<f64>) -> f64, late: f64, open: f64) -> Value {
-        let best = self.best.value(&of, late, open);
-        let others: Vec<Value> = self.alike.iter().map(|fit| fit.value(&of, late, open)).collect();
+    pub(crate) fn value(&self, of: impl Fn(&Fit, &DVector<f64>) -> f64, open: f64) -> Value {
+        let best = self.best.value(&of, self.late, open);
+        let others: Vec<Value> = self.alike.iter().map(|fit| fit.value(&of, self.late, open)).collect();
         let lower = others.iter().fold(best.lower, |lower, other| lower.min(other.lower));
         let upper = others.iter().fold(best.upper, |upper, other| upper.max(other.upper));
         Value::within(best.value, lower, upper)
@@ -123,9 +121,9 @@ impl Model {
 
     /// The value of inertia, viscous or Coulomb friction: also those of halves of the windows that differ. `open` is what the
     /// interval contains besides.
-    pub(crate) fn basic(&self, term: Term, late: f64, kp: f64, open: f64) -> Value {
+    pub(crate) fn basic(&self, term: Term, kp: f64, open: f64) -> Value {
         let Term::Basic(index) = term else { return Value::none(Why::Separation) };
-        let lag = self.lag(late).unwrap_or(0.0);
+        let lag = self.lag().unwrap_or(0.0);
         // A spring and a damper that act later are a damper and an inertia.
         let later = match term {
             VISCOUS if self.best.has(Term::Late) => kp * (LOOP + LAG_SHARE * lag.abs()),
@@ -133,7 +131,7 @@ impl Model {
             _ => 0.0,
         };
         let open = open.hypot(self.open.get(index).copied().unwrap_or(0.0)).hypot(later);
-        let value = self.value(|fit, solution| fit.unknown(solution, term), late, open);
+        let value = self.value(|fit, solution| fit.unknown(solution, term), open);
         let of_term = self.splits.iter().filter(|(split, ..)| *split == term);
         let [lower, upper] =
             of_term.fold([value.lower, value.upper], |[lower, upper], (_, _, difference)| {

@@ -29,22 +29,20 @@ impl Losses {
     ///
     /// A share of the motion is lost that no interval accounts for.
     pub(crate) fn check(&self, joint: &str, seconds: f64) -> Result<(), IdentifyFailure> {
+        const BUS: &str = "check the bus: `motorctl status` counts its errors";
+        const LOAD: &str = "reduce the other load of the computer: `motorctl doctor` checks it";
         let share = |lost: f64, all: f64| if all > 0.0 { lost / all } else { 0.0 };
         let turns = (self.replies + self.missed_replies) as f64;
         let losses = [
-            (share(self.missed_ticks as f64, self.ticks as f64), "the ticks were missed", "daemon"),
-            (share(self.missed_replies as f64, turns), "the replies were late or missing", "motor"),
-            (share(self.plant_lost_s, seconds), "the time was lost by the plant", "plant"),
+            (share(self.missed_ticks as f64, self.ticks as f64), "the ticks were missed", LOAD),
+            (share(self.missed_replies as f64, turns), "the replies were late or missing", BUS),
+            (share(self.plant_lost_s, seconds), "the time was lost by the plant", LOAD),
         ];
         let worst = losses.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        let (share, lost, of) = worst.unwrap_or((0.0, "", ""));
+        let (share, lost, cure) = worst.unwrap_or((0.0, "", ""));
         if share <= SHARE_MAX {
             return Ok(());
         }
-        let cure = match of {
-            "motor" => "check the bus: `motorctl status` counts its errors",
-            _ => "reduce the other load of the computer: `motorctl doctor` checks it",
-        };
         let (percent, most) = (100.0 * share, 100.0 * SHARE_MAX);
         let reason =
             format!("{percent:.0} % of {lost}, and {most:.0} % are the most that a fit bears; {cure}");

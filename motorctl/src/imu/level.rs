@@ -1,6 +1,7 @@
 //! `motorctl imu level`: the mount of an IMU from the direction of gravity.
 
 use crate::failure::Failure;
+use crate::imu_report::sentences;
 use crate::status;
 use motord_client::{Client, ImuContradiction};
 use motord_terminal::{Interrupt, json, within};
@@ -94,11 +95,10 @@ impl Samples {
         }
         if !self.contradictions.is_empty() {
             let names: Vec<_> = self.contradictions.iter().map(|found| found.name()).collect();
-            let sentences: Vec<_> = self.contradictions.iter().map(|found| found.sentence()).collect();
             return Err(format!(
                 "its quaternion and its acceleration contradict gravity ({}). {} See `motorctl explain imu-contradicts`",
                 names.join(", "),
-                sentences.join(" ")
+                sentences(&names)
             ));
         }
         if self.fastest > TURN_MAX {

@@ -1,13 +1,9 @@
 //! Joints that the equation does not describe: their intervals contain the truth, or the joint is named.
 
 use crate::excited::{SHAPE, excited};
+use crate::identified;
 use crate::plant::{Extra, Hidden, NOMINAL, draw_kind};
 use motord_identify::{Identified, Note, Shape, Value, Why, identify};
-
-fn identified(hidden: &Hidden, seed: u64) -> Identified {
-    let (samples, twin) = excited(hidden, seed, SHAPE, f64::INFINITY);
-    identify(&samples, hidden.wire(&twin))
-}
 
 /// The mechanical values: the truth, and what was identified.
 fn values(hidden: &Hidden, found: &Identified) -> [(&'static str, f64, Value); 6] {

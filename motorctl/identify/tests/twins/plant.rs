@@ -151,6 +151,15 @@ impl Mechanics for Joint {
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
+    /// The first numbers of similar seeds are similar, and are left out.
+    fn seeded(seed: u64) -> Self {
+        let mut random = Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+        (0..20).for_each(|_| {
+            random.next();
+        });
+        random
+    }
+
     pub(crate) fn next(&mut self) -> f64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
@@ -165,10 +174,7 @@ impl Random {
 }
 
 pub(crate) fn draw(seed: u64) -> Hidden {
-    let mut random = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
-    (0..20).for_each(|_| {
-        random.next();
-    });
+    let mut random = Random::seeded(seed);
     let coulomb = random.between(0.05, 0.6);
     let hangs = random.next() < 0.5;
     let weight = if hangs { random.between(0.3, 3.0) } else { 0.0 };
@@ -190,10 +196,7 @@ pub(crate) fn draw(seed: u64) -> Hidden {
 /// A joint of the kind number `seed` modulo 8: plain, gravity, cogging, Stribeck, backlash, ripple, lag, filter.
 pub(crate) fn draw_kind(seed: u64) -> Hidden {
     let mut hidden = draw(seed);
-    let mut random = Random((seed ^ 0xA5A5).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
-    (0..20).for_each(|_| {
-        random.next();
-    });
+    let mut random = Random::seeded(seed ^ 0xA5A5);
     hidden.extra = match seed % 8 {
         2 => Extra::Cogging(random.between(0.02, 0.2), random.between(10.0, 170.0)),
         3 => Extra::Stribeck(hidden.coulomb * random.between(0.2, 1.0), random.between(0.05, 0.5)),
