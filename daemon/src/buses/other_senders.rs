@@ -104,7 +104,7 @@ fn await_silence(
         let others =
             monitors.iter_mut().filter(|monitor| monitor.is_commanded() || is_over && monitor.is_used());
         for monitor in others {
-            monitor.judge(settings.safety.stop_on_foreign_master)?;
+            monitor.report_sender(settings.safety.stop_on_foreign_master)?;
         }
         let is_used = monitors.iter().any(Monitor::is_used);
         if is_over || now >= begin + WINDOW * WINDOWS as u32 && !is_used {
@@ -140,7 +140,7 @@ impl<'a> Monitor<'a> {
     }
 
     /// Returns the sender as an error. Only reports it, once, unless it `stops` the daemon.
-    fn judge(&mut self, stops: bool) -> Result<(), OtherSender> {
+    fn report_sender(&mut self, stops: bool) -> Result<(), OtherSender> {
         let other = self.other_sender();
         if stops {
             return Err(other);

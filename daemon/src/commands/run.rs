@@ -70,7 +70,7 @@ fn drive(
     let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
     deep_sleep.log("main");
 
-    let is_ended = || signals.pending().any(|origin| heed_unstarted(&origin));
+    let is_ended = || signals.pending().any(|origin| handle_signal_before_start(&origin));
     if other_senders::listen(&settings, &mut buses.buses, &mut Monotonic, is_ended)? == Listened::Interruption
     {
         return Ok(());
@@ -95,14 +95,14 @@ fn drive(
     daemon.end()
 }
 
-/// Feeds the watchdog and heeds signals until the daemon has ended. Calls `ready` once the first state is published.
+/// Feeds the watchdog and handles signals until the daemon has ended. Calls `ready` once the first state is published.
 fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration, ready: impl Fn()) {
     let mut watchdog = Watchdog::new();
     let mut is_ready = false;
     while !daemon.has_ended() {
         watchdog.feed(daemon.cycle());
         for origin in signals.pending() {
-            heed(daemon, &origin, damp);
+            handle_signal(daemon, &origin, damp);
         }
         if is_ready {
             std::thread::sleep(SIGNAL_TURN);
@@ -155,8 +155,8 @@ fn ignore_hangup() {
     tracing::info!("SIGHUP is ignored: the configuration is read once, at the start");
 }
 
-/// Heeds a signal before the first frame. Returns whether it ends the program.
-fn heed_unstarted(origin: &Origin) -> bool {
+/// Handles a signal before the first frame. Returns whether it ends the program.
+fn handle_signal_before_start(origin: &Origin) -> bool {
     let (signal, program, pid) = sender(origin);
     if origin.signal == SIGHUP {
         ignore_hangup();
@@ -166,8 +166,8 @@ fn heed_unstarted(origin: &Origin) -> bool {
     true
 }
 
-/// `damp` is how long the motors may have to be damped.
-fn heed(daemon: &Daemon, origin: &Origin, damp: Duration) {
+/// Handles a signal while the daemon runs. `damp` is how long the motors may have to be damped.
+fn handle_signal(daemon: &Daemon, origin: &Origin, damp: Duration) {
     let (signal, program, pid) = sender(origin);
     match origin.signal {
         SIGHUP => ignore_hangup(),

@@ -82,7 +82,7 @@ impl Source {
 
     /// Passes a sample that is sound, newer than the one before, and of the publisher that is used. Counts any other. Its time
     /// of receipt is that of the measurement, so that its age contains the way from the publisher. Wait-free, and allocates nothing
-    /// but for a line of the log, at most two for each publisher.
+    /// but for a line of the log, whose number is limited.
     fn receive(&mut self, message: &ImuMessage, now: Instant) {
         let time = Instant::from_nanos(message.time_ns);
         let used = self.used.filter(|used| now.since(used.received) <= self.lost_after);
@@ -123,7 +123,7 @@ impl Source {
         if self.repetition.is_stuck(&sound, time) { Err(Rejected::Stuck) } else { Ok(sound) }
     }
 
-    /// Logs a reason once for each publisher.
+    /// Logs a reason once, until a sample of another publisher is rejected.
     fn remark(&mut self, message: &ImuMessage, reason: Rejected, now: Instant) {
         if self.remarks.publisher != message.publisher {
             (self.remarks.publisher, self.remarks.clock, self.remarks.stuck) =
@@ -160,14 +160,15 @@ impl Source {
     #[cold]
     fn warn_clock(&self, message: &ImuMessage, now: Instant) {
         let offset_s = (i128::from(message.time_ns) - i128::from(now.as_nanos())) as f64 * 1e-9;
-        let clock = other_clock(message.time_ns).unwrap_or("no clock of this computer");
+        let clock =
+            other_clock(message.time_ns).map_or_else(String::new, |clock| format!(", and fit {clock}"));
         tracing::warn!(
             imu = self.name,
             process = message.publisher >> 32,
             offset_s,
             see = "imu-lost",
-            "the times of its samples are not those of CLOCK_MONOTONIC, and fit {clock}: they are rejected. The publisher must send \
-             ns of CLOCK_MONOTONIC, not after now and not older than lost-after-ms"
+            "the times of its samples are after now, or too old{clock}: they are rejected. The publisher must send ns of \
+             CLOCK_MONOTONIC, not after now and not older than lost-after-ms"
         );
     }
 }
