@@ -395,7 +395,9 @@ impl Error {
             Obstacle::Missing => Self::not_running(instance),
             Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
             Obstacle::Version => Self::version(error.part, instance),
-            Obstacle::Full { .. } | Obstacle::NoSpace | Obstacle::Damaged => Self::Service(error),
+            Obstacle::Full { .. } | Obstacle::FullHere { .. } | Obstacle::NoSpace | Obstacle::Damaged => {
+                Self::Service(error)
+            }
         }
     }
 

@@ -11,6 +11,8 @@ pub const BUSES_MAX: usize = 16;
 pub const IMUS_MAX: usize = 4;
 /// Limit on the ports for the samples of external IMUs: one for the publisher of each, and one for its next.
 pub const IMU_PUBLISHERS_MAX: usize = 8;
+/// Limit on those of one process: one for each IMU.
+pub const IMU_PUBLISHERS_PER_PROCESS: usize = IMUS_MAX;
 /// Samples of a publisher that wait for the daemon; a newer one replaces the oldest.
 pub const IMU_SAMPLES_KEPT: usize = 32;
 /// Limit on the ports for setpoints: one for the owner of each group, and one for its next owner.

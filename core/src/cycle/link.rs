@@ -181,6 +181,8 @@ pub struct Counters {
     pub ipc_errors: AtomicU64,
     /// Time that the plant of a simulated robot lost, µs.
     pub plant_lost_us: AtomicU64,
+    /// Samples for no external IMU of this daemon.
+    pub foreign_imu_samples: AtomicU64,
     /// The configuration file has changed since the start.
     pub config_changed: AtomicBool,
     /// Alarms that the cycle has not handled yet.

@@ -207,10 +207,15 @@ impl IpcThread {
 
     fn fetch_imu_samples(&mut self) {
         let Some((receiver, imus)) = &mut self.imus else { return };
-        let mut unknown = false;
+        let mut foreign = 0;
         // A sample that arrives while others are taken must not seem to be of the future.
-        let taken = receiver.take(|message| unknown |= !imus.receive(message, clock::monotonic()));
-        self.count(taken.is_err() || unknown);
+        let taken = receiver.take(|message| {
+            foreign += u64::from(!imus.receive(message, clock::monotonic()));
+        });
+        if foreign > 0 {
+            self.cycle.counters.foreign_imu_samples.fetch_add(foreign, Ordering::Relaxed);
+        }
+        self.count(taken.is_err());
     }
 
     /// Returns whether there were new ones.

@@ -292,4 +292,27 @@ fn hostile_publisher_changes_nothing_else() {
         [&before, &after].map(|state| (state.imu(0).unwrap().rejected, state.joint(0).unwrap().missed));
     assert_eq!(others[0], others[1], "rejected samples of the other IMU, missed replies");
     owner.kill();
+    // Samples of others are no fault of the files of this daemon.
+    let log = daemon.directory.path().with_extension("log");
+    let log = until("a line", || {
+        let text = std::fs::read_to_string(&log).ok()?;
+        text.contains("foreign-imu-samples").then_some(text)
+    });
+    assert!(!log.contains("are its files damaged"), "{log}");
+}
+
+#[test]
+fn one_process_leaves_slots_to_other_publishers() {
+    let daemon = Daemon::start(CONFIG);
+    let clients = [(); 2].map(|()| connect(daemon.directory.path()));
+    let publish = |number: usize| clients[number % 2].publish_imu("base");
+    let mut kept: Vec<_> = (0..4).map(|number| publish(number).unwrap()).collect();
+    let refused = publish(4).err().unwrap();
+    assert!(refused.to_string().contains("this process uses 4 slots already"), "{refused}");
+    assert!(!refused.is_transient(), "it stays until this process drops one");
+    let other = publisher(daemon.directory.path());
+    until("samples of the other process", || base(&clients[0]).filter(|imu| imu.fresh));
+    other.kill();
+    kept.pop();
+    assert!(publish(4).is_ok());
 }

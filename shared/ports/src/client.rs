@@ -216,10 +216,11 @@ impl ClientPorts {
     /// Returns a port for the samples of external IMUs.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot.
+    /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot; [`Obstacle::FullHere`].
     pub fn imu_sender(&self) -> Result<ImuSender, ServiceError> {
-        let service = service::imu(&locked(&self.node), self.attachment.instance()).open();
-        let sender = ImuSender::new(&service.map_err(Part::Imu.failed())?);
+        let instance = self.attachment.instance();
+        let service = service::imu(&locked(&self.node), instance).open();
+        let sender = ImuSender::new(&service.map_err(Part::Imu.failed())?, instance);
         sender.map_err(|error| self.explain(error))
     }
 

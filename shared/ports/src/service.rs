@@ -147,6 +147,12 @@ pub enum Obstacle {
         /// The number of slots.
         most: usize,
     },
+    /// This process uses as many slots as one may have.
+    #[error("this process uses {most} slots already: drop one of its publishers first")]
+    FullHere {
+        /// The limit.
+        most: usize,
+    },
     /// The disk of its files is full.
     #[error("no space for its files: free 32 MiB in the file system of the runtime directory")]
     NoSpace,
