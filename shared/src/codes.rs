@@ -115,6 +115,7 @@ codes! {
         ForeignMaster = 33 "foreign-master" "Another program or device commanded a motor of the group.",
         ImuLost = 34 "imu-lost" "An IMU delivered no sample for too long, and the configuration stops for that.",
         TemperatureSensor = 35 "temperature-sensor" "A motor reported a temperature that no motor can have, for a second.",
+        FramesLost = 36 "frames-lost" "A motor stopped answering while its bus lost received frames.",
     }
 }
 
@@ -131,6 +132,9 @@ impl Cause {
             Self::SwitchLost => "Start `motord deadman`, or find out in its log why it hangs",
             Self::EmergencyStop => "Make sure that the robot may move safely",
             Self::MotorLost => "Check the motor's power, its CAN cable and its id",
+            Self::FramesLost => {
+                "Find the line `frames-lost` of the log, which names what is too slow: the adapter and its driver, or the cycle"
+            }
             Self::MotorFault => {
                 "Find the faults in `motorctl status`, remove their cause, and run `motorctl fault clear JOINT`"
             }

@@ -100,7 +100,8 @@ plain! {
         pub malformed: u32,
         /// Error frames.
         pub errors: u32,
-        /// Frames that were lost before they could be read.
+        /// Frames that were lost before they could be read: by the kernel, whose buffer was full, and by the CAN controller,
+        /// at least one for each overrun that it reports (`CAN_ERR_CRTL_RX_OVERFLOW`).
         pub lost: u32,
     }
 }

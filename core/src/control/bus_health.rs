@@ -1,6 +1,8 @@
 //! The health of one bus, as decisions depend on it.
 
+use super::event::{LOSS_TIME, Losses};
 use super::motor::Turn;
+use motord_bus::Instant;
 use motord_shared::{BusCondition, Cause};
 
 /// A bus that refused frames in this many cycles in a row is stalled.
@@ -10,6 +12,9 @@ const STALL_CYCLES: u32 = 3;
 pub(super) struct BusHealth {
     pub(super) condition: BusCondition,
     stalled: u32,
+    /// Frames that were lost since the last event of lost frames, and its time.
+    losses: Losses,
+    losses_reported: Option<Instant>,
     /// Its joints, rising.
     pub(super) joints: Vec<usize>,
     /// Index in `joints` of the next to be asked for its faults.
@@ -20,7 +25,15 @@ pub(super) struct BusHealth {
 
 impl BusHealth {
     pub(super) const fn new(joints: Vec<usize>, question_turn: Option<Turn>) -> Self {
-        Self { condition: BusCondition::Active, stalled: 0, joints, poll_next: 0, question_turn }
+        Self {
+            condition: BusCondition::Active,
+            stalled: 0,
+            losses: Losses::NONE,
+            losses_reported: None,
+            joints,
+            poll_next: 0,
+            question_turn,
+        }
     }
 
     /// Returns the cause to stop a moving group on this bus, if any.
@@ -36,6 +49,16 @@ impl BusHealth {
     /// Returns whether frames can be sent and received.
     pub(super) const fn is_up(&self) -> bool {
         matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
+    }
+
+    /// Records lost frames. Returns all since the last event, if the next one is due.
+    pub(super) fn lost(&mut self, losses: Losses, now: Instant) -> Option<Losses> {
+        self.losses.add(losses);
+        let is_due = self.losses_reported.is_none_or(|reported| now.since(reported) >= LOSS_TIME);
+        is_due.then(|| {
+            self.losses_reported = Some(now);
+            core::mem::take(&mut self.losses)
+        })
     }
 
     /// Records whether the bus accepted all frames of this cycle.

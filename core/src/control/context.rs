@@ -1,10 +1,11 @@
 //! The inputs that all decisions of a cycle share, and the queues of events and answers.
 
 use super::answers::{Answers, Refused};
-use super::event::{Event, Events};
+use super::event::{Event, Events, LOSS_TIME};
 use super::wake::Wake;
 use crate::settings::{SafetySettings, Settings};
 use motord_bus::{Duration, Instant};
+use motord_shared::limits::BUSES_MAX;
 
 /// Passed to groups and motors in every call.
 #[derive(Debug)]
@@ -18,6 +19,8 @@ pub(super) struct Context {
     pub(super) elapsed: f32,
     /// Number of publications of the states.
     pub(super) publications: u64,
+    /// When a bus lost received frames last, by bus.
+    lost_at: [Option<Instant>; BUSES_MAX],
     /// When the first cycle began.
     started: Option<Instant>,
     events: Events,
@@ -33,6 +36,7 @@ impl Context {
             now: Instant::ZERO,
             elapsed: 0.0,
             publications: 0,
+            lost_at: [None; BUSES_MAX],
             started: None,
             events: Events::new(),
             answers: Answers::new(),
@@ -52,6 +56,15 @@ impl Context {
     /// Returns the time since the first cycle began.
     pub(super) fn uptime(&self) -> Duration {
         self.started.map_or(Duration::ZERO, |started| self.now.since(started))
+    }
+
+    pub(super) fn note_loss(&mut self, bus: usize, at: Instant) {
+        self.lost_at[bus] = Some(at);
+    }
+
+    /// Returns whether lost frames of `bus` may be the reason why a motor seems silent.
+    pub(super) fn loses_frames(&self, bus: usize) -> bool {
+        self.lost_at[bus].is_some_and(|at| self.now.since(at) <= LOSS_TIME)
     }
 
     pub(super) fn push(&mut self, event: Event) {

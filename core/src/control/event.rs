@@ -113,6 +113,13 @@ pub enum Event {
         /// The new one.
         condition: BusCondition,
     },
+    /// Frames that a bus received were lost. Reported at most once a second.
+    FramesLost {
+        /// The index of the bus.
+        bus: usize,
+        /// All since the last such event.
+        losses: Losses,
+    },
     /// An IMU is lost, or delivers samples again.
     Imu {
         /// Its index.
@@ -136,6 +143,34 @@ pub enum Event {
         /// Their number.
         missed_ticks: u64,
     },
+}
+
+/// Least time between two events of lost frames of a bus, and longest time in which a loss explains a silent motor.
+pub(super) const LOSS_TIME: Duration = Duration::from_secs(1);
+
+/// Frames that were lost before they could be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Losses {
+    /// Overruns that the CAN controller reported. Each lost at least one frame.
+    pub by_controller: u32,
+    /// Frames that the kernel dropped: the buffer of the socket was full.
+    pub by_kernel: u32,
+}
+
+impl Losses {
+    /// None.
+    pub const NONE: Self = Self { by_controller: 0, by_kernel: 0 };
+
+    /// Returns whether there are any.
+    #[must_use]
+    pub const fn any(self) -> bool {
+        self.by_controller > 0 || self.by_kernel > 0
+    }
+
+    pub(super) const fn add(&mut self, more: Self) {
+        self.by_controller = self.by_controller.saturating_add(more.by_controller);
+        self.by_kernel = self.by_kernel.saturating_add(more.by_kernel);
+    }
 }
 
 /// The events of one cycle. Fixed size: events that do not fit are counted.

@@ -34,7 +34,7 @@ mod time_base;
 mod wake;
 
 pub use command::{Command, Reported, Status};
-pub use event::{Event, Events};
+pub use event::{Event, Events, Losses};
 pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
@@ -300,6 +300,15 @@ impl Control {
         health.condition = condition;
         self.context.push(Event::Bus { bus, condition });
         !health.is_up()
+    }
+
+    /// Records frames that a bus lost until `now`.
+    #[cold]
+    pub fn frames_lost(&mut self, bus: usize, losses: Losses, now: Instant) {
+        self.context.note_loss(bus, now);
+        if let Some(losses) = self.buses[bus].lost(losses, now) {
+            self.context.push(Event::FramesLost { bus, losses });
+        }
     }
 
     /// Records whether a bus accepted all frames of this cycle.

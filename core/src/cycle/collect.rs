@@ -236,6 +236,10 @@ impl Cycle {
         if foreign.is_any() {
             foreign.take(|id, motor, frames| control.receive_foreign(motor, id, frames, now));
         }
+        let losses = channel.wire_mut().take_losses();
+        if losses.any() {
+            control.frames_lost(bus, losses, now);
+        }
         if control.bus_changed(bus, channel.wire().condition()) {
             channel.wire_mut().sensors().disconnect();
         }

@@ -2,7 +2,7 @@
 //! `docs/faults.md` lists the item of each test.
 
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Reported};
+use motord_core::control::{Command, Event, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_core::settings::{BeyondRange, Settings};
 use motord_harness::robot;
@@ -36,6 +36,52 @@ pub(crate) fn stopped_within(robot: &mut Robot, joints: &[JointSetpoint], cycles
 
 fn is_fresh(robot: &mut Robot, joint: usize) -> bool {
     robot.joint(joint).flags & message::JOINT_FRESH != 0
+}
+
+#[test]
+fn controller_overrun_counts_as_lost_frame() {
+    let (mut robot, joints) = active();
+    let before = robot.bus(0);
+    robot.disturb("can overrun");
+    robot.follow(&joints);
+    let after = robot.bus(0);
+    assert_eq!((after.lost - before.lost, after.errors - before.errors), (1, 1));
+    assert_eq!((robot.cause(), after.condition), (None, before.condition));
+}
+
+/// Goal: replies that the adapter loses send nobody to the power and the cable of a motor.
+#[test]
+fn motor_lost_amid_lost_frames_names_them() {
+    for (fault, kind) in [("can overrun", "the controller"), ("can overflow 3", "the kernel")] {
+        let (mut robot, joints) = active();
+        robot.disturb("thigh off");
+        robot.disturb(fault);
+        let (cause, _) = stopped_within(&mut robot, &joints, 12);
+        assert_eq!((cause, robot.group().cause_joint), (Cause::FramesLost, 1), "{kind}");
+    }
+    let (mut robot, joints) = active();
+    robot.disturb("can overrun");
+    (0..1100).for_each(|_| robot.follow(&joints));
+    robot.disturb("thigh off");
+    let (cause, _) = stopped_within(&mut robot, &joints, 12);
+    assert_eq!(cause, Cause::MotorLost, "frames that were lost more than a second before explain nothing");
+}
+
+#[test]
+fn lost_frames_are_reported_once_a_second() {
+    let (mut robot, joints) = active();
+    let mut reported = Vec::new();
+    for cycle in 0..2500 {
+        if cycle % 10 == 0 {
+            robot.disturb("can overrun");
+        }
+        robot.follow(&joints);
+        reported.extend(robot.take_events().into_iter().filter_map(|event| match event {
+            Event::FramesLost { bus, losses } => Some((bus, losses.by_controller)),
+            _ => None,
+        }));
+    }
+    assert_eq!(reported, [(0, 1), (0, 100), (0, 100)]);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use super::asked::Asked;
 use super::askers::Askers;
 use super::registers::RegisterLog;
 use super::unexpected::OtherFormats;
-use motord_core::control::Event;
+use motord_core::control::{Event, Losses};
 use motord_core::cycle::Counters;
 use motord_core::imu::ImuSource;
 use motord_core::settings::Settings;
@@ -30,6 +30,8 @@ use std::time::Duration;
 const CHANGES_LOGGED: u32 = 4;
 /// Requests that get a line each, per second: one for every group and a few more.
 const REQUESTS_LOGGED: u32 = 16;
+/// Time from an event of lost frames in which a silent motor is put down to it, s.
+const LOSS_SECONDS: f64 = 2.0;
 /// Seconds between two lines about missed ticks. The first ones get a line immediately.
 const MISSED_TICKS_PERIOD: u32 = 60;
 
@@ -48,6 +50,11 @@ pub(super) struct Log {
     quiet_for: u32,
     dropped: u64,
     errors: u64,
+    foreign_imu_samples: u64,
+    /// The cycle of the last event of lost frames, by bus.
+    lost_in: Vec<Option<u64>>,
+    /// Cycles after such an event in which a silent motor is put down to it: the events are a second apart.
+    loss_cycles: u64,
     setpoint_timeout: Duration,
     registers: RegisterLog,
 }
@@ -76,6 +83,7 @@ struct Subject {
 struct Motor {
     subject: Subject,
     group: usize,
+    bus: usize,
     /// The log says that it went.
     is_missed: bool,
     /// Nothing is expected of it; once it is included, its first answer is no news.
@@ -124,6 +132,7 @@ impl Log {
         let motors = settings.motors.iter().enumerate().map(|(index, motor)| Motor {
             subject: Subject::new(&motor.name, CHANGES_LOGGED),
             group: group_of(index).unwrap_or_default(),
+            bus: motor.bus,
             is_missed: false,
             is_excluded: false,
         });
@@ -146,6 +155,9 @@ impl Log {
             quiet_for: MISSED_TICKS_PERIOD,
             dropped: 0,
             errors: 0,
+            foreign_imu_samples: 0,
+            lost_in: vec![None; settings.buses.len()],
+            loss_cycles: (LOSS_SECONDS * settings.cycle.rate_hz) as u64,
             setpoint_timeout: settings.safety.setpoint_timeout,
             registers: RegisterLog::new(settings),
         }
@@ -155,15 +167,14 @@ impl Log {
     pub(super) fn log(&mut self, cycle: u64, event: Event, askers: &Askers) {
         match event {
             Event::Motor { motor, mode } => self.log_mode(cycle, motor, mode),
+            Event::FramesLost { bus, losses } => self.log_losses(cycle, bus, losses),
             Event::Silent { motor } => {
                 self.motors[motor].is_missed = true;
-                tracing::error!(
-                    cycle,
-                    motor = self.motors[motor].subject.name,
-                    see = "motor-silent",
-                    "has never reported a state: check its power and wiring, its id and host id, the bit rate, that it speaks \
-                     the configured protocol, and its faults"
-                );
+                let check = "check its power and wiring, its id and host id, the bit rate, that it speaks the configured \
+                             protocol, and its faults";
+                let (see, check) = self.check_of_silence(cycle, motor, check);
+                let motor = &self.motors[motor].subject.name;
+                tracing::error!(cycle, motor, see, "has never reported a state: {check}");
             }
             Event::Foreign { motor, id, frames } => tracing::warn!(
                 cycle,
@@ -202,6 +213,7 @@ impl Log {
         let phase = self.groups[self.motors[motor].group].phase;
         let is_moving = matches!(phase, Phase::Starting | Phase::Active);
         let group = if phase == Phase::Damping { "is being damped" } else { "was not moving" };
+        let (see, check) = self.check_of_silence(cycle, motor, "check its power and wiring");
         let Motor { subject, is_missed, is_excluded, .. } = &mut self.motors[motor];
         let was_excluded = std::mem::replace(is_excluded, mode == MotorMode::Excluded);
         let is_gone = mode == MotorMode::Offline && !is_moving && !was_excluded;
@@ -209,14 +221,53 @@ impl Log {
         let is_logged = was_missed != *is_missed && subject.changes();
         let (motor, mode_name) = (&subject.name, mode.name());
         match (is_logged, *is_missed) {
-            (true, true) => tracing::warn!(
-                cycle,
-                motor,
-                see = "motor-silent",
-                "does not answer any more: check its power and wiring; its group {group}"
-            ),
+            (true, true) => {
+                tracing::warn!(cycle, motor, see, "does not answer any more: {check}; its group {group}");
+            }
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
             (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),
+        }
+    }
+
+    /// Returns the page and the check for a silent motor: `check`, unless frames of its bus were lost shortly before.
+    fn check_of_silence(
+        &self,
+        cycle: u64,
+        motor: usize,
+        check: &'static str,
+    ) -> (&'static str, &'static str) {
+        match self.lost_in[self.motors[motor].bus] {
+            Some(lost) if cycle.saturating_sub(lost) <= self.loss_cycles => {
+                ("frames-lost", "its bus loses received frames, as an earlier line says")
+            }
+            _ => {
+                let see = "motor-silent";
+                (see, check)
+            }
+        }
+    }
+
+    fn log_losses(&mut self, cycle: u64, bus: usize, losses: Losses) {
+        self.lost_in[bus] = Some(cycle);
+        let (bus, Losses { by_controller, by_kernel }) = (&self.buses[bus].name, losses);
+        if by_controller > 0 {
+            tracing::error!(
+                cycle,
+                bus,
+                overruns = by_controller,
+                see = "frames-lost",
+                "the CAN controller dropped received frames: its driver is too slow (clock of its SPI, interrupts on a busy \
+                 processor), or the bus is too full for it"
+            );
+        }
+        if by_kernel > 0 {
+            tracing::error!(
+                cycle,
+                bus,
+                frames = by_kernel,
+                see = "frames-lost",
+                "the kernel dropped received frames: the cycle did not read them in time, or other senders flood the bus"
+            );
         }
     }
 
@@ -485,6 +536,15 @@ impl Log {
                 dropped,
                 see = "records-dropped",
                 "telemetry could not keep up: records were dropped"
+            );
+        }
+        let samples = counters.foreign_imu_samples.load(Ordering::Relaxed);
+        let new = samples - std::mem::replace(&mut self.foreign_imu_samples, samples);
+        if new > 0 {
+            tracing::warn!(
+                samples = new,
+                see = "foreign-imu-samples",
+                "samples for no external IMU of this daemon were ignored: their publisher means an earlier daemon or another robot"
             );
         }
         let errors = counters.ipc_errors.load(Ordering::Relaxed);

@@ -232,6 +232,10 @@ impl SimulatedBus {
             Fault::Bitrate(bitrate) => self.set_bitrate(bitrate),
             Fault::Report(state) => self.report(controller_report(state)),
             Fault::Unsupported(unsupported) => self.arrive(self.now, Content::Unsupported(unsupported)),
+            // Byte 1 of CAN_ERR_CRTL in linux/can/error.h: RX buffer overflow.
+            Fault::Overrun => {
+                self.report(ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 1, 0, 0, 0, 0, 0, 0] });
+            }
             Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
             Fault::Echo
             | Fault::Glue(_)

@@ -74,6 +74,8 @@ pub enum Fault {
     Bitrate(u32),
     /// `overflow 5`: number of received frames that were lost.
     Overflow(u32),
+    /// `overrun`: the host's controller loses received frames, and reports it once.
+    Overrun,
     /// `echo`: the RS485 adapter returns the bytes that the host sends.
     Echo,
     /// `glue 16ms`: the adapter collects bytes for this time, and delivers them together.
@@ -224,7 +226,7 @@ impl Verb {
 }
 
 /// All verbs. The documentation of [`Fault`] describes their effects in detail.
-pub const VERBS: [Verb; 40] = {
+pub const VERBS: [Verb; 41] = {
     use FaultTarget::{Any, Bus, Line, Motor};
     let slow = Fault::Slow(Duration::from_millis(10));
     let delayed = Fault::Delayed(Duration::from_millis(2));
@@ -333,6 +335,7 @@ pub const VERBS: [Verb; 40] = {
             |text| text.parse().ok().map(Fault::Overflow),
             "this number of received frames was lost",
         ),
+        Verb::bare("overrun", Bus, Fault::Overrun, "the controller reports: received frames were lost"),
         Verb::with(
             ("bitrate", "500000"),
             Bus,
@@ -503,6 +506,7 @@ mod tests {
             ("fl-hip tx-full 1", Fault::TxFull(1)),
             ("fl-hip flood 100", Fault::Flood(100)),
             ("fl-hip passive", Fault::Report(ControllerState::Passive)),
+            ("fl-hip overrun", Fault::Overrun),
             ("fl-hip remote", Fault::Unsupported(Unsupported::Remote)),
             ("arm echo", Fault::Echo),
             ("arm glue 1ms", Fault::Glue(Duration::from_millis(1))),

@@ -214,8 +214,9 @@ impl Group {
         let motor = &mut self.motors[place];
         if motor.end_turn(cx) {
             motor.changed(cx);
-            let joint = motor.joint;
-            self.stop(Cause::MotorLost, Some(joint), cx);
+            let (joint, loses_frames) = (motor.joint, cx.loses_frames(motor.settings.bus));
+            let cause = if loses_frames { Cause::FramesLost } else { Cause::MotorLost };
+            self.stop(cause, Some(joint), cx);
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use super::foreign::ForeignCommands;
 use super::sensors::Sensors;
-use crate::control::Reported;
+use crate::control::{Losses, Reported};
 use crate::drive::Received;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_bus::{Bus, Content, ErrorFrame, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
@@ -23,6 +23,7 @@ pub(crate) struct Wire {
     inbox: Inbox,
     counters: BusState,
     condition: BusCondition,
+    losses: Losses,
     replied_at: Instant,
 }
 
@@ -65,6 +66,7 @@ impl Wire {
             inbox: Inbox::new(),
             counters: BusState::default(),
             condition: BusCondition::Active,
+            losses: Losses::default(),
             replied_at: Instant::ZERO,
         }
     }
@@ -201,7 +203,8 @@ impl Wire {
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, foreign, sensors, requests, counters, condition, replied_at, .. } = self;
+        self.losses.by_kernel = self.losses.by_kernel.saturating_add(self.inbox.lost);
+        let Self { inbox, routes, foreign, sensors, requests, counters, condition, losses, .. } = self;
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
         let (mut answers, mut unasked) = (0, 0);
         for arrival in inbox.arrivals() {
@@ -213,7 +216,7 @@ impl Wire {
                     continue;
                 }
                 Content::Error(error) => {
-                    count(&mut counters.errors);
+                    note_error(error, counters, losses);
                     *condition = error.state().map_or(*condition, condition_of);
                     continue;
                 }
@@ -226,7 +229,7 @@ impl Wire {
                     // A reply to a request of an earlier batch is not awaited.
                     Some(is_answer) => {
                         match is_answer && *requests > 0 {
-                            true => (*replied_at, answers) = (arrival.at, answers + 1),
+                            true => (self.replied_at, answers) = (arrival.at, answers + 1),
                             false => unasked += 1,
                         }
                         continue;
@@ -235,13 +238,19 @@ impl Wire {
                 (None, _) => Received::UnexpectedId,
             };
             if let Received::Reply(reported) = &received {
-                *replied_at = arrival.at;
+                self.replied_at = arrival.at;
                 answers += usize::from(!matches!(reported, Reported::Late | Reported::LateRegister(..)));
             } else {
                 count_useless(counters, &received);
             }
         }
         Arrivals { all: inbox.arrivals().len() - unasked, answers }
+    }
+
+    /// Returns the frames that were lost since the last call.
+    #[inline]
+    pub(crate) fn take_losses(&mut self) -> Losses {
+        core::mem::take(&mut self.losses)
     }
 
     /// Returns the frames that command motors of this bus and are not from this program.
@@ -316,6 +325,16 @@ fn unrouted(
         foreign.note(frame);
     }
     received
+}
+
+/// Counts an error report, and the frame that the controller lost at least with it.
+#[cold]
+fn note_error(error: &ErrorFrame, counters: &mut BusState, losses: &mut Losses) {
+    count(&mut counters.errors);
+    if error.receive_overflow() {
+        count(&mut counters.lost);
+        losses.by_controller = losses.by_controller.saturating_add(1);
+    }
 }
 
 /// Counts a frame that is no reply.

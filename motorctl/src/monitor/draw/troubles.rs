@@ -25,7 +25,9 @@ pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
         .collect();
     if !silent.is_empty() {
         let verb = if silent.len() == 1 { "does" } else { "do" };
-        let help = Cause::MotorLost.advice();
+        let stops = reading.report.groups.iter().filter_map(|group| group.stop.as_ref());
+        let is_loss = stops.into_iter().any(|stop| stop.cause == Cause::FramesLost.name());
+        let help = if is_loss { Cause::FramesLost } else { Cause::MotorLost }.advice();
         lines.extend(sentence(&format!("{} {verb} not answer. {help}.", listed(&silent)), width));
     }
     lines
@@ -39,7 +41,7 @@ pub(super) fn advise(reading: &Reading, cause: &str) -> bool {
     let is_offline = |joint: &JointReport| joint.mode == MotorMode::Offline.name();
     is(Cause::BusOff) && has_bus(Cause::BusOff)
         || is(Cause::BusGone) && has_bus(Cause::BusGone)
-        || is(Cause::MotorLost)
+        || (is(Cause::MotorLost) || is(Cause::FramesLost))
             && joints.iter().any(|joint| is_offline(joint) && !is_on_bus_that_is_down(reading, joint))
         || is(Cause::MotorFault) && joints.iter().any(|joint| joint.mode == MotorMode::Fault.name())
 }
