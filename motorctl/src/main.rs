@@ -392,7 +392,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         }
         Command::Direct(command) => Ok(direct::run(command)?),
         Command::Imu(command) => imu::run(instance, &command),
-        Command::Doctor(arguments) => Ok(doctor::run(&arguments, imu::findings(instance))?),
+        Command::Doctor(arguments) => run_doctor(instance, &arguments),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
@@ -406,6 +406,14 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
             Err(demo::guard(parent, &program, &arguments).into())
         }
     }
+}
+
+fn run_doctor(instance: &str, arguments: &doctor::Arguments) -> Result<(), Failure> {
+    let running = motord_client::running_instances().into_iter();
+    let running: Vec<_> = running.map(|running| (running.name, running.pid)).collect();
+    let of_daemon = imu::findings(instance);
+    let instance = Some(instance).filter(|name| *name != motord_client::DEFAULT_INSTANCE);
+    Ok(doctor::run(arguments, doctor::Daemons { instance, running: &running }, of_daemon)?)
 }
 
 /// Uses the daemon for a joint, and the bus for a motor of a bus.

@@ -42,8 +42,8 @@ const PROGRESS: Duration = Duration::from_secs(1);
 pub struct Arguments {
     /// Configuration of the robot: its buses, and the rate, processor and priority of its cycle.
     ///
-    /// The default is /etc/motord/motord.toml. Without that file: 1000 Hz, priority 80, any
-    /// processor, and every CAN interface of the computer.
+    /// The default is /etc/motord/motord.toml, and /etc/motord/NAME.toml with --instance NAME. Without that file: 1000 Hz,
+    /// priority 80, any processor, and every CAN interface of the computer.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Duration of the measurement, s: 0 to 86400; 0 skips it.
@@ -100,15 +100,29 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     within(text, 0.0, SECONDS_MAX)
 }
 
+/// The daemons that run, for the choice of one.
+#[derive(Debug, Clone, Copy)]
+pub struct Daemons<'a> {
+    /// The instance that the command line names; `None` for the default.
+    pub instance: Option<&'a str>,
+    /// Name and process id of each that runs.
+    pub running: &'a [(String, u32)],
+}
+
 /// Checks the computer, measures, and prints both, with the findings about a running daemon.
 ///
 /// # Errors
 ///
 /// [`DoctorFailure::Unfit`] after a bad verdict; the others without a verdict.
-pub fn run(arguments: &Arguments, of_daemon: Vec<Finding>) -> Result<(), DoctorFailure> {
+pub fn run(
+    arguments: &Arguments,
+    daemons: Daemons<'_>,
+    of_daemon: Vec<Finding>,
+) -> Result<(), DoctorFailure> {
     let tree = Tree::below(Path::new("/"));
-    let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
-    let daemon = process::daemon(&tree);
+    let (mut robot, configuration) = Robot::configured(arguments.config.as_deref(), daemons.instance, &tree);
+    robot.daemon = daemons.running.iter().find(|(name, _)| *name == robot.instance).map(|(_, pid)| *pid);
+    let daemon = process::daemon(&tree, robot.daemon);
     let tuned = match (arguments.tune, daemon) {
         (true, Some(daemon)) => return Err(DoctorFailure::InUse(daemon.pid)),
         (true, None) => tune::tune(&all(&tree, &robot), Change::apply),

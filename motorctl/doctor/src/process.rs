@@ -28,9 +28,10 @@ pub(crate) fn program(tree: &Tree, pid: u32) -> Option<String> {
     tree.text(&format!("proc/{pid}/comm"))
 }
 
-/// Returns the first daemon with a running cycle that this user can see.
-pub(crate) fn daemon(tree: &Tree) -> Option<RunningDaemon> {
-    let programs = tree.numbers("proc").into_iter();
+/// Returns the daemon with a running cycle that was `asked` for, by its process id; otherwise the first one that this user can
+/// see.
+pub(crate) fn daemon(tree: &Tree, asked: Option<u32>) -> Option<RunningDaemon> {
+    let programs = asked.into_iter().chain(tree.numbers("proc"));
     programs.filter(|&pid| program(tree, pid).as_deref() == Some("motord")).find_map(|pid| {
         let threads = tree.numbers(&format!("proc/{pid}/task"));
         let is_cycle = |thread: &u32| {

@@ -9,6 +9,8 @@ use std::path::Path;
 
 /// The default configuration of motord.
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
+/// The default instance.
+const DEFAULT_INSTANCE: &str = "robot";
 /// From the kernel's `if_arp.h`.
 const ARPHRD_CAN: i64 = 280;
 /// The defaults of the configuration.
@@ -56,6 +58,10 @@ pub struct Robot {
     pub imus: Vec<ImuLine>,
     /// The units of systemd that read the configuration: daemon and dead man's switch.
     pub units: Vec<String>,
+    /// The instance of its daemon.
+    pub instance: String,
+    /// The process of its daemon, if it runs.
+    pub daemon: Option<u32>,
 }
 
 /// Returns the units that read this configuration; none if it is not in `/etc/motord`.
@@ -90,6 +96,8 @@ impl Robot {
             devices: Vec::new(),
             imus: Vec::new(),
             units: Vec::new(),
+            instance: settings.instance.clone(),
+            daemon: None,
         };
         for (index, BusSettings { kind, .. }) in settings.buses.iter().enumerate() {
             match kind {
@@ -126,19 +134,27 @@ impl Robot {
             devices: Vec::new(),
             imus: Vec::new(),
             units: Vec::new(),
+            instance: DEFAULT_INSTANCE.to_owned(),
+            daemon: None,
         }
     }
 
-    /// Loads the configuration at `file` or at its default path. A refused one becomes a finding,
-    /// and the defaults are returned.
-    pub(crate) fn configured(file: Option<&Path>, tree: &Tree) -> (Self, Finding) {
-        let path = file.unwrap_or(Path::new(DEFAULT_CONFIG));
-        if file.is_none() && !path.exists() {
-            let measured =
-                format!("none at {DEFAULT_CONFIG}: defaults, and the CAN interfaces that are there");
-            return (Self::without_configuration(tree), Finding::good("configuration", measured));
-        }
+    /// Loads the configuration at `file` or at the default path of `instance`. A refused one becomes a finding, and the defaults
+    /// are returned.
+    pub(crate) fn configured(file: Option<&Path>, instance: Option<&str>, tree: &Tree) -> (Self, Finding) {
+        let default = Path::new(DEFAULT_CONFIG);
+        let of_instance = instance.map(|name| default.with_file_name(format!("{name}.toml")));
+        let path = file.or(of_instance.as_deref()).unwrap_or(default);
         let shown = path.display();
+        let without = |instance: Option<&str>| {
+            let robot = Self::without_configuration(tree);
+            let instance = instance.map_or_else(|| robot.instance.clone(), str::to_owned);
+            Self { instance, ..robot }
+        };
+        if file.is_none() && !path.exists() {
+            let measured = format!("none at {shown}: defaults, and the CAN interfaces that are there");
+            return (without(instance), Finding::good("configuration", measured));
+        }
         match configuration::load(path) {
             Ok(loaded) => {
                 let robot = Self { units: units(path), ..Self::of(&loaded.settings) };
@@ -148,7 +164,7 @@ impl Robot {
                 let why = "motord refuses it; the checks below are those of a configuration of defaults";
                 let finding = Finding::bad("configuration", error.to_string(), why)
                     .mended_by(format!("motord check --config '{shown}'"));
-                (Self::without_configuration(tree), finding)
+                (without(instance), finding)
             }
         }
     }

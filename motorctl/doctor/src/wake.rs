@@ -242,6 +242,8 @@ mod tests {
             devices: Vec::new(),
             imus: Vec::new(),
             units: Vec::new(),
+            instance: "robot".to_owned(),
+            daemon: None,
         };
         let measurement = Measurement::start(&robot).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(100));

@@ -28,8 +28,19 @@ const fn cycle_frames(interface: &Interface) -> usize {
     interface.motors + interface.requests + 1
 }
 
-/// Checks whether the interface is up with the configured bit rate.
-pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Finding {
+/// Drivers without a restart after a bus-off: they have no `do_set_mode`, and the kernel refuses `restart-ms`.
+/// Source: `drivers/net/can/usb/gs_usb.c`; `can_changelink` in `drivers/net/can/dev/netlink.c`.
+const WITHOUT_RESTART: [&str; 1] = ["gs_usb"];
+
+/// Returns whether the driver can restart the controller of an interface after a bus-off. An interface without a device is that
+/// of a serial line (`slcan`), which cannot.
+pub(super) fn can_restart(tree: &Tree, name: &str) -> bool {
+    let driver = tree.link(&format!("sys/class/net/{name}/device/driver"));
+    driver.is_some_and(|path| path.rsplit('/').next().is_none_or(|driver| !WITHOUT_RESTART.contains(&driver)))
+}
+
+/// Checks whether the interface is up with the configured bit rate. `can_restart` tells of its driver.
+pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>, can_restart: bool) -> Finding {
     const CHECK: &str = "interface";
     let Interface { name, bitrate, .. } = interface;
     let checked = read.and_then(|link| {
@@ -39,7 +50,7 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
     });
     let link = match checked {
         Ok(link) => link,
-        Err(error) => return refused(&error).of(name),
+        Err(error) => return refused(&error, can_restart).of(name),
     };
     let rate = match link.bitrate {
         Some(bitrate) => format!("{bitrate} bit/s"),
@@ -47,9 +58,14 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
         None => "unknown bit rate".to_owned(),
     };
     match link.restart_ms {
+        Some(0) if !can_restart => {
+            let measured = format!(
+                "up, {rate}; its driver has no restart after a bus-off: motord takes it down and up where it may"
+            );
+            Finding::good(CHECK, measured).of(name)
+        }
         Some(0) => {
-            let why = "after a bus-off it stays off the bus until it is taken down and up, which motord does where it may; \
-                the drivers of most USB adapters (gs_usb, slcan) support nothing else";
+            let why = "after a bus-off it stays off the bus until it is taken down and up, which motord does where it may";
             Finding::warn(CHECK, format!("up, {rate}, no restart"), why)
                 .tuned_by(while_down(name, format!("ip link set {name} type can restart-ms {RESTART_MS}")))
                 .of(name)
@@ -61,10 +77,13 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
     }
 }
 
-fn refused(error: &OpenError) -> Finding {
+fn refused(error: &OpenError, can_restart: bool) -> Finding {
     let sentence = error.to_string();
     let measured = sentence.split("; as root").next().unwrap_or_default();
-    let command = error.remedy().map(|remedy| format!("sudo sh -c '{remedy}'"));
+    let is_useful = |command: &&str| can_restart || !command.contains("restart-ms");
+    let remedy = error.remedy().map(|remedy| remedy.to_string());
+    let commands = remedy.map(|remedy| remedy.split("; ").filter(is_useful).collect::<Vec<_>>().join("; "));
+    let command = commands.map(|commands| format!("sudo sh -c '{commands}'"));
     Finding::bad("interface", measured, "motord does not reach its motors").mended_by(command)
 }
 

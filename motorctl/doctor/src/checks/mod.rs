@@ -15,13 +15,15 @@ use crate::tree::Tree;
 use motord_bus::socketcan::{Coalescing, InterfaceName, Link};
 
 #[cfg(test)]
+mod choice_tests;
+#[cfg(test)]
 mod tests;
 
 /// Runs every check of the computer and of the buses of `robot`. Reads files, interface settings
 /// and locks. Changes nothing, and sends nothing on a bus.
 #[must_use]
 pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
-    let daemon = process::daemon(tree);
+    let daemon = process::daemon(tree, robot.daemon);
     let mut findings = vec![
         system::kernel(tree),
         limits::priority(tree, robot, daemon),
@@ -33,7 +35,7 @@ pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
         system::clock_source(tree),
         system::timer_slack(tree, daemon),
         interface::ksoftirqd(tree, robot),
-        system::daemon(tree, daemon),
+        system::daemon(tree, robot, daemon),
     ];
     for interface in &robot.interfaces {
         findings.extend(of_interface(tree, robot, interface));
@@ -51,7 +53,7 @@ fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface) -> Vec<Findin
     let Ok(parsed) = name.parse::<InterfaceName>() else { return Vec::new() };
     let link = Link::read(parsed);
     let is_there = link.is_ok();
-    let mut findings = vec![interface::link(interface, link)];
+    let mut findings = vec![interface::link(interface, link, interface::can_restart(tree, name))];
     if is_there {
         findings.extend([
             interface::queue(tree, interface),

@@ -123,16 +123,20 @@ pub(super) fn timer_slack(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding
 }
 
 /// Checks whether the running daemon has its real-time priority.
-pub(super) fn daemon(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
+pub(super) fn daemon(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "daemon";
     let Some(RunningDaemon { pid, cycle }) = daemon else { return Finding::good(CHECK, "none runs") };
+    let process = match robot.daemon == Some(pid) {
+        true => format!("process {pid}"),
+        false => format!("process {pid}, not of instance {}, which does not run", robot.instance),
+    };
     match process::priority(tree, &format!("proc/{pid}/task/{cycle}")) {
         Some(priority) => {
-            Finding::good(CHECK, format!("process {pid}: its cycle has the real-time priority {priority}"))
+            Finding::good(CHECK, format!("{process}: its cycle has the real-time priority {priority}"))
         }
         None => Finding::bad(
             CHECK,
-            format!("process {pid}: its cycle has a normal priority"),
+            format!("{process}: its cycle has a normal priority"),
             "any other program can delay it by milliseconds: mend rtprio, then restart motord",
         ),
     }

@@ -13,10 +13,10 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use tempfile::TempDir;
 
 /// A tree of files that a test writes.
-struct Fixture(TempDir);
+pub(super) struct Fixture(TempDir);
 
 impl Fixture {
-    fn new(files: &[(&str, &str)]) -> Self {
+    pub(super) fn new(files: &[(&str, &str)]) -> Self {
         let fixture = Self(TempDir::new().unwrap());
         files.iter().for_each(|(path, text)| fixture.write(path, text));
         fixture
@@ -34,12 +34,12 @@ impl Fixture {
         symlink(target, path).unwrap();
     }
 
-    fn tree(&self) -> Tree {
+    pub(super) fn tree(&self) -> Tree {
         Tree::below(self.0.path())
     }
 }
 
-fn robot(cpu: Option<usize>) -> Robot {
+pub(super) fn robot(cpu: Option<usize>) -> Robot {
     Robot {
         rate_hz: 1000.0,
         request: SchedulingRequest { cpu, priority: Some(80) },
@@ -48,15 +48,17 @@ fn robot(cpu: Option<usize>) -> Robot {
         devices: Vec::new(),
         imus: Vec::new(),
         units: Vec::new(),
+        instance: "robot".to_owned(),
+        daemon: Some(812),
     }
 }
 
-fn can0() -> Interface {
+pub(super) fn can0() -> Interface {
     Interface { name: "can0".to_owned(), bitrate: Some(1_000_000), motors: 3, requests: 0 }
 }
 
 /// `stat` of a thread with a policy and a priority, whose name has brackets.
-fn stat(policy: u8, priority: u8) -> String {
+pub(super) fn stat(policy: u8, priority: u8) -> String {
     stat_of(1, policy, priority)
 }
 
@@ -67,7 +69,7 @@ fn stat_of(parent: u32, policy: u8, priority: u8) -> String {
 }
 
 #[track_caller]
-fn assert_finding(finding: &Finding, level: Level, measured: &str, command: Option<&str>) {
+pub(super) fn assert_finding(finding: &Finding, level: Level, measured: &str, command: Option<&str>) {
     assert_eq!((finding.level, finding.measured.as_str()), (level, measured), "{finding:?}");
     match (command, &finding.command) {
         (None, None) => {}
@@ -154,9 +156,9 @@ fn running_daemon_must_have_its_priority() {
             ("proc/812/task/813/stat", &stat(policy, priority)),
             ("proc/813/timerslack_ns", slack),
         ]);
-        let daemon = process::daemon(&fixture.tree());
+        let daemon = process::daemon(&fixture.tree(), None);
         assert_eq!(daemon, Some(process::RunningDaemon { pid: 812, cycle: 813 }));
-        (system::daemon(&fixture.tree(), daemon), system::timer_slack(&fixture.tree(), daemon))
+        (system::daemon(&fixture.tree(), &robot(None), daemon), system::timer_slack(&fixture.tree(), daemon))
     };
     let (running, slack) = with(1, 80, "0");
     assert_finding(&running, Level::Good, "process 812: its cycle has the real-time priority 80", None);
@@ -165,7 +167,7 @@ fn running_daemon_must_have_its_priority() {
     assert_finding(&running, Level::Bad, "process 812: its cycle has a normal priority", None);
     assert_finding(&slack, Level::Warn, "50000 ns for the cycle of process 812", None);
     let none = Fixture::new(&[("proc/self/timerslack_ns", "50000")]);
-    assert_finding(&system::daemon(&none.tree(), None), Level::Good, "none runs", None);
+    assert_finding(&system::daemon(&none.tree(), &robot(None), None), Level::Good, "none runs", None);
     let slack = system::timer_slack(&none.tree(), None);
     assert_finding(&slack, Level::Good, "50000 ns here; motord sets 1 ns for its cycle", None);
 }
@@ -334,7 +336,7 @@ fn unusable_interface_is_bad_and_names_commands() {
         listen_only: false,
         loopback: false,
     };
-    let link = |link| interface::link(&can0(), Ok(link));
+    let link = |link| interface::link(&can0(), Ok(link), true);
     assert_finding(&link(good), Level::Good, "up, 1000000 bit/s, restarts 100 ms after a bus-off", None);
     assert_finding(
         &link(Link { restart_ms: Some(0), ..good }),
@@ -347,12 +349,12 @@ fn unusable_interface_is_bad_and_names_commands() {
     let slow = link(Link { bitrate: Some(500_000), ..good });
     let measured = "can0 is set to 500000 bit/s, 1000000 are configured";
     assert_finding(&slow, Level::Bad, measured, Some("bitrate 1000000"));
-    let missing = interface::link(&can0(), Err(OpenError::Missing("can0".parse().unwrap())));
+    let missing = interface::link(&can0(), Err(OpenError::Missing("can0".parse().unwrap())), true);
     assert_eq!((missing.level, missing.command), (Level::Bad, None));
     let any = Interface { bitrate: None, ..can0() };
-    let new = interface::link(&any, Ok(Link { up: false, bitrate: None, ..good }));
+    let new = interface::link(&any, Ok(Link { up: false, bitrate: None, ..good }), true);
     assert_finding(&new, Level::Bad, "can0 is down", Some("bitrate 1000000"));
-    let unknown = interface::link(&any, Ok(Link { bitrate: None, restart_ms: Some(0), ..good }));
+    let unknown = interface::link(&any, Ok(Link { bitrate: None, restart_ms: Some(0), ..good }), true);
     assert_finding(&unknown, Level::Warn, "up, unknown bit rate, no restart", Some("restart-ms 100"));
     let vcan = Link { is_virtual: true, bitrate: None, restart_ms: None, ..good };
     assert_finding(&link(vcan), Level::Good, "up, virtual", None);
