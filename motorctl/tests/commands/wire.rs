@@ -90,8 +90,15 @@ fn item_is_written_read_back_or_refused() {
     assert_eq!(line.json("config get torque-constant @")["value"], 0.1);
     let said = line.good("config set pwm-frequency 16000 @ --yes");
     assert!(said.contains("powered off and on"), "{said}");
-    let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
-    assert!(refused.contains("modify configuration: the motor refused: data format (RES 0x07)"), "{refused}");
+    for (line_of, expected) in [
+        ("gear-ratio 0", "gear-ratio 0 is not written: a motor has 1 to 500"),
+        ("over-voltage 5200", "over-voltage 5200 V is not written: a motor has 6 to 120 V; did you mean 52?"),
+        ("torque-constant 100", "100 N·m/A is not written: a motor has 0.001 to 10 N·m/A; did you mean 0.1?"),
+    ] {
+        let refused = line.bad(&format!("config set {line_of} @ --yes"), 1);
+        assert!(refused.contains(expected), "{refused}");
+    }
+    assert_eq!(line.json("config get over-voltage @")["value"], 52);
     for wrong in [
         "config set power-off-position 3 @ --yes",
         "config set gear-ratio 6.5 @ --yes",

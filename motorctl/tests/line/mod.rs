@@ -285,7 +285,7 @@ pub(crate) fn write_every_item(line: &Line) {
         let value = line.json(&format!("config get {} @", item.name))["value"].clone();
         let (old, new) = match item.value_type {
             ValueType::Integer => (value.to_string(), (value.as_i64().unwrap() + 1).to_string()),
-            ValueType::Float => (value.to_string(), (value.as_f64().unwrap() * 1.5 + 0.25).to_string()),
+            ValueType::Float => (value.to_string(), (value.as_f64().unwrap() * 1.5).to_string()),
         };
         for value in [new, old] {
             let said = line.good(&format!("config set {} {value} @ --yes", item.name));

@@ -99,6 +99,34 @@ pub fn check_value(item: &ConfigurationItem, value: Value) -> Result<(), &'stati
     if matches!(value, Value::Integer(value) if allowed.contains(&value)) { Ok(()) } else { Err(expected) }
 }
 
+/// Powers of ten between a value and one of another unit: from micro to mega.
+const UNITS: [f64; 12] = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
+/// Largest factor between two values of one unit.
+const FACTOR_MAX: f64 = 10.0;
+
+/// Checks that a motor may have the new value. Where the motor stores an implausible one at present, its firmware has another
+/// unit than the document: then the new one must be of the same size.
+///
+/// # Errors
+///
+/// The nearest value that may have been meant, if there is one.
+fn check_plausible(change: &Change) -> Result<(), Option<f64>> {
+    let Change { item, from, to } = change;
+    let (from, to) = (from.as_f64(), to.as_f64());
+    let is_as_documented = item.is_plausible(from);
+    let is_similar = |value: f64| {
+        let factor = value / from;
+        (1.0 / FACTOR_MAX..=FACTOR_MAX).contains(&factor)
+    };
+    let may_be = |value: f64| if is_as_documented { item.is_plausible(value) } else { is_similar(value) };
+    if may_be(to) || item.plausible.is_none() {
+        return Ok(());
+    }
+    let distance = |value: f64| (value / from).abs().ln().abs();
+    let meant = UNITS.iter().map(|unit| to * unit).filter(|value| may_be(*value));
+    Err(meant.min_by(|one, other| distance(*one).total_cmp(&distance(*other))))
+}
+
 /// Returns the unit of `can-baud-rate`, bit/s, inferred from the stored number. No document
 /// specifies it.
 #[must_use]
@@ -112,19 +140,21 @@ pub fn bitrate_unit(stored: i32) -> Option<u32> {
 }
 
 impl Apply<'_> {
-    /// Checks that every motor stays reachable. Each value must be one that its item may have. No
+    /// Checks that every motor stays reachable. Each value must be one that its item and a motor may have. No
     /// other motor of the bus may answer to the new id or host id, and the bit rate must keep its
     /// unit. Sends requests on the bus; writes nothing.
     ///
     /// # Errors
     ///
-    /// [`Error::Protocol`], [`Error::Taken`], [`Error::Bus`].
+    /// [`Error::Protocol`], [`Error::Implausible`], [`Error::Taken`], [`Error::Bus`].
     pub fn check(&self, motor: &mut Native<'_>) -> Result<(), Error> {
         self.check_wire(motor)?;
         let (id, host_id) = (motor.address().id, motor.address().host_id);
         let refused = |reason| Err(Error::Protocol { id, reason });
         for change in self.changes {
             check_value(change.item, change.to).or_else(refused)?;
+            let (item, value) = (change.item, change.to.as_f64());
+            check_plausible(change).map_err(|meant| Error::Implausible { id, item, value, meant })?;
         }
         if let Some(change) = self.change("can-baud-rate")
             && let (Value::Integer(from), Value::Integer(to)) = (change.from, change.to)
@@ -209,5 +239,36 @@ impl Apply<'_> {
     ) -> Result<Result<(), Error>, Failed<E>> {
         journal(Event::Refreshing).map_err(Failed::Journal)?;
         Ok(motor.refresh())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_protocol::gim::Finite;
+
+    fn change(name: &str, from: f32, to: f32) -> Change {
+        let item = ConfigurationItem::by_name(name).unwrap();
+        let value = |value: f32| match item.value_type {
+            motord_protocol::gim::ValueType::Integer => Value::Integer(value as i32),
+            motord_protocol::gim::ValueType::Float => Value::Float(Finite::new(value).unwrap()),
+        };
+        Change { item, from: value(from), to: value(to) }
+    }
+
+    /// 5200 for an over-voltage of 52.00 V switched the protection off.
+    #[test]
+    fn value_of_another_unit_names_the_meant_one() {
+        let meant =
+            |name, from, to| check_plausible(&change(name, from, to)).map_err(Option::unwrap_or_default);
+        assert_eq!(meant("over-voltage", 56.0, 52.0), Ok(()));
+        assert_eq!(meant("over-voltage", 56.0, 5200.0), Err(52.0));
+        assert_eq!(meant("over-voltage", 56.0, 52_000.0), Err(52.0));
+        assert_eq!(meant("over-voltage", 56.0, 0.0), Err(0.0), "no power of ten makes a voltage of 0");
+        assert!((meant("torque-constant", 0.125, 125.0).unwrap_err() - 0.125).abs() < 1e-6);
+        assert_eq!(meant("current-kp", 100.0, 1e6), Ok(()), "it has no documented scale");
+        // A firmware that stores centivolts.
+        assert_eq!(meant("over-voltage", 5600.0, 5200.0), Ok(()));
+        assert_eq!(meant("over-voltage", 5600.0, 52.0), Err(5200.0));
     }
 }

@@ -1,7 +1,7 @@
 //! Errors of transactions.
 
 use motord_bus::FrameId;
-use motord_protocol::gim::{Refusal, Value};
+use motord_protocol::gim::{ConfigurationItem, Refusal, Value};
 
 /// Reason for which a transaction failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -99,6 +99,18 @@ pub enum Error {
         /// The id of the other one.
         taken: u8,
     },
+    /// A value is one that no motor has: it may be in another unit.
+    #[error("motor {id}: {}", implausible(.item, *.value, *.meant))]
+    Implausible {
+        /// The motor.
+        id: u8,
+        /// The item.
+        item: &'static ConfigurationItem,
+        /// The value that was to be written.
+        value: f64,
+        /// The nearest value that may have been meant.
+        meant: Option<f64>,
+    },
     /// The motor's protocol does not support the command.
     #[error("motor {id}: {reason}")]
     Protocol {
@@ -110,6 +122,16 @@ pub enum Error {
     /// The caller cancelled the transaction.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// Returns the sentence for a value that no motor has.
+fn implausible(item: &ConfigurationItem, value: f64, meant: Option<f64>) -> String {
+    let ConfigurationItem { name, unit, plausible, .. } = item;
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let range =
+        plausible.map_or_else(String::new, |(least, most)| format!(": a motor has {least} to {most}{unit}"));
+    let meant = meant.map_or_else(String::new, |meant| format!("; did you mean {}?", meant as f32));
+    format!("{name} {}{unit} is not written{range}{meant}", value as f32)
 }
 
 fn reason(refusal: motord_bus::Refusal) -> String {

@@ -62,7 +62,7 @@ pub enum Effective {
 }
 
 /// A row of Table 7.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConfigurationItem {
     /// Integer or float.
     pub value_type: ValueType,
@@ -76,6 +76,9 @@ pub struct ConfigurationItem {
     pub access: Access,
     /// Time at which a written value takes effect.
     pub effective: Effective,
+    /// The values that a motor may have, both ends included, in the unit; `None` where the document gives no scale. The
+    /// document gives no ranges: these are wider than any motor of this size, and narrower than a mistake in the unit.
+    pub plausible: Option<(f32, f32)>,
 }
 
 const fn item(
@@ -85,7 +88,7 @@ const fn item(
     unit: &'static str,
 ) -> ConfigurationItem {
     let (access, effective) = (Access::ReadWrite, Effective::Immediately);
-    ConfigurationItem { value_type, conf_id, name, unit, access, effective }
+    ConfigurationItem { value_type, conf_id, name, unit, access, effective, plausible: None }
 }
 
 impl ConfigurationItem {
@@ -124,6 +127,16 @@ impl ConfigurationItem {
         Self { effective: Effective::AfterReboot, ..self }
     }
 
+    const fn within(self, least: f32, most: f32) -> Self {
+        Self { plausible: Some((least, most)), ..self }
+    }
+
+    /// Returns `false` for a value that no motor has.
+    #[must_use]
+    pub fn is_plausible(&self, value: f64) -> bool {
+        self.plausible.is_none_or(|(least, most)| (f64::from(least)..=f64::from(most)).contains(&value))
+    }
+
     const fn read_only(self) -> Self {
         Self { access: Access::ReadOnly, ..self }
     }
@@ -131,11 +144,11 @@ impl ConfigurationItem {
 
 /// Table 7. Resistance and inductance are from phase to phase, as the Chinese edition specifies.
 pub const CONFIGURATION: [ConfigurationItem; 30] = [
-    item(Integer, 0x00, "pole-pairs", ""),
-    item(Integer, 0x01, "rated-current", "A"),
-    item(Integer, 0x02, "max-speed", "rpm"),
-    item(Integer, 0x06, "rated-voltage", "V"),
-    item(Integer, 0x07, "pwm-frequency", "Hz").after_reboot(),
+    item(Integer, 0x00, "pole-pairs", "").within(1.0, 100.0),
+    item(Integer, 0x01, "rated-current", "A").within(1.0, 200.0),
+    item(Integer, 0x02, "max-speed", "rpm").within(1.0, 20_000.0),
+    item(Integer, 0x06, "rated-voltage", "V").within(6.0, 100.0),
+    item(Integer, 0x07, "pwm-frequency", "Hz").after_reboot().within(1000.0, 200_000.0),
     item(Integer, 0x08, "current-kp", ""),
     item(Integer, 0x09, "current-ki", ""),
     item(Integer, 0x0C, "speed-kp", ""),
@@ -143,24 +156,24 @@ pub const CONFIGURATION: [ConfigurationItem; 30] = [
     item(Integer, 0x0E, "position-kp", ""),
     item(Integer, 0x0F, "position-ki", ""),
     item(Integer, 0x10, "position-kd", ""),
-    item(Integer, 0x11, "gear-ratio", ""),
+    item(Integer, 0x11, "gear-ratio", "").within(1.0, 500.0),
     item(Integer, 0x12, "can-id", ""),
     item(Integer, 0x13, "host-id", ""),
     item(Integer, 0x14, "zero-position", "turn/65536"),
     item(Integer, 0x15, "power-off-position", "turn/65536").read_only(),
-    item(Integer, 0x16, "over-voltage", "V"),
-    item(Integer, 0x17, "under-voltage", "V"),
+    item(Integer, 0x16, "over-voltage", "V").within(6.0, 120.0),
+    item(Integer, 0x17, "under-voltage", "V").within(5.0, 100.0),
     item(Integer, 0x18, "can-baud-rate", ""),
     item(Integer, 0x19, "flux-weakening-kp", ""),
     item(Integer, 0x1A, "flux-weakening-ki", ""),
-    item(Integer, 0x20, "over-temperature", "°C"),
+    item(Integer, 0x20, "over-temperature", "°C").within(30.0, 200.0),
     item(Integer, 0x1C, "can-protocol", ""),
-    item(Float, 0x00, "phase-resistance", "Ω"),
-    item(Float, 0x01, "phase-inductance", "H"),
-    item(Float, 0x02, "back-emf-constant", "Vrms/krpm"),
-    item(Float, 0x03, "torque-constant", "N·m/A"),
-    item(Float, 0x04, "sampling-resistance", "Ω"),
-    item(Float, 0x05, "amplification-gain", ""),
+    item(Float, 0x00, "phase-resistance", "Ω").within(1e-3, 100.0),
+    item(Float, 0x01, "phase-inductance", "H").within(1e-7, 0.1),
+    item(Float, 0x02, "back-emf-constant", "Vrms/krpm").within(0.01, 1000.0),
+    item(Float, 0x03, "torque-constant", "N·m/A").within(1e-3, 10.0),
+    item(Float, 0x04, "sampling-resistance", "Ω").within(1e-5, 1.0),
+    item(Float, 0x05, "amplification-gain", "").within(1.0, 1000.0),
 ];
 
 #[cfg(test)]
@@ -179,6 +192,24 @@ mod tests {
         for row in &INDICATORS {
             assert_eq!((Indicator::by_id(row.id), Indicator::by_name(row.name)), (Some(row), Some(row)));
         }
+    }
+
+    /// The voltages are those of motors for 12 to 60 V; a value in centivolts or millivolts is none.
+    #[test]
+    fn value_of_another_unit_is_not_plausible() {
+        let item = |name| ConfigurationItem::by_name(name).unwrap();
+        for (name, good, wrong) in [
+            ("over-voltage", 56.0, 5200.0),
+            ("under-voltage", 12.0, 1200.0),
+            ("max-speed", 3000.0, 3e5),
+            ("over-temperature", 90.0, 900.0),
+            ("torque-constant", 0.125, 125.0),
+            ("phase-resistance", 0.48, 480.0),
+        ] {
+            assert!(item(name).is_plausible(good) && !item(name).is_plausible(wrong), "{name}");
+            assert!(!item(name).is_plausible(-good) && !item(name).is_plausible(f64::NAN), "{name}");
+        }
+        assert!(item("current-kp").is_plausible(1e9), "the gains have no documented scale");
     }
 
     #[test]
