@@ -37,6 +37,8 @@ enum Remark {
     Incomplete,
     /// One sample is repeated.
     Stuck,
+    /// Intact frames hold no sample.
+    OtherContent,
     /// Bytes arrive, and no samples.
     NoSamples,
     /// The rate of the samples was compared with the configured one.
@@ -209,6 +211,18 @@ impl SerialImu {
                     self.warn_incomplete(&sample);
                 }
             }
+            Err(error) if error.is_other_content() => {
+                // No sample is missing because of it.
+                self.writer.rejected();
+                self.without_sample = 0;
+                if self.remarks.insert(Remark::OtherContent) {
+                    tracing::warn!(
+                        imu = self.name,
+                        see = "imu-lost",
+                        "sends what is no sample, and is rejected: {error}"
+                    );
+                }
+            }
             Err(_) => self.reject(),
         }
     }
@@ -355,6 +369,18 @@ mod tests {
         let reading = *output.read();
         assert_eq!((reading.sequence, reading.rejected), (0, 1));
         assert!(imu.remarks.contains(&Remark::Incomplete));
+    }
+
+    /// A payload of one byte, 0x83. Its CRC-16 is that of `binascii.crc_hqx` of Python.
+    #[test]
+    fn frame_of_other_packets_is_counted_and_named() {
+        let (mut imu, mut output) = imu(SerialProtocol::Hipnuc);
+        for millis in 0..3 {
+            imu.take(Ok(&[0x5A, 0xA5, 1, 0, 0x74, 0x93, 0x83]), at(millis));
+        }
+        let reading = *output.read();
+        assert_eq!((reading.sequence, reading.rejected), (0, 3));
+        assert!(imu.remarks.contains(&Remark::OtherContent));
     }
 
     #[test]

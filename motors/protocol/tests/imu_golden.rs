@@ -72,6 +72,36 @@ fn hipnuc_frame_of_manual_has_printed_values() {
     points_up(&sample, 3.0);
 }
 
+/// The packet of the manual's frame, with other packets beside it, as the vendor's `parse_data` reads them. The checksums are
+/// those of `binascii.crc_hqx` of Python, which also gives the manual's 0x516C.
+#[test]
+fn hipnuc_packet_beside_others_has_printed_values() {
+    let expected = only(hipnuc(&hex(MANUAL_0X91)));
+    let packet = &hex(MANUAL_0X91)[6..];
+    let ins = [&[0x81][..], &[0; 103]].concat();
+    let frame = |header: &str, packets: &[&[u8]]| [&hex(header)[..], &packets.concat()].concat();
+    for stream in [
+        frame("5A A5 B4 00 AF 6F", &[&ins, packet]),
+        frame("5A A5 B4 00 9D 45", &[packet, &ins]),
+        frame("5A A5 4E 00 C6 46", &[packet, &[0x90, 0x07]]),
+    ] {
+        assert_eq!(only(hipnuc(&stream)), expected);
+        // Behind noise, a header without its frame, and half a frame.
+        let late = [&[0x5A, 0xA5, 0x05][..], &stream[..40], &[0; 512], &stream].concat();
+        assert_eq!(hipnuc(&late).into_iter().flatten().collect::<Vec<_>>(), [expected]);
+    }
+    for (stream, received) in [
+        (frame("5A A5 04 00 C4 C7", &[&[0x83, 1, 2, 3]]), 0x83),
+        (frame("5A A5 68 00 9D 3F", &[&ins]), 0x81),
+        (frame("5A A5 B3 00 03 DA", &[&ins, &packet[..75]]), 0x91),
+    ] {
+        assert_eq!(hipnuc(&stream), [Err(SampleError::OtherPacket { received })]);
+        let mut damaged = stream;
+        *damaged.last_mut().unwrap() ^= 1;
+        assert_eq!(hipnuc(&damaged), [], "it looks like bytes between frames");
+    }
+}
+
 #[test]
 fn hipnuc_frame_by_hand_has_its_values() {
     let frame = hex("5A A5 4C 00 36 67 \
@@ -277,16 +307,45 @@ fn xsens_coordinate_systems_are_converted_to_enu() {
     assert_eq!(events, [Err(SampleError::CoordinateSystem { received: 3 })]);
 }
 
-/// Recorded from an MTi-300 by the vendor's MT Manager, which also decoded them: from the tests of the library
-/// Scottapotamas/xsens-mti, with their checksums.
-#[test]
-fn xsens_recordings_have_values_of_mt_manager() {
-    let sample = only(xsens(&hex("FA FF 36 92 10 20 02 91 8D 10 60 04 01 36 3F A6 \
+/// Recorded from an MTi-300 by the vendor's MT Manager, which also decoded it: from the tests of the library
+/// Scottapotamas/xsens-mti, with its checksum.
+const RECORDED: &str = "FA FF 36 92 10 20 02 91 8D 10 60 04 01 36 3F A6 \
         20 10 10 3F 35 E0 42 3F 31 CD 15 BD 9F 49 DB BD A9 38 CF 40 20 0C BD 63 5A 90 41 1D 08 D4 3E 5F AA 50 \
         40 10 0C B9 11 68 00 3C C9 01 00 3A 0F 7D 00 40 30 0C BC 3B 29 80 3C 35 FC 00 3C A4 6E 00 \
         80 20 0C 3C AE A2 41 BB 56 D8 00 BA D5 AC 01 80 30 10 3F 80 00 00 37 DF 88 01 B6 89 80 00 B6 08 C0 00 \
         C0 20 0C BE FB FB F2 3F 33 C4 85 BF A0 A2 C1 08 10 04 42 16 80 00 30 10 04 00 01 86 E1 \
-        E0 20 04 00 40 00 03 DD")));
+        E0 20 04 00 40 00 03 DD";
+
+/// The same items, and 108 bytes of an item that is not decoded: 257 bytes of data, so the length is FF 01 01. The sum of the
+/// bytes from 0xFF on is 0x353E.
+#[test]
+fn xsens_message_of_extended_length_has_its_values() {
+    let recorded = hex(RECORDED);
+    let items = &recorded[4..recorded.len() - 1];
+    let long = [&hex("FA FF 36 FF 01 01")[..], items, &hex("20 20 6C"), &[0; 0x6C], &[0xC2]].concat();
+    let expected = only(xsens(&recorded));
+    assert_eq!(only(xsens(&long)), expected);
+    let stream = [&[0xFA, 0xFF, 0x36, 0xFF][..], &long[..100], &long, &long].concat();
+    assert!(xsens(&stream).into_iter().flatten().all(|sample| sample == expected));
+    let mut damaged = long;
+    damaged[50] ^= 1;
+    assert_eq!(xsens(&damaged), []);
+}
+
+/// The recorded message from the first device behind an Xbus master: the sum is smaller by 0xFE.
+#[test]
+fn xsens_message_of_other_bus_id_is_named() {
+    let mut other = hex(RECORDED);
+    (other[1], *other.last_mut().unwrap()) = (0x01, 0xDB);
+    assert_eq!(xsens(&other), [Err(SampleError::BusId { received: 1 })]);
+    let both = [other, hex(RECORDED)].concat();
+    assert_eq!(xsens(&both).len(), 2, "the next message of the device at the port is decoded");
+}
+
+/// See [`RECORDED`].
+#[test]
+fn xsens_recordings_have_values_of_mt_manager() {
+    let sample = only(xsens(&hex(RECORDED)));
     assert_eq!(sample.counter, Some(37_261));
     assert_eq!(sample.time, Some(DeviceTime { ticks: 20_332_454, per_second: 10_000 }));
     close(sample.orientation.unwrap().parts(), [0.710_453, 0.694_536, -0.077_778, -0.082_628]);

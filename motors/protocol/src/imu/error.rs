@@ -86,11 +86,29 @@ pub enum SampleError {
         /// Bytes that remain in the message.
         received: usize,
     },
+    /// A frame of HiPNUC is intact, and its packets are other ones than 0x91.
+    OtherPacket {
+        /// The tag of the first of them that is not passed over.
+        received: u8,
+    },
+    /// A message of Xsens is intact, and not from the device at this port.
+    BusId {
+        /// The bus id.
+        received: u8,
+    },
     /// The coordinate system of an orientation is not ENU (0), NED (1) or NWU (2).
     CoordinateSystem {
         /// The code of the coordinate system.
         received: u8,
     },
+}
+
+impl SampleError {
+    /// Returns `true` for bytes that arrived intact and hold no sample: the device is set to send them.
+    #[must_use]
+    pub const fn is_other_content(&self) -> bool {
+        matches!(self, Self::OtherPacket { .. } | Self::BusId { .. })
+    }
 }
 
 impl fmt::Display for SampleError {
@@ -125,6 +143,18 @@ impl fmt::Display for SampleError {
             }
             Self::Truncated { expected, received } => {
                 write!(f, "the message ends after {received} bytes of an item, expected {expected}")
+            }
+            Self::OtherPacket { received } => {
+                write!(
+                    f,
+                    "the frame has packet {received:#04X}, expected 0x91: select 0x91 alone (`LOG HI91 ONTIME 0.01`)"
+                )
+            }
+            Self::BusId { received } => {
+                write!(
+                    f,
+                    "the message has bus id {received}, expected 255: it is from a device behind an Xbus master; connect one device"
+                )
             }
             Self::CoordinateSystem { received } => {
                 write!(f, "coordinate system {received} is none of ENU (0), NED (1) and NWU (2)")

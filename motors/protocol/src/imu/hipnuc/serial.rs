@@ -3,7 +3,7 @@
 //! | byte | meaning |
 //! |---|---|
 //! | 0, 1 | 0x5A, 0xA5 |
-//! | 2, 3 | length of the payload: 76 |
+//! | 2, 3 | length of the payload: 76 for one packet 0x91 |
 //! | 4, 5 | CRC-16 of bytes 0 to 3 and of the payload: polynomial 0x1021, initial value 0 |
 //! | 6 | 0x91 |
 //! | 7, 8 | status bits |
@@ -18,28 +18,36 @@
 //!
 //! All numbers are little endian. Source: user manual, binary serial protocol; SDK, `hipnuc_dec.c`.
 //!
-//! A frame can carry other packets, such as 0x81 and 0x83. The decoder passes over frames that are
-//! not exactly one 0x91 packet.
+//! A frame can carry several packets, each with its tag first. The decoder passes over packets 0x81 (104
+//! bytes) before the one 0x91, and ignores what follows it. It names an intact frame without a 0x91 that it
+//! finds so: the lengths of other packets, such as 0x83, depend on settings of the device.
 
 use super::{DEGREE, GRAVITY};
 use crate::imu::error::{SampleError, SampleField};
 use crate::imu::sample::{DeviceTime, Quaternion, Sample, finite};
 use crate::imu::window::Window;
 
-/// Bytes of a frame.
+/// Bytes of a frame with one packet 0x91.
 pub const FRAME_LEN: usize = HEADER_LEN + PAYLOAD_LEN;
+/// Bytes of the longest frame: twice that of the vendor's decoder (`HIPNUC_MAX_RAW_SIZE`).
+const FRAME_LEN_MAX: usize = 512;
 
 const HEADER_LEN: usize = 6;
 const PAYLOAD_LEN: usize = 76;
 /// The bytes before the checksum.
 const START: [u8; 4] = [0x5A, 0xA5, PAYLOAD_LEN as u8, 0];
 const TAG: u8 = 0x91;
+/// The packet with the position of a satellite receiver, and its length (`hi81_t`).
+const INS_TAG: u8 = 0x81;
+const INS_LEN: usize = 104;
 const TICKS_PER_SECOND: u32 = 1000;
 
 /// Finds samples in a stream of bytes.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    window: Window<{ 2 * FRAME_LEN }>,
+    window: Window<{ 2 * FRAME_LEN_MAX }>,
+    /// Bytes of the frame of any length that has begun, and those of them that are still to come.
+    open: Option<(usize, usize)>,
 }
 
 impl Default for Decoder {
@@ -52,45 +60,84 @@ impl Decoder {
     /// Returns a decoder that has received nothing.
     #[must_use]
     pub const fn new() -> Self {
-        Self { window: Window::new() }
+        Self { window: Window::new(), open: None }
     }
 
     /// Takes the next byte. Returns the sample that it completes, or the reason for which the frame
     /// that it completes is none.
     ///
-    /// Real-time: does not allocate or block; checks at most one frame of 82 bytes.
+    /// Real-time: does not allocate or block; checks at most one frame of 82 bytes and one of 512.
     pub fn push(&mut self, byte: u8) -> Option<Result<Sample, SampleError>> {
         self.window.push(byte);
-        let frame: &[u8; FRAME_LEN] = self.window.last(FRAME_LEN)?.try_into().ok()?;
-        if frame[..START.len()] != START || frame[HEADER_LEN] != TAG {
+        let decoded = self.any_frame();
+        let decoded = self.one_packet().or(decoded);
+        // Bytes of a damaged frame can be the beginning of an intact one.
+        if matches!(decoded, Some(Ok(_))) {
+            self.window.clear();
+            self.open = None;
+        }
+        decoded
+    }
+
+    /// Returns the sample of a frame with one packet 0x91 that ends with the last byte.
+    fn one_packet(&self) -> Option<Result<Sample, SampleError>> {
+        let frame = self.window.last(FRAME_LEN)?;
+        let is_one = frame[..START.len()] == START && frame[HEADER_LEN] == TAG;
+        is_one.then(|| check(frame).and_then(|()| sample(&frame[HEADER_LEN..])))
+    }
+
+    /// Follows one frame of any length at a time. Returns what an intact one holds: bytes between frames look like
+    /// damaged ones.
+    fn any_frame(&mut self) -> Option<Result<Sample, SampleError>> {
+        let Some((len, left)) = &mut self.open else {
+            let header = self.window.last(HEADER_LEN)?;
+            let len = HEADER_LEN + usize::from(u16::from_le_bytes([header[2], header[3]]));
+            let is_header = header[..2] == START[..2] && (HEADER_LEN + 1..=FRAME_LEN_MAX).contains(&len);
+            self.open = is_header.then_some((len, len - HEADER_LEN));
+            return None;
+        };
+        *left -= 1;
+        if *left > 0 {
             return None;
         }
-        let sample = decode(frame);
-        // Bytes of a damaged frame can be the beginning of an intact one.
-        if sample.is_ok() {
-            self.window.clear();
-        }
-        Some(sample)
+        let len = *len;
+        self.open = None;
+        let frame = self.window.last(len)?;
+        check(frame).ok()?;
+        Some(packets(&frame[HEADER_LEN..]))
     }
 }
 
-/// Decodes a frame that begins like one.
-fn decode(frame: &[u8; FRAME_LEN]) -> Result<Sample, SampleError> {
+/// Checks the checksum of a frame.
+fn check(frame: &[u8]) -> Result<(), SampleError> {
     let (expected, received) = (checksum(frame), u16::from_le_bytes([frame[4], frame[5]]));
-    if expected != received {
-        return Err(SampleError::Checksum { expected, received });
+    if expected == received { Ok(()) } else { Err(SampleError::Checksum { expected, received }) }
+}
+
+/// Returns the sample of the packet 0x91 of a payload.
+fn packets(mut payload: &[u8]) -> Result<Sample, SampleError> {
+    while payload.first() == Some(&INS_TAG) {
+        payload = payload.get(INS_LEN..).unwrap_or_default();
     }
-    let acceleration = finite(SampleField::Acceleration, floats(frame, 18).map(|value| value * GRAVITY))?;
-    let velocity = finite(SampleField::AngularVelocity, floats(frame, 30).map(|value| value * DEGREE))?;
-    let ticks = u32::from_le_bytes(at(frame, 14));
+    match payload.first() {
+        Some(&TAG) if payload.len() >= PAYLOAD_LEN => sample(payload),
+        tag => Err(SampleError::OtherPacket { received: tag.copied().unwrap_or(INS_TAG) }),
+    }
+}
+
+/// Decodes a packet 0x91, which has [`PAYLOAD_LEN`] bytes or more.
+fn sample(packet: &[u8]) -> Result<Sample, SampleError> {
+    let acceleration = finite(SampleField::Acceleration, floats(packet, 12).map(|value| value * GRAVITY))?;
+    let velocity = finite(SampleField::AngularVelocity, floats(packet, 24).map(|value| value * DEGREE))?;
+    let ticks = u32::from_le_bytes(at(packet, 8));
     Ok(Sample {
-        orientation: Some(Quaternion::new(floats(frame, 66))?),
+        orientation: Some(Quaternion::new(floats(packet, 60))?),
         angular_velocity: Some(velocity),
         acceleration: Some(acceleration),
-        temperature_celsius: Some(f32::from(i8::from_le_bytes(at(frame, 9)))),
+        temperature_celsius: Some(f32::from(i8::from_le_bytes(at(packet, 3)))),
         time: Some(DeviceTime { ticks, per_second: TICKS_PER_SECOND }),
         counter: None,
-        status: Some(u16::from_le_bytes(at(frame, 7)).into()),
+        status: Some(u16::from_le_bytes(at(packet, 1)).into()),
     })
 }
 
@@ -116,7 +163,7 @@ pub fn encode(sample: &Sample) -> [u8; FRAME_LEN] {
 }
 
 /// Returns the checksum of a frame.
-fn checksum(frame: &[u8; FRAME_LEN]) -> u16 {
+fn checksum(frame: &[u8]) -> u16 {
     let covered = frame[..START.len()].iter().chain(&frame[HEADER_LEN..]);
     covered.fold(0, |crc, byte| {
         let crc = crc ^ u16::from(*byte) << 8;
@@ -125,13 +172,13 @@ fn checksum(frame: &[u8; FRAME_LEN]) -> u16 {
 }
 
 /// Returns the bytes at `start`.
-fn at<const N: usize>(frame: &[u8; FRAME_LEN], start: usize) -> [u8; N] {
-    core::array::from_fn(|index| frame[start + index])
+fn at<const N: usize>(packet: &[u8], start: usize) -> [u8; N] {
+    core::array::from_fn(|index| packet[start + index])
 }
 
 /// Returns the floats at `start`.
-fn floats<const N: usize>(frame: &[u8; FRAME_LEN], start: usize) -> [f32; N] {
-    core::array::from_fn(|index| f32::from_le_bytes(at(frame, start + 4 * index)))
+fn floats<const N: usize>(packet: &[u8], start: usize) -> [f32; N] {
+    core::array::from_fn(|index| f32::from_le_bytes(at(packet, start + 4 * index)))
 }
 
 fn write<const N: usize>(frame: &mut [u8; FRAME_LEN], start: usize, values: [f32; N]) {

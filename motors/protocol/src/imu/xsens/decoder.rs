@@ -11,6 +11,14 @@ pub const MESSAGE_LEN_MAX: usize = AROUND + DATA_LEN_MAX;
 /// Bytes of the shortest message with quaternion, acceleration and rate of turn, in `f32`.
 pub const SAMPLE_LEN_MIN: usize = AROUND + (3 + 16) + 2 * (3 + 12);
 
+/// Bytes of the longest message with an extended length.
+const EXTENDED_LEN_MAX: usize = EXTENDED_HEADER_LEN + EXTENDED_DATA_LEN_MAX + 1;
+/// Bytes before the data of such a message: the length is 255, and two bytes with the length follow.
+const EXTENDED_HEADER_LEN: usize = 6;
+const EXTENDED: u8 = 255;
+/// Most bytes of its data (MT0101P, chapter message structure).
+const EXTENDED_DATA_LEN_MAX: usize = 2048;
+
 /// Bytes before and after the data.
 const AROUND: usize = 5;
 const HEADER_LEN: usize = 4;
@@ -46,11 +54,21 @@ impl Ends {
     }
 }
 
+/// A message with an extended length, or with another bus id, that has begun.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    len: usize,
+    /// Bytes of it that are still to come.
+    left: usize,
+}
+
 /// Finds samples in a stream of bytes.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    window: Window<{ 2 * MESSAGE_LEN_MAX }>,
+    window: Window<{ 2 * EXTENDED_LEN_MAX }>,
     ends: Ends,
+    /// One such message at a time.
+    open: Option<Open>,
 }
 
 impl Default for Decoder {
@@ -63,7 +81,7 @@ impl Decoder {
     /// Returns a decoder that has received nothing.
     #[must_use]
     pub const fn new() -> Self {
-        Self { window: Window::new(), ends: Ends { bits: [0; 8], now: 0 } }
+        Self { window: Window::new(), ends: Ends { bits: [0; 8], now: 0 }, open: None }
     }
 
     /// Takes the next byte. Returns the sample that it completes, or the reason for which the message
@@ -81,12 +99,62 @@ impl Decoder {
         {
             self.ends.mark(usize::from(*len) + 1);
         }
-        if is_end { self.message() } else { None }
+        let uncommon = self.uncommon();
+        let decoded = if is_end { self.message() } else { None }.or(uncommon);
+        if matches!(decoded, Some(Ok(_))) {
+            self.window.clear();
+            self.open = None;
+        }
+        decoded
+    }
+
+    /// Follows a message with an extended length or another bus id. Returns what an intact one holds: bytes between messages
+    /// look like damaged ones.
+    fn uncommon(&mut self) -> Option<Result<Sample, SampleError>> {
+        let Some(Open { len, left }) = &mut self.open else {
+            self.open = self.beginning();
+            return None;
+        };
+        *left -= 1;
+        if *left > 0 {
+            return None;
+        }
+        let len = *len;
+        self.open = None;
+        let message = self.window.last(len)?;
+        if checksum(&message[..len - 1]) != message[len - 1] {
+            return None;
+        }
+        let (bus_id, is_extended) = (message[1], message[3] == EXTENDED);
+        if bus_id != START[1] {
+            return Some(Err(SampleError::BusId { received: bus_id }));
+        }
+        let header = if is_extended { EXTENDED_HEADER_LEN } else { HEADER_LEN };
+        match item::decode(&message[header..len - 1]) {
+            Ok(sample) => is_measurement(&sample).then_some(Ok(sample)),
+            Err(error) => Some(Err(error)),
+        }
+    }
+
+    /// Returns the message whose header ends with the last byte.
+    fn beginning(&self) -> Option<Open> {
+        let is_start = |header: &[u8]| (header[0], header[2]) == (START[0], START[2]);
+        if let Some(header @ [.., EXTENDED, high, low]) = self.window.last(EXTENDED_HEADER_LEN)
+            && is_start(header)
+        {
+            let data = usize::from(u16::from_be_bytes([*high, *low]));
+            let is_valid = (DATA_LEN_MAX + 1..=EXTENDED_DATA_LEN_MAX).contains(&data);
+            return is_valid.then_some(Open { len: EXTENDED_HEADER_LEN + data + 1, left: data + 1 });
+        }
+        let header = self.window.last(HEADER_LEN)?;
+        let data = usize::from(header[3]);
+        let is_other = is_start(header) && header[1] != START[1] && data <= DATA_LEN_MAX;
+        is_other.then_some(Open { len: AROUND + data, left: data + 1 })
     }
 
     /// Returns the sample of the message that ends with the last byte; of several that could, the
     /// first intact one.
-    fn message(&mut self) -> Option<Result<Sample, SampleError>> {
+    fn message(&self) -> Option<Result<Sample, SampleError>> {
         let mut rejected = None;
         for len in 0..=DATA_LEN_MAX {
             let Some(message) = self.window.last(AROUND + len) else { break };
@@ -94,10 +162,7 @@ impl Decoder {
                 continue;
             }
             match decode(message) {
-                Ok(sample) if is_measurement(&sample) => {
-                    self.window.clear();
-                    return Some(Ok(sample));
-                }
+                Ok(sample) if is_measurement(&sample) => return Some(Ok(sample)),
                 Ok(_) => {}
                 Err(error) => rejected = Some(Err(error)),
             }

@@ -2,9 +2,9 @@
 //!
 //! | byte | meaning |
 //! |---|---|
-//! | 0, 1 | 0xFA, 0xFF |
+//! | 0, 1 | 0xFA, bus id: 0xFF for the device at the port |
 //! | 2 | message: 0x36 is MTData2 |
-//! | 3 | length of the data, 0 to 254 |
+//! | 3 | length of the data, 0 to 254; 255: a `u16` with 255 to 2048 follows |
 //! | 4 | data |
 //! | last | checksum: the sum of all bytes but the first is 0 modulo 256 |
 //!
@@ -29,8 +29,9 @@
 //! Sources: *MT low level communication protocol*, MT0101P, revisions Y and 2019.A, chapters messages
 //! and MTData2; the vendor's `xsdataidentifier.h` and `xsmessage.c`. They agree.
 //!
-//! Not decoded: messages with more than 254 bytes of data (select fewer outputs), rotation matrix and
-//! Euler angles, and the high-rate outputs 0x4040 and 0x8040, which have messages of their own.
+//! A message with another bus id is from a device behind an Xbus master: the decoder names it.
+//!
+//! Not decoded: rotation matrix and Euler angles, and the high-rate outputs 0x4040 and 0x8040, which have messages of their own.
 //!
 //! The crate `xsens-mti` 0.7 decodes neither the quaternion nor the temperature, returns fixed-point
 //! numbers as unsigned integers, and reads eight bytes of each 16.32. Where it can decode, both agree
