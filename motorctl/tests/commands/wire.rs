@@ -379,7 +379,7 @@ fn application_stops_at_first_refusal() {
     let line = Line::knee();
     std::fs::write(
         line.path("knee.toml"),
-        "[configuration]\npole-pairs = 13\ngear-ratio = 0\nunder-voltage = 13\n",
+        "[configuration]\npole-pairs = 13\nzero-position = 100000\nunder-voltage = 13\n",
     )
     .unwrap();
     let refused = line.bad("config apply knee.toml @ --yes", 1);
@@ -397,7 +397,7 @@ fn application_stops_at_first_refusal() {
         ("begin", None),
         ("writing", Some("pole-pairs")),
         ("written", Some("pole-pairs")),
-        ("writing", Some("gear-ratio")),
+        ("writing", Some("zero-position")),
         ("end", None),
     ];
     assert_eq!(noted, expected);
