@@ -82,6 +82,9 @@ struct Subject {
 
 struct Motor {
     subject: Subject,
+    /// A motor that comes and goes hides none of its faults and none of its lost turns.
+    faults: Subject,
+    lost_turns: Subject,
     group: usize,
     bus: usize,
     /// The log says that it went.
@@ -131,6 +134,8 @@ impl Log {
         let group_of = |motor| settings.groups.iter().position(|group| group.motors.contains(&motor));
         let motors = settings.motors.iter().enumerate().map(|(index, motor)| Motor {
             subject: Subject::new(&motor.name, CHANGES_LOGGED),
+            faults: Subject::new(&motor.name, CHANGES_LOGGED),
+            lost_turns: Subject::new(&motor.name, CHANGES_LOGGED),
             group: group_of(index).unwrap_or_default(),
             bus: motor.bus,
             is_missed: false,
@@ -284,6 +289,7 @@ impl Log {
         }
     }
 
+    /// Each rest lasts for more than a second, so each change gets a line.
     fn log_gravity(
         &mut self,
         cycle: u64,
@@ -291,11 +297,7 @@ impl Log {
         contradictions: u32,
         [up, acceleration]: [[f32; 3]; 2],
     ) {
-        let imu = &mut self.imus[imu];
-        if !imu.changes() {
-            return;
-        }
-        let imu = &imu.name;
+        let imu = &self.imus[imu].name;
         if contradictions == 0 {
             return tracing::info!(
                 cycle,
@@ -352,11 +354,11 @@ impl Log {
     }
 
     fn log_lost_turns(&mut self, cycle: u64, motor: usize, milliradians: i32) {
-        let motor = &mut self.motors[motor].subject;
-        if motor.changes() {
+        let motor = &mut self.motors[motor];
+        if motor.lost_turns.changes() {
             tracing::error!(
                 cycle,
-                motor = motor.name,
+                motor = motor.subject.name,
                 see = "turn-lost",
                 "its position differs by {:+.2} rad from the one before it was silent: whole turns of the motor are lost. \
                  Its group is not enabled until the position is right or confirmed",
@@ -366,7 +368,7 @@ impl Log {
     }
 
     fn log_fault(&mut self, cycle: u64, motor: usize, bits: Faults) {
-        let motor = &mut self.motors[motor].subject;
+        let motor = &mut self.motors[motor].faults;
         if !motor.changes() {
             return;
         }
@@ -522,7 +524,9 @@ impl Log {
 
     /// A second is over: logs everything that was only counted.
     pub(super) fn log_counts(&mut self, counters: &Counters) {
-        self.motors.iter_mut().for_each(|motor| motor.subject.summarise());
+        for Motor { subject, faults, lost_turns, .. } in &mut self.motors {
+            [subject, faults, lost_turns].into_iter().for_each(Subject::summarise);
+        }
         self.buses.iter_mut().for_each(Subject::summarise);
         self.imus.iter_mut().for_each(Subject::summarise);
         self.requests.summarise();

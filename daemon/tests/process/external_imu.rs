@@ -147,12 +147,12 @@ fn external_imu_follows_its_publishers() {
     third.kill();
 }
 
-/// A configuration without a mount, and the log of its daemon.
-fn logged() -> (Daemon, std::path::PathBuf) {
+/// A daemon without a mount of its IMU, and its log.
+fn logged(config: &str) -> (Daemon, std::path::PathBuf) {
     let directory = tempfile::TempDir::new().unwrap();
     let log = directory.path().with_extension("err");
     let file = std::fs::File::create(&log).unwrap();
-    let config = CONFIG.replace("mount-rpy-deg = [0, 0, 90]\n", "");
+    let config = config.replace("mount-rpy-deg = [0, 0, 90]\n", "");
     let daemon = Daemon::start_in(directory, &config, |command| {
         command.stderr(file);
     });
@@ -162,7 +162,7 @@ fn logged() -> (Daemon, std::path::PathBuf) {
 /// Goal: each convention of a resting body is named in the state and in the log, and one that agrees again as well.
 #[test]
 fn convention_of_a_publisher_is_named_in_log() {
-    let (daemon, log) = logged();
+    let (daemon, log) = logged(CONFIG);
     let client = connect(daemon.directory.path());
     let mut publisher = client.publish_imu("base").unwrap();
     // Roll 0.4, pitch 0.3, yaw 0.5 rad, computed by hand: w, x, y, z, and up.
@@ -208,10 +208,39 @@ fn convention_of_a_publisher_is_named_in_log() {
     std::fs::remove_file(log).unwrap();
 }
 
+/// Goal: a publisher whose samples are lost many times a second gets the line about its convention none the less.
+#[test]
+fn contradiction_is_logged_beside_many_losses() {
+    let config = CONFIG.replace("lost-after-ms = 200", "lost-after-ms = 5");
+    let (daemon, log) = logged(&config);
+    let client = connect(daemon.directory.path());
+    let mut publisher = client.publish_imu("base").unwrap();
+    // Pitched by 0.3 rad, its acceleration in g.
+    let sent = ImuSample {
+        orientation: [0.988_771, 0.0, 0.149_438, 0.0],
+        angular_velocity: [0.0; 3],
+        acceleration: [-0.295_520, 0.0, 0.955_336],
+        temperature: None,
+        time_ns: 0,
+    };
+    let mut turn = 0;
+    until("a contradiction", || {
+        turn += 1;
+        let _late_for_the_cycle = publisher.send(&noisy(sent, turn));
+        std::thread::sleep(Duration::from_millis(40));
+        (base(&client)?.contradictions().count() > 0).then_some(())
+    });
+    until("a line about it", || {
+        let text = std::fs::read_to_string(&log).unwrap();
+        (text.contains("too-many-changes") && text.contains("acceleration-in-g")).then_some(())
+    });
+    std::fs::remove_file(log).unwrap();
+}
+
 /// Goal: a publisher that repeats one measurement is lost, and one with another clock learns it from `send`.
 #[test]
 fn stuck_and_misdated_publishers_are_named() {
-    let (daemon, log) = logged();
+    let (daemon, log) = logged(CONFIG);
     let client = connect(daemon.directory.path());
     let mut publisher = client.publish_imu("base").unwrap();
     until("samples", || {
