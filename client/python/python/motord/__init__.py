@@ -9,28 +9,32 @@
 ...         legs.send(q=first.q, kp=20.0, kd=0.5)
 """
 
-from ._motord import (
-    Claim,
-    ClaimLost,
-    Cycles,
-    Error,
-    Forked,
-    Imu,
-    ImuPublisher,
-    Imus,
-    MotorsOffline,
-    NotRunning,
-    Refused,
-    Restarted,
-    Robot,
-    State,
-    Stopped,
-    TimedOut,
-    connect,
-    estop,
-)
-from .policy import Policy, PolicyError
-from .recording import Recording, RecordingError
+from ._signals import deferred
+
+# An interrupted import of numpy raises other exceptions than KeyboardInterrupt.
+with deferred():
+    from ._motord import (
+        Claim,
+        ClaimLost,
+        Cycles,
+        Error,
+        Forked,
+        Imu,
+        ImuPublisher,
+        Imus,
+        MotorsOffline,
+        NotRunning,
+        Refused,
+        Restarted,
+        Robot,
+        State,
+        Stopped,
+        TimedOut,
+        connect,
+        estop,
+    )
+    from .policy import Policy, PolicyError
+    from .recording import Recording, RecordingError
 
 __all__ = [
     "Claim",

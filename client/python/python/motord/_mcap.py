@@ -10,6 +10,8 @@ from importlib import import_module
 from io import BytesIO
 from typing import Any, BinaryIO
 
+from ._signals import deferred
+
 RECORD_BYTES_MAX = 16 << 20
 """Largest record, and largest chunk, compressed or not. The chunks of motord have a megabyte."""
 
@@ -35,9 +37,10 @@ class Damage(Exception):
 def messages(file: BinaryIO) -> Iterator[tuple[str, int, Any]]:
     """Yields topic, Unix time in ns, and the decoded message. Raises Damage where the file is cut off or excessive."""
     try:
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Schema
-        from mcap_protobuf.decoder import DecoderFactory
+        with deferred():
+            from mcap.data_stream import ReadDataStream
+            from mcap.records import Channel, Schema
+            from mcap_protobuf.decoder import DecoderFactory
     except ImportError as error:
         raise ImportError("motord.Recording needs the MCAP library: pip install 'motord[recording]'") from error
 

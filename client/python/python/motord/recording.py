@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ._files import FileError, open_regular
 from ._mcap import Damage, messages
+from ._signals import deferred
 from ._text import printable
 
 _Floats = NDArray[np.float64]
@@ -166,7 +167,8 @@ class Recording:
     def frame(self) -> Any:
         """A pandas.DataFrame, indexed by time: (joint, value) such as ("fl-knee", "q") or ("fl-knee", "setpoint.q")."""
         try:
-            pandas: Any = import_module("pandas")
+            with deferred():
+                pandas: Any = import_module("pandas")
         except ImportError as error:
             raise ImportError("Recording.frame needs pandas: pip install pandas") from error
         columns: dict[tuple[str, str], _Floats] = {}

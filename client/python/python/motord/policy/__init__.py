@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import FileError, check_regular
+from .._signals import deferred
 from .._text import printable
 from ._bounded import Bounded, Unfinished, Watchdog
 from ._values import JointValues
@@ -347,7 +348,8 @@ def _first_line(error: Exception) -> str:
 def _load(path: str, bounded: Bounded) -> tuple[Any, Callable[[], Any]]:
     """Returns the session of a file, and the class of the options of its runs."""
     try:
-        onnxruntime: Any = import_module("onnxruntime")
+        with deferred():
+            onnxruntime: Any = import_module("onnxruntime")
     except ImportError as error:
         raise ImportError("motord.Policy needs onnxruntime: pip install 'motord[policy]'") from error
     try:

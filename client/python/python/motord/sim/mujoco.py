@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._motord import describe
+from .._signals import deferred
 from ._model import ModelFile, Motors
 from .plant import Array
 
@@ -48,6 +49,7 @@ class Mujoco:
         self.data: Any = None
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
+        """Loads the model, and returns where its joints begin, rad. ValueError where it contradicts the configuration."""
         mujoco = _mujoco()
         file = ModelFile(mujoco, self._path, self._prefix, self._motors)
         file.fit(description, physics)
@@ -79,6 +81,7 @@ class Mujoco:
         return known.index(self._key)
 
     def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        """Moves the joints by a step of the model, 0.00025 s: writes positions, rad, and velocities, rad/s, into q and dq."""
         data = self.data
         data.qfrc_applied[self._dq] = torques
         self._step(self.model, data)
@@ -86,6 +89,7 @@ class Mujoco:
         dq[:] = data.qvel[self._dq]
 
     def imu(self) -> tuple[Array, Array, Array] | None:
+        """Orientation, angular velocity, rad/s, and specific force, m/s², at the site of the IMU; None without a site."""
         if self._imu is None:
             return None
         orientation, gyro, acceleration = (self.data.sensordata[place].copy() for place in self._sensors)
@@ -96,6 +100,7 @@ class ViewedMujoco(Mujoco):
     """Shows the model in a window while it moves, 30 times a second."""
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
+        """Loads the model, and opens the window. ValueError without a display."""
         begin = super().begin(description, physics)
         # The package imports its viewer only on demand. Without a display, the viewer ends the process.
         viewer: Any = importlib.import_module("mujoco.viewer")
@@ -106,6 +111,7 @@ class ViewedMujoco(Mujoco):
         return begin
 
     def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        """Moves the joints, and shows them in each thirtieth of a second."""
         super().step(torques, seconds, q, dq)
         if self.data.time - self._shown >= PICTURE_S and self._viewer.is_running():
             self._shown = self.data.time
@@ -141,7 +147,8 @@ def fit_mjcf(
 
 def _mujoco() -> Any:
     try:
-        import mujoco  # pyright: ignore[reportMissingTypeStubs, reportMissingImports]
+        with deferred():
+            import mujoco  # pyright: ignore[reportMissingTypeStubs, reportMissingImports]
     except ImportError as error:
         raise ImportError(_INSTALL) from error
     return mujoco
