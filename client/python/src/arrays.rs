@@ -60,7 +60,7 @@ pub(crate) fn setpoints(
     Ok(read)
 }
 
-/// Returns position, velocity, stiffness, damping and torque of the joints, as [`setpoints`] reads them.
+/// The values of a setpoint for joints of these names, checked as those of Claim.send: a row for each argument.
 #[pyfunction]
 #[pyo3(name = "setpoints")]
 #[allow(clippy::too_many_arguments, reason = "they are named in Python")]

@@ -17,8 +17,7 @@ struct Measured {
     late: u64,
 }
 
-/// Repeats the setpoints of an active group after every `every`th state, for `seconds`. Returns the times from a state's
-/// publication to the loop, those of sending, s, the setpoints that a cycle used, and those that it used late.
+/// The loop of motord.bench without Python. Returns times of wake-up and send, s, and the used and the late setpoints.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "the values of a tuple")]
 pub(crate) fn measure<'py>(

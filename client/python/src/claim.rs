@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// Longer than motors take to start or to stop.
 const CHANGE: Duration = Duration::from_secs(60);
 
-/// The ownership of a group. Its end releases the group, and the daemon damps an active one.
+/// The ownership of a group. One thread uses it at a time. Use it in a with statement.
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct Claim {
     client: Arc<Client>,
@@ -120,11 +120,13 @@ impl Claim {
 
 #[pymethods]
 impl Claim {
+    /// Name of the group.
     #[getter]
     fn group(&self) -> &str {
         &self.group
     }
 
+    /// Names of the joints, in the order of the arrays.
     #[getter]
     fn names(&self) -> Vec<String> {
         self.order.names.clone()
@@ -134,7 +136,7 @@ impl Claim {
         self.order.joints.len()
     }
 
-    /// Starts the motors where they are, with the stiffness and damping of `hold`, and waits until they follow.
+    /// Starts the motors where they are, with this stiffness (N·m/rad) and damping (N·m·s/rad), and waits until they follow.
     #[pyo3(signature = (hold = HOLD))]
     fn enable(&self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
         self.owned()?.hold = hold;
@@ -156,20 +158,29 @@ impl Claim {
         self.call(py, |_, claim| claim.disable())
     }
 
-    /// Clears the latched cause of a stop.
+    /// Clears the latched cause of a stop. Leave this to a person who has inspected the robot.
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |_, claim| claim.reset())
     }
 
-    /// Releases the group.
+    /// Releases the group. An active one is stopped.
     fn release(&self, py: Python<'_>) -> PyResult<()> {
         let Some(claim) = self.owned()?.claim.take() else { return Ok(()) };
         py.detach(|| caught(|| claim.release()))?.map_err(|error| raised(&error))
     }
 
-    /// Sends a setpoint for each joint. Each argument is a number for all of them, an array in the order of the claim, or a
-    /// mapping that names each. A position or velocity without gains gets those of the last `enable`. The daemon moves to the
-    /// setpoints within `horizon`, s. Raises `Stopped` after a stop.
+    /// Sends a setpoint for each joint: rad, rad/s, N·m/rad, N·m·s/rad, N·m.
+    ///
+    /// Each argument is a number for all joints, an array in the order of the claim, or a mapping that names each joint, in any
+    /// order; the default is 0. Without kp, q has the stiffness of the last enable; without kd, q and dq have its damping. The
+    /// motor's torque is kp (q - position) + kd (dq - velocity) + tau, within the limits. Does not wait. Call it in every
+    /// cycle.
+    ///
+    /// Raises Stopped with each call after a stop of the group, until a reset, and ClaimLost.
+    ///
+    /// With a horizon, s, the daemon moves q, dq and tau linearly from the present command to these within that time after
+    /// they were sent; the setpoint timeout begins at its end. For a controller slower than the cycle: a horizon of its
+    /// period and what it may be late. ValueError when it is longer than setpoint-horizon-max-ms of the configuration.
     #[pyo3(signature = (*, q = None, dq = None, kp = None, kd = None, tau = None, horizon = 0.0))]
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
@@ -195,7 +206,12 @@ impl Claim {
         })
     }
 
-    /// Moves the joints to a pose, smoothly, within their limits of position and velocity. Returns when the pose is sent.
+    /// Moves the joints to a pose, rad, smoothly within seconds, and returns when the pose is sent.
+    ///
+    /// pose is a number, an array, or a mapping that names each joint. The gains are those of enable unless given. Raises
+    /// ValueError before it moves if a joint would leave its limits of position or velocity, and Stopped when the group is
+    /// not active or is stopped. The pose is held for setpoint-horizon-max-ms and the setpoint timeout: send the next
+    /// setpoint before.
     #[pyo3(signature = (pose, seconds, *, kp = None, kd = None))]
     fn move_to(
         &self,
@@ -224,8 +240,11 @@ impl Claim {
         Ok(())
     }
 
-    /// Waits for the cycles that are due at `hz`, or for all, and yields their states. Keeps the last setpoints until the first one.
-    /// Raises `Stopped` when the group is stopped.
+    /// Waits for the cycles that are due at hz, or for all, and yields their states.
+    ///
+    /// The last setpoints are kept until the first state of a slow loop, as far as setpoint-horizon-max-ms permits.
+    /// Raises Stopped when the group is stopped, ClaimLost, Restarted, NotRunning or TimedOut. hz must be a whole part of
+    /// the daemon's rate.
     #[pyo3(signature = (hz = None, *, timeout = 1.0))]
     fn cycles(slf: Bound<'_, Self>, hz: Option<f64>, timeout: f64) -> PyResult<Cycles> {
         let rate_hz = slf.get().client.description().rate_hz;
@@ -243,7 +262,7 @@ impl Claim {
         })
     }
 
-    /// Waits for the next state, in the order of the claim.
+    /// Waits for the next state, at most timeout, s, whatever the phase. TimedOut without one.
     #[pyo3(signature = (timeout = 1.0))]
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
@@ -251,12 +270,12 @@ impl Claim {
         Ok(State { state, order: Arc::clone(&self.order), clock: Clock::Monotonic })
     }
 
+    /// Returns the claim.
     fn __enter__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
         slf
     }
 
-    /// Damps and stops the motors, and releases the group, whether an exception came or not. Waits for another thread's call. In a
-    /// forked process it does nothing: the group belongs to the parent.
+    /// Damps and stops the motors, and releases the group. In a forked process it does nothing.
     fn __exit__(
         &self,
         py: Python<'_>,
@@ -283,7 +302,7 @@ impl Claim {
     }
 }
 
-/// Returns the number of cycles between two states at `hz`.
+/// The number of cycles between two states at hz. ValueError when that is none.
 #[pyfunction]
 pub(crate) fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
     let cycles = (rate_hz / hz).round();
@@ -297,7 +316,7 @@ pub(crate) fn every(rate_hz: f64, hz: f64) -> PyResult<u32> {
     Ok(cycles as u32)
 }
 
-/// The loop of a controller.
+/// The loop of a controller: Claim.cycles.
 #[pyclass(module = "motord")]
 pub(crate) struct Cycles {
     claim: Py<Claim>,

@@ -12,9 +12,16 @@ create_exception!(
     motord,
     Stopped,
     Error,
-    "The group is stopped: it needs a person and a reset. Attributes: cause, joint; gap and timeout of a late loop."
+    "The group is stopped: it needs a person and a reset.\n\n\
+     cause is its name, such as motor-lost, and joint the joint that gave it; None without one. If this program sent no\n\
+     setpoint for longer than timeout, the setpoint timeout in s, gap is that time in s; otherwise both are None."
 );
-create_exception!(motord, Refused, Error, "The daemon refused a request. Attribute: reason.");
+create_exception!(
+    motord,
+    Refused,
+    Error,
+    "The daemon refused a request. reason is the name of its reason, such as owned."
+);
 create_exception!(motord, Restarted, Error, "Another daemon runs now: claim again.");
 create_exception!(
     motord,
@@ -28,7 +35,7 @@ create_exception!(
     motord,
     MotorsOffline,
     Error,
-    "An emergency stop was confirmed, but motors do not answer and may still move: cut the power. Attribute: joints."
+    "An emergency stop was confirmed, but motors do not answer and may still move: cut the power. joints names them."
 );
 create_exception!(
     motord,
@@ -74,8 +81,9 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
     }
 }
 
-/// Returns the exception for a group in a phase in which it does not follow setpoints, by the names of phase and cause. `late` is
-/// the time since the last message of its owner, the horizon of that message, and the setpoint timeout, s.
+/// The exception for a group that does not follow setpoints, as a claim raises it.
+///
+/// late is the time since the last message of the owner, the horizon of that message, and the setpoint timeout, s.
 #[pyfunction]
 pub(crate) fn stopped(
     py: Python<'_>,

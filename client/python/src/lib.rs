@@ -22,6 +22,7 @@ mod robot;
 mod state;
 mod twin;
 
+/// The compiled part of motord.
 #[pyo3::pymodule]
 mod _motord {
     #[pymodule_export]

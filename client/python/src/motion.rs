@@ -19,7 +19,9 @@ pub(crate) struct Path {
     pub(crate) goal: f32,
 }
 
-/// A motion within the limits of its joints.
+/// A smooth motion. joints are names, lowest and highest position, rad, and largest speed, rad/s.
+///
+/// ValueError with the joint whose goal is outside its limits, or that would be too fast.
 #[pyclass(frozen, module = "motord._motord")]
 #[derive(Debug)]
 pub(crate) struct Motion {

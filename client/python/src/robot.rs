@@ -15,12 +15,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A connection to a daemon. Threads may share it; one of those that wait gets each state.
+///
+/// It belongs to the process that created it, as do its claims and publishers: elsewhere each call but estop raises Forked.
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct Robot {
     client: Arc<Client>,
 }
 
-/// Connects to the daemon of an instance.
+/// Connects to the daemon of an instance. runtime is its runtime directory; the default is that of the environment.
 #[pyfunction]
 #[pyo3(signature = (instance = "robot", *, runtime = None))]
 pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) -> PyResult<Robot> {
@@ -32,7 +34,7 @@ pub(crate) fn connect(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) 
     Ok(Robot { client: Arc::new(client.map_err(|error| raised(&error))?) })
 }
 
-/// Damps and stops every motor of an instance, over a connection of its own.
+/// Damps and stops every motor of an instance, over a connection of its own. Raises as Robot.estop.
 #[pyfunction]
 #[pyo3(signature = (instance = "robot", *, runtime = None))]
 pub(crate) fn estop(py: Python<'_>, instance: &str, runtime: Option<PathBuf>) -> PyResult<()> {
@@ -78,26 +80,31 @@ impl Robot {
 
 #[pymethods]
 impl Robot {
+    /// Name of the daemon's instance.
     #[getter]
     fn instance(&self) -> String {
         self.client.description().instance.clone()
     }
 
+    /// Cycles per second.
     #[getter]
     fn rate_hz(&self) -> f64 {
         self.client.description().rate_hz
     }
 
+    /// Names of the joints, in the order of the robot.
     #[getter]
     fn joints(&self) -> Vec<String> {
         self.client.description().joints.iter().map(|joint| joint.name.clone()).collect()
     }
 
+    /// Names of the groups.
     #[getter]
     fn groups(&self) -> Vec<String> {
         self.client.description().groups.iter().map(|group| group.name.clone()).collect()
     }
 
+    /// Names of the IMUs.
     #[getter]
     fn imus(&self) -> Vec<String> {
         self.client.description().imus.iter().map(|imu| imu.name.clone()).collect()
@@ -109,13 +116,13 @@ impl Robot {
         self.client.description().setpoint_timeout.as_secs_f64()
     }
 
-    /// Joints, limits, groups, IMUs and buses.
+    /// Joints with their limits, groups, IMUs and buses.
     #[getter]
     fn description<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         parsed(py, &*self.client.description())
     }
 
-    /// Sleeps until a new state arrives, with all joints of the robot, or those of `names`.
+    /// Waits for the next state, at most timeout, s, with all joints of the robot, or those of names. TimedOut without one.
     #[pyo3(signature = (timeout = 1.0, *, names = None))]
     fn wait(&self, py: Python<'_>, timeout: f64, names: Option<Names>) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
@@ -123,7 +130,7 @@ impl Robot {
         Ok(State { state, order: self.order(names)?, clock: Clock::Monotonic })
     }
 
-    /// The newest state; `None` when the previous call, or one of another thread, returned it. Does not wait.
+    /// Returns the newest state without waiting; None when a call has returned it already.
     #[pyo3(signature = (*, names = None))]
     fn newest(&self, names: Option<Names>) -> PyResult<Option<State>> {
         let newest = caught(|| self.client.newest())?.map_err(|error| raised(&error))?;
@@ -132,12 +139,16 @@ impl Robot {
             .transpose()
     }
 
-    /// A file descriptor that becomes readable with each state; it belongs to this object.
+    /// Returns a file descriptor that becomes readable with each state, for asyncio and select.
+    ///
+    /// Read the state with newest; it may be None. The descriptor belongs to the robot, and survives a restart of the daemon.
+    /// Use a timeout: without a daemon it stays unreadable, and wait raises the reason.
     fn fileno(&self) -> PyResult<i32> {
         let descriptor = caught(|| self.client.file_descriptor())?.map_err(|error| raised(&error))?;
         Ok(descriptor.as_raw_fd())
     }
 
+    /// Becomes the owner of a group. names is the order of its joints in each array; it names each of them.
     #[pyo3(signature = (group, *, names = None))]
     fn claim(&self, py: Python<'_>, group: &str, names: Option<Names>) -> PyResult<Claim> {
         let claim = self.call(py, |client| client.claim(group))?;
@@ -145,14 +156,18 @@ impl Robot {
     }
 
     /// Damps and stops every motor. No exception means that each motor answered after the stop.
+    ///
+    /// Otherwise motors may still move, so cut the power. MotorsOffline names those that do not answer.
     fn estop(&self, py: Python<'_>) -> PyResult<()> {
         self.call(py, Client::emergency_stop)
     }
 
+    /// Damps and stops the motors of a group, whoever owns it.
     fn disable(&self, py: Python<'_>, group: &str) -> PyResult<()> {
         self.call(py, |client| client.disable(group))
     }
 
+    /// Clears the latched cause of a stop. Leave this to a person who has inspected the robot.
     fn reset(&self, py: Python<'_>, group: &str) -> PyResult<()> {
         self.call(py, |client| client.reset(group))
     }
@@ -163,6 +178,7 @@ impl Robot {
         parsed(py, &named_telemetry(&self.client.description(), &telemetry))
     }
 
+    /// Begins to publish the samples of an external IMU.
     fn publish_imu(&self, py: Python<'_>, name: &str) -> PyResult<ImuPublisher> {
         Ok(ImuPublisher(self.call(py, |client| client.publish_imu(name))?))
     }
@@ -172,13 +188,15 @@ impl Robot {
     }
 }
 
-/// Publishes the samples of an external IMU. Survives a restart of the daemon.
+/// Publishes the samples of an external IMU. It survives a restart of the daemon.
 #[pyclass(module = "motord")]
 pub(crate) struct ImuPublisher(ClientPublisher);
 
 #[pymethods]
 impl ImuPublisher {
-    /// Sends a sample in the frame of the sensor. `time` is that of the measurement, s of `time.monotonic()`; the default is now.
+    /// Sends a sample in the frame of the sensor. time is that of the measurement, s of time.monotonic(); None is now.
+    ///
+    /// Raises ValueError for values that are no sample, and for a time of another clock.
     #[pyo3(signature = (orientation, angular_velocity, acceleration, *, temperature = None, time = None))]
     fn send(
         &mut self,

@@ -25,7 +25,7 @@ pub(crate) struct Order {
     pub(crate) group: Option<usize>,
 }
 
-/// The state of a cycle.
+/// The state of a cycle. Arrays are read-only; a value is NaN while its motor has not reported it.
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct State {
     pub(crate) state: ClientState,
@@ -80,26 +80,31 @@ impl State {
         self.order.names.clone()
     }
 
+    /// Measured positions, rad.
     #[getter]
     fn q<'py>(&self, py: Python<'py>) -> Array<'py> {
         self.array(py, Joint::position)
     }
 
+    /// Measured velocities, rad/s.
     #[getter]
     fn dq<'py>(&self, py: Python<'py>) -> Array<'py> {
         self.array(py, Joint::velocity)
     }
 
+    /// Measured torques, N·m.
     #[getter]
     fn tau<'py>(&self, py: Python<'py>) -> Array<'py> {
         self.array(py, Joint::torque)
     }
 
+    /// Temperatures of the motors, °C; NaN where they report none.
     #[getter]
     fn temperature<'py>(&self, py: Python<'py>) -> Array<'py> {
         self.array(py, |joint| joint.temperature)
     }
 
+    /// Whether each motor answered in this cycle.
     #[getter]
     fn fresh<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         let array =
@@ -108,6 +113,7 @@ impl State {
         array
     }
 
+    /// Mode of each motor, such as active or offline; unknown for one that this library does not know.
     #[getter]
     fn mode(&self) -> Vec<&'static str> {
         self.joints()
@@ -115,12 +121,14 @@ impl State {
             .collect()
     }
 
+    /// Limits that acted on the applied command of each joint, such as position; an empty list for none.
     #[getter]
     fn limits(&self) -> Vec<Vec<&'static str>> {
         let names = |joint: Joint| joint.limits.iter().map(|limit| limit.name()).collect();
         self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
     }
 
+    /// The commands that the motors got, after all limits: q, rad; dq, rad/s; kp, N·m/rad; kd, N·m·s/rad; tau, N·m.
     #[getter]
     fn applied<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let applied = PyDict::new(py);
@@ -132,13 +140,14 @@ impl State {
         Ok(applied)
     }
 
+    /// Faults that each motor reports, such as motor-over-temperature; an empty list for none.
     #[getter]
     fn faults(&self) -> Vec<Vec<&'static str>> {
         let names = |joint: Joint| joint.faults.iter().map(|fault| fault.name()).collect();
         self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
     }
 
-    /// Times since the motors answered, s; NaN before their first answer.
+    /// Times since the motors answered, s; NaN before their first answer. In a twin, virtual time, as each age.
     #[getter]
     fn joint_age<'py>(&self, py: Python<'py>) -> Array<'py> {
         let now = self.now_ns();
@@ -148,13 +157,13 @@ impl State {
         read_only(py, self.joints().map(age))
     }
 
-    /// Number of the setpoint in use; 0 for none, and for the whole robot.
+    /// Number of the setpoint message that the group used; 0 for none, and for the whole robot.
     #[getter]
     fn sequence(&self) -> u64 {
         self.group().map_or(0, |group| group.sequence)
     }
 
-    /// Cycles from the states that the setpoint in use answers to its first use.
+    /// Cycles from the states that this setpoint answers to the first cycle that used it: 1 for a timely one.
     #[getter]
     fn control_cycles(&self) -> Option<u64> {
         self.group()?.control_cycles
@@ -166,35 +175,37 @@ impl State {
         self.now_ns().saturating_sub(self.state.publish_ns()) as f64 * 1e-9
     }
 
-    /// Time of the tick, s of `CLOCK_MONOTONIC`, as `time.monotonic()`; of a twin, virtual time.
+    /// Time of the tick, s, on the clock of time.monotonic(); in a twin, virtual time.
     #[getter]
     fn time(&self) -> f64 {
         self.state.time().as_secs_f64()
     }
 
+    /// Number of the cycle. A gap means missed ticks, or a slow loop.
     #[getter]
     fn cycle(&self) -> u64 {
         self.state.cycle()
     }
 
+    /// The emergency stop is latched.
     #[getter]
     fn estopped(&self) -> bool {
         self.state.emergency_stop()
     }
 
-    /// The phase of the group; `None` for the whole robot.
+    /// The phase of the group; None for the whole robot.
     #[getter]
     fn phase(&self) -> Option<&'static str> {
         self.group()?.phase.map(|phase| phase.name())
     }
 
-    /// The latched cause of the group's stop; `None` without a stop.
+    /// The latched cause of the group's stop, such as motor-lost.
     #[getter]
     fn stop(&self) -> Option<&'static str> {
         self.group()?.cause.map(|cause| cause.name())
     }
 
-    /// The joint that gave the cause of the group's stop; `None` without one, or for one of another claim.
+    /// The joint that gave this cause; None without one.
     #[getter]
     fn stop_joint(&self) -> Option<String> {
         let joint = self.group()?.cause_joint?;
@@ -202,7 +213,7 @@ impl State {
         self.order.names.get(at).cloned()
     }
 
-    /// The IMUs, by name.
+    /// The IMUs, by name: state.imu["base"].
     #[getter]
     fn imu(&self) -> Imus {
         let (order, clock) = (Arc::clone(&self.order), self.clock.clone());
@@ -224,6 +235,7 @@ pub(crate) struct Imus(State);
 
 #[pymethods]
 impl Imus {
+    /// The IMU with this name. Raises KeyError, which lists the names.
     fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<Imu> {
         let State { state, order, clock } = &self.0;
         let index = order.imus.iter().position(|imu| imu == name);
@@ -246,12 +258,13 @@ impl Imus {
         self.keys().into_pyobject(py)?.call_method0("__iter__")
     }
 
+    /// Names of the IMUs, in the order of the robot.
     fn keys(&self) -> Vec<String> {
         self.0.order.imus.clone()
     }
 }
 
-/// An IMU after a cycle. Arrays are NaN before the first sample.
+/// An IMU after a cycle. Arrays are NaN before the first sample. The body has x forward, y left and z up.
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct Imu {
     imu: ClientImu,
@@ -270,32 +283,37 @@ impl Imu {
         vector(py, self.imu.orientation())
     }
 
+    /// Roll and yaw, from -pi to pi, and pitch, from -pi/2 to pi/2, rad. Pitch is positive with the nose down.
     #[getter]
     fn roll_pitch_yaw<'py>(&self, py: Python<'py>) -> Array<'py> {
         vector(py, self.imu.roll_pitch_yaw())
     }
 
+    /// Direction of gravity in the frame of the body, of length 1: 0, 0, -1 for a level body.
     #[getter]
     fn projected_gravity<'py>(&self, py: Python<'py>) -> Array<'py> {
         vector(py, self.imu.projected_gravity())
     }
 
+    /// Angular velocity, rad/s, in the frame of the body.
     #[getter]
     fn angular_velocity<'py>(&self, py: Python<'py>) -> Array<'py> {
         vector(py, self.imu.angular_velocity())
     }
 
+    /// Specific force, m/s², in the frame of the body: at rest 9.81 upwards.
     #[getter]
     fn acceleration<'py>(&self, py: Python<'py>) -> Array<'py> {
         vector(py, self.imu.acceleration())
     }
 
+    /// Temperature of the sensor, °C; None where it reports none.
     #[getter]
     fn temperature(&self) -> Option<f32> {
         self.imu.temperature
     }
 
-    /// Time since the sample was received, s; `None` before the first.
+    /// Time since the sample was received, s; None before the first.
     #[getter]
     fn age(&self) -> Option<f64> {
         let age = match &self.clock {
@@ -305,23 +323,27 @@ impl Imu {
         age.map(|age| age.as_secs_f64())
     }
 
+    /// A sample was received since the previous states were published.
     #[getter]
     fn fresh(&self) -> bool {
         self.imu.fresh
     }
 
+    /// No sample for longer than lost-after-ms, or the device is disconnected.
     #[getter]
     fn lost(&self) -> bool {
         self.imu.lost
     }
 
+    /// Samples received since the daemon started.
     #[getter]
     fn sequence(&self) -> u64 {
         self.imu.sequence
     }
 
-    /// Conventions in which orientation and acceleration would agree about gravity, while they contradict each other at rest: by name,
-    /// what to change.
+    /// Conventions in which orientation and acceleration would agree about gravity, while they contradict each other at rest.
+    ///
+    /// By name, what to change. Empty while both agree, and until the body rested for 2 s.
     #[getter]
     fn contradictions(&self) -> BTreeMap<&'static str, &'static str> {
         self.imu.contradictions().map(|found| (found.name(), found.sentence())).collect()

@@ -89,7 +89,7 @@ fn refuse(error: impl ToString) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// Returns the description of a configuration, as JSON, and the part of each motor in the mechanics of its joint.
+/// The description of a configuration, as JSON, and name, armature, damping, friction and begin of each joint.
 #[pyfunction]
 pub(crate) fn describe(py: Python<'_>, config: PathBuf) -> PyResult<(String, Vec<Bound<'_, PyDict>>)> {
     let settings = motord_configuration::load(&config).map_err(refuse)?.settings;
@@ -107,7 +107,7 @@ pub(crate) fn describe(py: Python<'_>, config: PathBuf) -> PyResult<(String, Vec
     Ok((description, physics))
 }
 
-/// The cycle of a configuration, its simulated motors, and the mechanics of the caller.
+/// The robot below motord.sim.Twin, which describes each value.
 #[pyclass(frozen, module = "motord._motord")]
 pub(crate) struct Engine {
     twin: Mutex<Twin>,
@@ -198,8 +198,9 @@ impl Engine {
         Ok(State { state, order, clock: Clock::Virtual(self.clock.clone()) })
     }
 
-    /// Sends a setpoint for each joint of a group; `places` are the places in the group of the values, `hold` the gains of
-    /// positions and velocities without others. Raises `ClaimLost` once the group has another owner or none.
+    /// Sends a setpoint for each joint of a group; places are the places in the group of the values.
+    ///
+    /// hold are the gains of positions and velocities without others. Raises ClaimLost.
     #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
     fn send(
         &self,
@@ -249,8 +250,8 @@ impl Engine {
         let mut twin = self.twin()?;
         let reply = caught(|| twin.reply_to(operation, group))?;
         let position = |joint: usize| twin.state().joints().get(joint).map(|joint| joint.position);
-        let refused = (reply.refusal != 0)
-            .then(|| ClientError::refusal(operation, reply, &self.description, position));
+        let refused =
+            (reply.refusal != 0).then(|| ClientError::refusal(operation, reply, &self.description, position));
         drop(twin);
         self.checked(())?;
         refused.map_or(Ok(()), |error| Err(raised(&error)))

@@ -1,6 +1,6 @@
 """Types of the compiled part. Arrays have the order of the claim, or of the robot; units are SI, joint side."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, KeysView, Mapping, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any, Literal, TypedDict, final
@@ -17,7 +17,8 @@ class Error(RuntimeError):
 class Stopped(Error):
     """The group is stopped: it needs a person and a reset.
 
-    If this program sent no setpoint for longer than timeout, the setpoint timeout in s, gap is that time in s.
+    cause is its name, such as motor-lost, and joint the joint that gave it; None without one. If this program sent no
+    setpoint for longer than timeout, the setpoint timeout in s, gap is that time in s; otherwise both are None.
     """
 
     cause: str | None
@@ -26,7 +27,7 @@ class Stopped(Error):
     timeout: float | None
 
 class Refused(Error):
-    """The daemon refused a request."""
+    """The daemon refused a request. reason is the name of its reason, such as owned."""
 
     reason: str
 
@@ -43,7 +44,7 @@ class TimedOut(Error):
     """No state arrived in time, or a phase was not reached."""
 
 class MotorsOffline(Error):
-    """An emergency stop was confirmed, but motors do not answer and may still move: cut the power."""
+    """An emergency stop was confirmed, but motors do not answer and may still move: cut the power. joints names them."""
 
     joints: list[str]
 
@@ -66,19 +67,19 @@ class Imu:
         """Unit quaternion w, x, y, z from the body to the world."""
     @property
     def roll_pitch_yaw(self) -> _Array:
-        """rad. Pitch is positive with the nose down."""
+        """Roll and yaw, from -pi to pi, and pitch, from -pi/2 to pi/2, rad. Pitch is positive with the nose down."""
     @property
     def projected_gravity(self) -> _Array:
-        """Direction of gravity in the frame of the body: 0, 0, -1 for a level body."""
+        """Direction of gravity in the frame of the body, of length 1: 0, 0, -1 for a level body."""
     @property
     def angular_velocity(self) -> _Array:
-        """rad/s, in the frame of the body."""
+        """Angular velocity, rad/s, in the frame of the body."""
     @property
     def acceleration(self) -> _Array:
         """Specific force, m/s², in the frame of the body: at rest 9.81 upwards."""
     @property
     def temperature(self) -> float | None:
-        """°C; None where the sensor reports none."""
+        """Temperature of the sensor, °C; None where it reports none."""
     @property
     def age(self) -> float | None:
         """Time since the sample was received, s; None before the first."""
@@ -106,6 +107,8 @@ class Imus(Mapping[str, Imu]):
         """The IMU with this name. Raises KeyError, which lists the names."""
     def __iter__(self) -> Iterator[str]: ...
     def __len__(self) -> int: ...
+    def keys(self) -> KeysView[str]:
+        """Names of the IMUs, in the order of the robot."""
 
 @final
 class State:
@@ -116,34 +119,34 @@ class State:
         """Names of the joints, in the order of the arrays."""
     @property
     def q(self) -> _Array:
-        """Positions, rad."""
+        """Measured positions, rad."""
     @property
     def dq(self) -> _Array:
-        """Velocities, rad/s."""
+        """Measured velocities, rad/s."""
     @property
     def tau(self) -> _Array:
-        """Torques, N·m."""
+        """Measured torques, N·m."""
     @property
     def temperature(self) -> _Array:
         """Temperatures of the motors, °C; NaN where they report none."""
     @property
     def fresh(self) -> NDArray[np.bool_]:
-        """The motor answered in this cycle."""
+        """Whether each motor answered in this cycle."""
     @property
     def mode(self) -> list[str]:
-        """Modes of the motors, such as active or offline."""
+        """Mode of each motor, such as active or offline; unknown for one that this library does not know."""
     @property
     def limits(self) -> list[list[str]]:
-        """Limits that acted on the applied commands."""
+        """Limits that acted on the applied command of each joint, such as position; an empty list for none."""
     @property
     def faults(self) -> list[list[str]]:
-        """Faults that the motors report."""
+        """Faults that each motor reports, such as motor-over-temperature; an empty list for none."""
     @property
     def joint_age(self) -> _Array:
         """Times since the motors answered, s; NaN before their first answer. In a twin, virtual time, as each age."""
     @property
     def applied(self) -> _Applied:
-        """The commands that the motors got, after all limits."""
+        """The commands that the motors got, after all limits: q, rad; dq, rad/s; kp, N·m/rad; kd, N·m·s/rad; tau, N·m."""
     @property
     def age(self) -> float:
         """Time since the states were complete, s."""
@@ -247,8 +250,9 @@ class Claim:
         the daemon's rate.
         """
     def wait(self, timeout: float = 1.0) -> State:
-        """Waits for the next state, whatever the phase."""
-    def __enter__(self) -> Claim: ...
+        """Waits for the next state, at most timeout, s, whatever the phase. TimedOut without one."""
+    def __enter__(self) -> Claim:
+        """Returns the claim."""
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> Literal[False]:
@@ -283,16 +287,20 @@ class Robot:
     """
 
     @property
-    def instance(self) -> str: ...
+    def instance(self) -> str:
+        """Name of the daemon's instance."""
     @property
     def rate_hz(self) -> float:
         """Cycles per second."""
     @property
-    def joints(self) -> list[str]: ...
+    def joints(self) -> list[str]:
+        """Names of the joints, in the order of the robot."""
     @property
-    def groups(self) -> list[str]: ...
+    def groups(self) -> list[str]:
+        """Names of the groups."""
     @property
-    def imus(self) -> list[str]: ...
+    def imus(self) -> list[str]:
+        """Names of the IMUs."""
     @property
     def setpoint_timeout(self) -> float:
         """Longest time between two setpoints of a group, s."""
@@ -300,7 +308,7 @@ class Robot:
     def description(self) -> dict[str, Any]:
         """Joints with their limits, groups, IMUs and buses."""
     def wait(self, timeout: float = 1.0, *, names: Sequence[str] | None = None) -> State:
-        """Waits for the next state, with all joints of the robot, or those of names."""
+        """Waits for the next state, at most timeout, s, with all joints of the robot, or those of names. TimedOut without one."""
     def newest(self, *, names: Sequence[str] | None = None) -> State | None:
         """Returns the newest state without waiting; None when a call has returned it already."""
     def fileno(self) -> int:
@@ -340,7 +348,10 @@ def every(rate_hz: float, hz: float) -> int:
 def stopped(
     group: str, phase: str | None, cause: str | None, joint: str | None, late: tuple[float, float, float]
 ) -> Stopped:
-    """The exception for a group that does not follow setpoints, as a claim raises it."""
+    """The exception for a group that does not follow setpoints, as a claim raises it.
+
+    late is the time since the last message of the owner, the horizon of that message, and the setpoint timeout, s.
+    """
 
 def setpoints(
     q: _Values | None,

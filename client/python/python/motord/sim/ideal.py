@@ -110,10 +110,12 @@ class IdealEngine:
 
     @property
     def time(self) -> float:
+        """Virtual time since the first cycle, s."""
         rate_hz: float = self._robot["rate_hz"]
         return self._cycle / rate_hz
 
     def step(self, cycles: int) -> None:
+        """Runs cycles."""
         joints, wanted = self._joints, self._joints.setpoints
         for _ in range(cycles * round(STEPS * 1000.0 / self._robot["rate_hz"])):
             torque = wanted.kp * (wanted.q - joints.q) + wanted.kd * (wanted.dq - joints.dq) + wanted.tau
@@ -122,6 +124,7 @@ class IdealEngine:
         self._cycle += cycles
 
     def state(self, names: list[str], joints: list[int], group: int | None) -> IdealState:
+        """The state of the last cycle, of the joints with these indices."""
         of, wanted = self._joints, self._joints.setpoints
         measured = self._plant.imu()
         imus = _Imus() if measured is None else _Imus({imu["name"]: IdealImu(*measured) for imu in self._robot["imus"]})
@@ -142,6 +145,7 @@ class IdealEngine:
 
     def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float,
              hold: tuple[float, float]) -> None:  # fmt: skip
+        """Sets the setpoints of a group from now on: places are the places in the group of the values."""
         joints = np.array(self._robot["groups"][group]["joints"])[places]
         names = [self._robot["joints"][joint]["name"] for joint in joints]
         values = setpoints(q, dq, kp, kd, tau, hold, names)
@@ -150,6 +154,7 @@ class IdealEngine:
                 getattr(self._joints.setpoints, name)[joints] = value
 
     def ask(self, operation: str, group: int) -> None:
+        """Changes the phase of a group, or of all for an emergency stop. Each request is granted immediately."""
         groups = range(len(self._robot["groups"])) if operation == "emergency-stop" else [group]
         for index in groups:
             self._joints.phases[index] = "active" if operation == "enable" else self._joints.phases.get(index, "disarmed")
@@ -159,6 +164,7 @@ class IdealEngine:
                     getattr(self._joints.setpoints, name)[self._robot["groups"][index]["joints"]] = 0.0
 
     def inject_at(self, at: float, verb: str) -> None:
+        """ValueError: this robot has no faults."""
         raise ValueError(f"{verb}: an ideal robot has no faults; use a Twin")
 
 

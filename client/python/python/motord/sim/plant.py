@@ -36,17 +36,20 @@ class Taken:
         self._plant = plant
 
     def begin(self, description: dict[str, Any], physics: list[dict[str, Any]]) -> Array | None:
+        """Takes the plant, and returns where its joints begin, rad. ValueError unless that is a position for each."""
         begin = self._plant.begin(description, physics)
         # A robot that the plant refuses does not take it.
         _TAKEN[id(self._plant)] = self
         return None if begin is None else _positions(begin, [joint["name"] for joint in description["joints"]])
 
     def step(self, torques: Array, seconds: float, q: Array, dq: Array) -> None:
+        """Moves the joints. RuntimeError once another robot has taken the plant."""
         if _TAKEN.get(id(self._plant)) is not self:
             raise RuntimeError("another robot began with the plant of this one: give each Twin a plant of its own")
         self._plant.step(torques, seconds, q, dq)
 
     def imu(self) -> tuple[Array, Array, Array] | None:
+        """The measurement of the plant's body; None without one."""
         return self._plant.imu()
 
 
