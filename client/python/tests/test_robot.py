@@ -14,9 +14,7 @@ import pytest
 
 import motord
 from conftest import Daemon
-
-
-NAMES = [f"{leg}-{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "thigh", "knee")]
+from test_twin import NAMES
 
 
 def phase(robot: motord.Robot) -> str | None:
