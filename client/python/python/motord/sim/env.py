@@ -98,9 +98,6 @@ class TwinEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float64]]):
         except Stopped as stopped:
             state = self._legs.wait()
             self._end = {"cause": getattr(stopped, "cause", None), "joint": getattr(stopped, "joint", None)}
-        except StopIteration:
-            # The episode has ended before.
-            state = self._legs.wait()
         reward = self._reward(state, self._plant, self._action)
         return self._observed(state), reward, bool(self._end), self._steps >= self._steps_max, dict(self._end)
 
