@@ -6,6 +6,9 @@
 use motord_bus::{Duration, Frame, FrameId, Instant, Readiness, Ready, Refusal};
 use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, PATIENCE, Stopper};
+use motord_harness::robot;
+use motord_protocol::Ends;
+use motord_protocol::profile::PROFILES;
 use std::sync::{Arc, Mutex};
 
 /// Records its name at each send, and in capitals at each search.
@@ -32,7 +35,7 @@ const BEGIN: Instant = Instant::from_nanos(1);
 
 fn frames() -> BusFrames {
     let frame = |last| Frame::classic(FrameId::new(1).unwrap(), [0, 0, 0, 0, 0, 0, 0, last]);
-    BusFrames { damp: vec![frame(0)], stop: vec![frame(1)] }
+    BusFrames { damp: [2, 0].map(|last| vec![frame(last)]), stop: vec![frame(1)] }
 }
 
 fn missing(names: [char; 3]) -> (Stopper, [Missing; 3], Arc<Mutex<String>>) {
@@ -116,13 +119,13 @@ impl Outlet for Narrow {
 #[test]
 fn abandoned_bus_gets_one_last_stop_attempt() {
     let BusFrames { damp, stop } = frames();
-    let (damp, stop) = (damp[0], stop[0]);
-    let two_motors = BusFrames { damp: vec![damp; 2], stop: vec![stop; 2] };
+    let (damp, stop) = (damp.map(|frames| frames[0]), stop[0]);
+    let two_motors = BusFrames { damp: damp.map(|frame| vec![frame; 2]), stop: vec![stop; 2] };
     let mut outlets = [Narrow::default()];
     Stopper::new([two_motors], Duration::from_millis(100)).run(&mut Virtual(BEGIN), &mut outlets);
     let (last, before) = outlets[0].0.split_last().unwrap();
     assert_eq!(*last, stop);
-    assert!(before.iter().all(|frame| *frame == damp));
+    assert!(before.iter().all(|frame| *frame == damp[0]), "an incomplete round is repeated");
 }
 
 #[test]
@@ -135,9 +138,39 @@ fn stopper_serves_unjammed_bus_and_abandons_jammed_one() {
     stopper.run(&mut clock, &mut outlets);
     assert_eq!(stopper.owed().collect::<Vec<_>>(), [2]);
     assert!(clock.0 < BEGIN + Duration::from_millis(100) + PATIENCE);
-    let whole = [[frames().damp[0]; 10].as_slice(), &[frames().stop[0]; 3]].concat();
+    let whole = [frames().damp.concat().repeat(5), frames().stop.repeat(3)].concat();
     for (outlet, begin) in outlets.iter().zip([0, 500]) {
         assert!(outlet.taken.iter().map(|(_, frame)| *frame).eq(whole.iter().copied()));
         assert_eq!(outlet.taken[0].0, BEGIN + Duration::from_millis(begin));
+    }
+}
+
+/// The torque that a motor at rest makes from a control frame, by the law and the formulas of the MIT document, N·m.
+fn torque_at_rest(frame: &Frame, ends: &Ends) -> f64 {
+    let word = u64::from_be_bytes(*frame.payload().first_chunk().unwrap());
+    let share = |shift: u32| (word >> shift & 0xFFF) as f64 / 4095.0;
+    let velocity = (2.0 * share(36) - 1.0) * ends.velocity;
+    share(12) * ends.kd * velocity + (2.0 * share(0) - 1.0) * ends.torque
+}
+
+/// Goal: damping without a cycle pushes no joint. Neither velocity nor torque has a code for zero. Method: the mean torque at rest of
+/// the frames of one stop, for each model.
+#[test]
+fn damping_without_a_cycle_pushes_no_joint() {
+    for model in PROFILES.iter().flat_map(|profile| profile.models) {
+        let settings = robot::settings(&format!(
+            "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\nprotocol = 'mit'\n\
+             model = '{}'\nlimits = {{ position-rad = [-1.0, 1.0] }}\n",
+            model.name
+        ));
+        let mut outlets = [Jammed { refuses: |_| false, taken: Vec::new() }];
+        let frames = BusFrames::of(&settings, 0);
+        let stop = frames.stop[0];
+        Stopper::new([frames], Duration::from_millis(200)).run(&mut Virtual(BEGIN), &mut outlets);
+        let damping = outlets[0].taken.iter().map(|(_, frame)| frame).filter(|frame| **frame != stop);
+        let ends = settings.motors[0].scales.ends();
+        let torques: Vec<f64> = damping.map(|frame| torque_at_rest(frame, &ends)).collect();
+        let mean = torques.iter().sum::<f64>() / torques.len() as f64;
+        assert!(torques.len() == 20 && mean.abs() < 1e-9, "{}: {mean} N·m", model.name);
     }
 }

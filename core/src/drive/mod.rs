@@ -60,17 +60,21 @@ pub fn line(settings: &Settings, index: usize, reply_timeout: Duration) -> seria
     }
 }
 
-/// Returns the frames that damp and stop a motor without a cycle. A GIM motor is stopped without
+/// Returns the two frames that damp a motor without a cycle, and the one that stops it. An MIT motor
+/// must receive the first two in turn: neither velocity nor torque has a code for zero, and each of
+/// the frames pushes the joint as much as the other pushes it back. A GIM motor is stopped without
 /// damping: the speed commands that brake it may be full torque to a motor in MIT mode, and its
 /// mode is not known.
 #[must_use]
-pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
-    let make = |command| Drive::new(motor, Duration::ZERO, false).request(&command, Instant::ZERO);
+pub fn safe_frames(motor: &MotorSettings) -> Option<([Frame; 2], Frame)> {
+    let mut drive = Drive::new(motor, Duration::ZERO, true);
+    let mut make = |command| drive.request(&command, Instant::ZERO);
     let stop = make(Command::Stop)?;
     let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
+    let damping = Command::Control(Setpoint::impedance(damping));
     let damp = match motor.protocol {
-        MotorProtocol::Mit => make(Command::Control(Setpoint::impedance(damping)))?,
-        MotorProtocol::Gim => stop,
+        MotorProtocol::Mit => [make(damping)?, make(damping)?],
+        MotorProtocol::Gim => [stop; 2],
     };
     Some((damp, stop))
 }

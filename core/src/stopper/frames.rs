@@ -7,9 +7,10 @@ use motord_bus::{Frame, Refusal};
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusFrames {
-    /// One frame per motor that damps it. For a GIM motor it is the frame that stops it: one that
-    /// brakes it would be full torque to a motor in MIT mode.
-    pub damp: Vec<Frame>,
+    /// One frame per motor that damps it, twice: rounds send the two in turn, so that their rounding
+    /// errors cancel. For a GIM motor both are the frame that stops it: one that brakes it would be
+    /// full torque to a motor in MIT mode.
+    pub damp: [Vec<Frame>; 2],
     /// One frame per motor that stops it.
     pub stop: Vec<Frame>,
 }
@@ -19,8 +20,20 @@ impl BusFrames {
     #[must_use]
     pub fn of(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-        let (damp, stop) = motors.filter_map(safe_frames).unzip();
-        Self { damp, stop }
+        let (damp, stop): (Vec<_>, _) = motors.filter_map(safe_frames).unzip();
+        Self { damp: [0, 1].map(|turn| damp.iter().map(|frames| frames[turn]).collect()), stop }
+    }
+
+    /// Returns the number of frames in the largest round.
+    #[must_use]
+    pub fn most(&self) -> usize {
+        self.damp.iter().chain([&self.stop]).map(Vec::len).max().unwrap_or(0)
+    }
+
+    /// Returns whether `frame` is one of them. Does not allocate; bounded by their number.
+    #[must_use]
+    pub fn contains(&self, frame: &Frame) -> bool {
+        self.damp.iter().chain([&self.stop]).any(|frames| frames.contains(frame))
     }
 }
 

@@ -70,9 +70,10 @@ impl BusStop {
 
     /// Sends the due frames.
     fn send(&mut self, now: Instant, outlet: &mut impl Outlet) {
-        let Some(order) = self.schedule.and_then(|schedule| schedule.order(now)) else { return };
+        let Some(schedule) = self.schedule else { return };
+        let Some(order) = schedule.order(now) else { return };
         let frames = match order {
-            SafeFrame::Damp => &self.frames.damp,
+            SafeFrame::Damp => &self.frames.damp[schedule.turn()],
             SafeFrame::Stop => &self.frames.stop,
         };
         self.refusal = outlet.send_round(now, frames);

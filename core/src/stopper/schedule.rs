@@ -82,6 +82,15 @@ impl Schedule {
         }
     }
 
+    /// Returns which of the two frames that damp a motor is due: accepted rounds take turns.
+    #[must_use]
+    pub fn turn(&self) -> usize {
+        match self.phase {
+            Phase::Damping { left } => left as usize % 2,
+            Phase::Stopping { .. } | Phase::Served => 0,
+        }
+    }
+
     /// Delays the due round to the next interval after `now`, for a bus whose interface was not
     /// searched in this one.
     pub fn skip(&mut self, now: Instant) {

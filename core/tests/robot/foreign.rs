@@ -156,7 +156,7 @@ fn slow_cycle_reports_second_daemon() {
     let text = "[cycle]\nrate-hz = 10\n[safety]\nsetpoint-timeout-ms = 500\ndeadman-ms = 1000\n\
                 [[bus]]\nname = \"can\"\ntype = \"simulated\"\n";
     let mut robot = Robot::new(robot::settings(&(text.to_owned() + &robot::motor(1, "hip", "can", ""))), 1);
-    let damp = BusFrames::of(&robot.settings, 0).damp[0];
+    let damp = BusFrames::of(&robot.settings, 0).damp[0][0];
     robot.steps(40);
     robot.take_events();
     for _ in 0..4 {
@@ -187,7 +187,7 @@ fn bursts_of_a_switch_do_not_add_up() {
 #[test]
 fn frames_of_a_switch_are_no_foreign_master() {
     let mut robot = Robot::new(robot::three_motors(), 1);
-    let damp = BusFrames::of(&robot.settings, 0).damp[0];
+    let damp = BusFrames::of(&robot.settings, 0).damp[0][0];
     let damp: &[u8; 8] = damp.payload().first_chunk().expect("it has 8 bytes");
     for round in 0..203 {
         robot.hear(0, 0x001, if round < 200 { damp } else { STOP });

@@ -24,7 +24,7 @@ use std::path::PathBuf;
 
 use crate::safe_frames::{InterfaceError, SafeFrames};
 
-/// Most bytes of a message: the safe frames of 64 motors have about 6 000.
+/// Most bytes of a message: the safe frames of 64 motors have about 8 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
 /// Most files that Linux passes with one message, `SCM_MAX_FD`. With space for fewer, those that fit would stay
 /// open without a known number.
@@ -33,7 +33,7 @@ const FILES_MAX: usize = 253;
 pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Prefix of every message. Its number rises with every change of the messages, so that a program of another
 /// version is refused with an error that names the reason.
-const VERSION: &[u8] = b"motord-deadman 3\n";
+const VERSION: &[u8] = b"motord-deadman 4\n";
 /// The message by which the switch shows that it runs.
 const BEAT: &[u8] = b".";
 /// Most signs of life per read.

@@ -27,7 +27,7 @@ impl Interface {
     /// Why its motors cannot be stopped.
     pub fn open(frames: &InterfaceFrames, open: Open<'_>) -> Result<Self, InterfaceError> {
         let checked = frames.checked()?;
-        let count = checked.damp.len().max(checked.stop.len());
+        let count = checked.most();
         let outlet = match frames.baud {
             Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
             None => open(&frames.interface, 2 * count as u32)?,
@@ -269,7 +269,7 @@ mod tests {
                 let frames = InterfaceFrames {
                     interface: name.clone(),
                     baud: None,
-                    damp: vec!["001#00".into()],
+                    damp: [vec!["001#00".into()], vec!["001#00".into()]],
                     stop: vec![],
                 };
                 Interface::open(&frames, &mut |_, _| Ok(Box::new(Taking(refusal)))).unwrap()

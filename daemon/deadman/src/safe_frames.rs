@@ -24,8 +24,8 @@ pub struct InterfaceFrames {
     /// Bit/s of a serial port; `None` for a CAN interface, which is used as it is.
     #[serde(default)]
     pub baud: Option<u32>,
-    /// One frame per motor that damps it.
-    pub damp: Vec<WrittenFrame>,
+    /// One frame per motor that damps it, twice: rounds send the two in turn.
+    pub damp: [Vec<WrittenFrame>; 2],
     /// One frame per motor that stops it.
     pub stop: Vec<WrittenFrame>,
 }
@@ -82,12 +82,7 @@ impl SafeFrames {
 impl InterfaceFrames {
     fn of(settings: &Settings, index: usize, interface: &str, baud: Option<u32>) -> Self {
         let BusFrames { damp, stop } = BusFrames::of(settings, index);
-        Self {
-            interface: interface.to_owned(),
-            baud,
-            damp: damp.iter().map(Frame::to_string).collect(),
-            stop: stop.iter().map(Frame::to_string).collect(),
-        }
+        Self { interface: interface.to_owned(), baud, damp: damp.map(written), stop: written(stop) }
     }
 
     /// Checks the frames, and returns them.
@@ -96,12 +91,19 @@ impl InterfaceFrames {
     ///
     /// [`InterfaceError::Frame`] or [`InterfaceError::Count`].
     pub fn checked(&self) -> Result<BusFrames, InterfaceError> {
-        let count = self.damp.len().max(self.stop.len());
-        if count > Inbox::CAPACITY {
-            return Err(InterfaceError::Count { interface: self.interface.clone(), count });
+        let [first, second] = &self.damp;
+        let frames = BusFrames { damp: [frames(first)?, frames(second)?], stop: frames(&self.stop)? };
+        match frames.most() {
+            count if count > Inbox::CAPACITY => {
+                Err(InterfaceError::Count { interface: self.interface.clone(), count })
+            }
+            _ => Ok(frames),
         }
-        Ok(BusFrames { damp: frames(&self.damp)?, stop: frames(&self.stop)? })
     }
+}
+
+fn written(frames: Vec<Frame>) -> Vec<WrittenFrame> {
+    frames.iter().map(Frame::to_string).collect()
 }
 
 fn frames(written: &[WrittenFrame]) -> Result<Vec<Frame>, InterfaceError> {

@@ -48,7 +48,7 @@ pub(crate) fn safe_frames() -> SafeFrames {
     let bus = InterfaceFrames {
         interface: "can0".into(),
         baud: None,
-        damp: vec![DAMPING.into()],
+        damp: [vec![DAMPING.into()], vec![DAMPING.into()]],
         stop: vec![STOPPING.into()],
     };
     SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
@@ -58,7 +58,12 @@ pub(crate) fn safe_frames() -> SafeFrames {
 fn safe_frames_of_two() -> SafeFrames {
     let mut frames = safe_frames();
     let [damp, stop] = [DAMPING, STOPPING].map(|first| vec![first.replace("001#", "002#")]);
-    frames.buses.push(InterfaceFrames { interface: "can1".into(), baud: None, damp, stop });
+    frames.buses.push(InterfaceFrames {
+        interface: "can1".into(),
+        baud: None,
+        damp: [damp.clone(), damp],
+        stop,
+    });
     frames
 }
 
@@ -379,7 +384,12 @@ fn second_daemon_is_refused_then_watched_after_death() {
     assert_eq!(switch.sent.recv().map(|(_, frame)| Some(frame) == candump::frame(DAMPING)), Ok(true));
 
     let unfit = SafeFrames {
-        buses: vec![InterfaceFrames { interface: "can9".into(), baud: None, damp: vec![], stop: vec![] }],
+        buses: vec![InterfaceFrames {
+            interface: "can9".into(),
+            baud: None,
+            damp: Default::default(),
+            stop: vec![],
+        }],
         ..safe_frames()
     };
     assert!(matches!(register(&instance, unfit, &pulse).1, Answer::Refused(Refusal::SafeFrames(_))));
@@ -425,7 +435,7 @@ fn nonsense_and_silence_do_not_keep_others_out() {
         buses: vec![InterfaceFrames {
             interface: "can0".into(),
             baud: None,
-            damp: vec!["800#00".into()],
+            damp: [vec!["800#00".into()], vec![]],
             stop: vec![],
         }],
         ..safe_frames()

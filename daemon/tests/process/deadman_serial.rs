@@ -46,12 +46,16 @@ fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
     let can = InterfaceFrames {
         interface: "can0".into(),
         baud: None,
-        damp: vec!["001#0000000000000000".into()],
+        damp: [vec!["001#0000000000000000".into()], vec!["001#0000000000000000".into()]],
         stop: vec!["001#0101010101010101".into()],
     };
     let frames = [1, 2].map(|id| Frame::classic(FrameId::from(id), STOP).to_string()).to_vec();
-    let port =
-        InterfaceFrames { interface: device.into(), baud: Some(921_600), damp: frames.clone(), stop: frames };
+    let port = InterfaceFrames {
+        interface: device.into(),
+        baud: Some(921_600),
+        damp: [frames.clone(), frames.clone()],
+        stop: frames,
+    };
     let opened = [port, can].map(|frames| Interface::open(&frames, &mut open).unwrap());
     let mut interfaces = Interfaces::new(opened, DAMP);
     interfaces.run(&mut Monotonic);

@@ -135,7 +135,7 @@ fn plays_the_driver() {
     frames.buses = vec![InterfaceFrames {
         interface: device,
         baud: Some(921_600),
-        damp: vec![STOP.into()],
+        damp: [vec![STOP.into()], vec![STOP.into()]],
         stop: vec![STOP.into()],
     }];
     let switch = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();

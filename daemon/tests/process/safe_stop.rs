@@ -85,8 +85,8 @@ fn safe_stop_names_motors_that_do_not_answer() {
     assert!(error.ends_with("cut the power: hip, jaw"), "{error}");
 }
 
-/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in
-/// the middle or at the given fraction of its code. Stop is its special frame. The native stop has
+/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, zero above and below
+/// the middle of the codes of velocity and torque. Stop is its special frame. The native stop has
 /// a tail that is neutral in MIT.
 #[test]
 fn safe_frames_match_documented_damping_and_stop() {
@@ -97,7 +97,7 @@ fn safe_frames_match_documented_damping_and_stop() {
     let expected = InterfaceFrames {
         baud: None,
         interface: "nocan0".into(),
-        damp: vec!["001#8000800000666800".into(), gim_stop()],
+        damp: ["001#8000800000666800", "001#80007FF0006667FF"].map(|damp| vec![damp.into(), gim_stop()]),
         stop: vec!["001#FFFFFFFFFFFFFFFD".into(), gim_stop()],
     };
     assert_eq!((frames.damp, frames.buses), (Duration::from_millis(200), vec![expected]));
@@ -110,9 +110,9 @@ fn a_safe_stop_damps_and_stops_once() {
     let path = configuration(directory.path(), &can(&no_can("once")));
     safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder))), &mut deaf).unwrap();
     let sent: Vec<u8> = sent.try_iter().map(|(_, frame)| frame.payload()[7]).collect();
-    // The last bytes of damping and stop of the one motor, and of stop of the other.
+    // The last bytes of both damping frames and of stop of the one motor, and of stop of the other.
     let (damped, stopped) = sent.split_at(sent.len() - 6);
-    assert!(damped.len() >= 2 && damped.iter().all(|byte| *byte == 0x00), "{sent:x?}");
+    assert!(damped.len() >= 4 && damped.chunks(4).all(|two| two == [0x00, 0x00, 0xFF, 0x00]), "{sent:x?}");
     assert_eq!(stopped, [0xFD, 0x00, 0xFD, 0x00, 0xFD, 0x00]);
 }
 

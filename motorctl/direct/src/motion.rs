@@ -10,6 +10,7 @@ use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
+use motord_protocol::Field;
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::{self, Impedance};
 use motord_terminal::Interrupt;
@@ -202,12 +203,14 @@ fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], DirectFailure> {
 pub(crate) struct Jogged<'s> {
     session: &'s mut Session,
     kd: f32,
+    /// Rounding errors of velocity, rad/s, and torque, N·m, that the next frame makes up for.
+    errors: [f64; 2],
 }
 
 impl<'s> Jogged<'s> {
     /// Wraps the motor of a session. Sends nothing.
     pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
-        Self { session, kd }
+        Self { session, kd, errors: [0.0; 2] }
     }
 
     /// Starts the motor at rest. Returns its position, rad. A motor in MIT mode may remember a
@@ -236,8 +239,11 @@ impl<'s> Jogged<'s> {
     pub(crate) fn follow(&mut self, velocity: f64) -> Result<[f64; 2], Error> {
         match self.session.protocol {
             Protocol::Mit => {
-                let velocity = velocity as f32;
-                let impedance = Impedance { velocity, kd: self.kd, ..Impedance::default() };
+                let scales = self.session.scales();
+                let [of_velocity, of_torque] = &mut self.errors;
+                let velocity = carried(velocity, &scales.velocity, of_velocity);
+                let torque = carried(0.0, &scales.torque, of_torque);
+                let impedance = Impedance { velocity, kd: self.kd, torque, ..Impedance::default() };
                 let mit::State { position, velocity, .. } = self.session.mit().control(impedance)?;
                 Ok([position, velocity].map(f64::from))
             }
@@ -255,6 +261,15 @@ impl<'s> Jogged<'s> {
     }
 }
 
+/// Returns the value of a code next to `wanted`. The mean of all values is the wanted one: `error` carries the rounding errors. Zero
+/// has no code, and the nearest one in every frame would move a joint that nobody moves.
+fn carried(wanted: f64, field: &Field, error: &mut f64) -> f32 {
+    let target = wanted - *error;
+    let sent = field.encode(target).map_or(target, |code| field.decode(code));
+    *error = (sent - target).clamp(-field.step(), field.step());
+    sent as f32
+}
+
 impl Stop for Jogged<'_> {
     fn stop(&mut self) -> Result<(), Error> {
         match self.session.protocol {
@@ -269,6 +284,7 @@ mod tests {
     use super::*;
     use motord_bus::{Instant as BusInstant, VirtualClock};
     use motord_commissioning::Link;
+    use motord_protocol::Scales;
     use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
 
     /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.
@@ -307,6 +323,20 @@ mod tests {
         let (outcome, mode) = run(Goal::Torque(1.0), &bounds);
         assert!(matches!(outcome, Err(DirectFailure::Unfit { .. })), "{outcome:?}");
         assert_eq!(mode, Mode::Stopped);
+    }
+
+    /// Goal: a jogged joint does not creep while no key is held. Method: the mean of a second of frames to a GIM8108-8.
+    #[test]
+    fn jogged_joint_at_rest_is_not_pushed() {
+        let scales = Scales::by_current(0.125, 8.0).unwrap();
+        for field in [scales.velocity, scales.torque] {
+            for wanted in [0.0, 0.3, -0.3] {
+                let mut error = 0.0;
+                let mut sent = || f64::from(carried(wanted, &field, &mut error));
+                let mean = (0..50).map(|_| field.decode(field.encode(sent()).unwrap())).sum::<f64>() / 50.0;
+                assert!((mean - wanted).abs() <= field.step() / 50.0, "{wanted}: {mean}");
+            }
+        }
     }
 
     #[test]

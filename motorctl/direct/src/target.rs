@@ -6,6 +6,7 @@ use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify};
 use motord_configuration as config;
+use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
 use std::io::Write;
@@ -269,11 +270,14 @@ impl Session {
     /// Returns the motor's MIT transactions. Without a configuration the vendor is SteadyWin, and
     /// torques are fractions of the full scale.
     pub fn mit(&mut self) -> Mit<'_> {
-        let (scales, profile) = match &self.settings {
-            Some(settings) => (settings.scales, settings.profile),
-            None => (Scales::WITHOUT_CONSTANTS, &motord_protocol::profile::STEADYWIN),
-        };
+        let profile = self.settings.as_ref().map_or(&STEADYWIN, |settings| settings.profile);
+        let scales = self.scales();
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
+    }
+
+    /// Returns the scales of [`mit`](Self::mit).
+    pub(crate) fn scales(&self) -> Scales {
+        self.settings.as_ref().map_or(Scales::WITHOUT_CONSTANTS, |settings| settings.scales)
     }
 
     /// Uses the ends of its codes that the motor reports, where it has registers, in place of those of its model.

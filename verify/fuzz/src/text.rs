@@ -117,7 +117,8 @@ pub fn registration(bytes: &[u8]) {
         switch.step(now, false, 1);
         interfaces.round(now);
     }
-    let named = frames.buses.iter().flat_map(|bus| bus.damp.iter().chain(&bus.stop)).collect::<Vec<_>>();
+    let named =
+        frames.buses.iter().flat_map(|bus| bus.damp.iter().flatten().chain(&bus.stop)).collect::<Vec<_>>();
     let is_named = |frame: &Frame| named.iter().any(|text| candump::frame(text) == Some(*frame));
     let sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
     assert!(sent.iter().all(is_named), "{sent:?}");

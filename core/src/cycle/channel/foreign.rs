@@ -63,8 +63,7 @@ impl ForeignCommands {
         if sent.iter().any(|batch| batch.contains(frame)) {
             return;
         }
-        let is_safe = safe.damp.contains(frame) || safe.stop.contains(frame);
-        let count = if is_safe { &mut frames.safe } else { &mut frames.commands };
+        let count = if safe.contains(frame) { &mut frames.safe } else { &mut frames.commands };
         *count = count.wrapping_add(1);
         *is_any = true;
     }
