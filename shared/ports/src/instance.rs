@@ -63,7 +63,7 @@ impl Instance {
                     Err(error) if !is_missing(&error) => return Err(error),
                     Ok(_) | Err(_) => {}
                 }
-                Ok(Self { private: true, ..Self::below(&runtime, name)? })
+                Ok(Self::below(&runtime, name)?.made_private())
             }
         }
     }
@@ -99,6 +99,11 @@ impl Instance {
     #[must_use]
     pub fn runtime(&self) -> &Path {
         &self.runtime
+    }
+
+    /// Returns the same instance in a directory that must belong to this user.
+    pub(crate) fn made_private(self) -> Self {
+        Self { private: true, ..self }
     }
 
     /// Returns whether its directory must belong to this user.

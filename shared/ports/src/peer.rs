@@ -64,9 +64,7 @@ impl TrustedUsers {
     /// this user adds no user: another one may create it at any time.
     #[must_use]
     pub fn and_of(mut self, instance: &Instance) -> Self {
-        if !instance.is_private() {
-            self.0.extend(owner(instance.runtime()));
-        }
+        self.0.extend(owner_of(instance));
         self
     }
 
@@ -77,13 +75,20 @@ impl TrustedUsers {
     }
 }
 
+/// Returns the owner of the runtime directory of `instance`. `None` for one that must belong to this user: another user may create it
+/// at any time while it is missing, and its owner is not asked.
+fn owner_of(instance: &Instance) -> Option<u32> {
+    (!instance.is_private()).then(|| owner(instance.runtime())).flatten()
+}
+
 fn owner(directory: &Path) -> Option<u32> {
     fs::metadata(directory).ok().map(|found| found.uid())
 }
 
 /// Checks that the process at the other end of `socket`, a connected Unix socket, belongs to root,
-/// to this user, or to the owner of the runtime directory. Every member of the group may bind a
-/// free name in that directory. One system call, and one for a process of another user.
+/// to this user, or to the owner of a runtime directory that several users share. Every member of
+/// the group may bind a free name in that directory. One system call, and one for a process of
+/// another user.
 ///
 /// # Errors
 /// A [`Impostor`], as an error of the kind `PermissionDenied`; those of the system.
@@ -100,9 +105,37 @@ pub(crate) fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), Im
     if [0, Uid::effective().as_raw()].contains(&peer.uid()) {
         return Ok(());
     }
-    if owner(instance.runtime()) == Some(peer.uid()) {
+    if owner_of(instance) == Some(peer.uid()) {
         Ok(())
     } else {
         Err(Impostor { pid: peer.pid(), uid: peer.uid() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stop_socket::{StopError, StopPath};
+    use std::os::unix::fs::{chown, lchown};
+
+    const OUTSIDER: u32 = 54_321;
+
+    /// Goal: a user who creates the missing private directory of another one does not answer for motord, and confirms no emergency stop.
+    /// Method: the directory and the lock in it belong to that user; only root can give them away.
+    #[test]
+    fn owner_of_foreign_private_directory_is_impostor() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let shared = Instance::below(place.path(), "robot").unwrap();
+        let private = shared.clone().made_private();
+        fs::write(shared.lock_path(), "").unwrap();
+        let is_given = chown(place.path(), Some(OUTSIDER), None).is_ok();
+        let is_given = is_given && lchown(shared.lock_path(), Some(OUTSIDER), None).is_ok();
+        let outsider = UnixCredentials::from(nix::libc::ucred { pid: 7, uid: OUTSIDER, gid: 0 });
+        let impostor = Impostor { pid: 7, uid: OUTSIDER };
+        assert_eq!(judge(&private, outsider), Err(impostor));
+        let judged = |instance| StopPath::of(instance).unwrap().judge(outsider);
+        assert_eq!(judged(&private), Err(StopError::NotTrusted(impostor)));
+        assert!(!TrustedUsers::find().and_of(&private).contains(OUTSIDER));
+        assert_eq!((judge(&shared, outsider).is_ok(), judged(&shared).is_ok()), (is_given, is_given));
     }
 }

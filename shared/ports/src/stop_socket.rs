@@ -104,8 +104,9 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
 #[derive(Debug, Clone)]
 pub struct StopPath {
     address: UnixAddr,
-    runtime: CString,
-    lock: CString,
+    /// The runtime directory and the lock, whose owners may answer. `None` where the directory must belong to this user: see
+    /// [`TrustedUsers::and_of`](crate::TrustedUsers::and_of).
+    shared: Option<[CString; 2]>,
 }
 
 impl StopPath {
@@ -115,11 +116,8 @@ impl StopPath {
     /// Those of [`address`]; `EINVAL` for a path with a null byte.
     pub fn of(instance: &Instance) -> Result<Self, Errno> {
         let text = |path: &Path| CString::new(path.as_os_str().as_bytes()).map_err(|_| Errno::EINVAL);
-        Ok(Self {
-            address: address(instance)?,
-            runtime: text(instance.runtime())?,
-            lock: text(&instance.lock_path())?,
-        })
+        let [runtime, lock] = [text(instance.runtime())?, text(&instance.lock_path())?];
+        Ok(Self { address: address(instance)?, shared: (!instance.is_private()).then_some([runtime, lock]) })
     }
 
     /// Requests the daemon to damp and stop every motor, and waits at most `patience` for the request, and again for the
@@ -166,12 +164,13 @@ impl StopPath {
     }
 
     /// Checks that the listening process can be the daemon: a process that is [no
-    /// impostor](crate::peer), or of the owner of the instance's lock.
-    fn judge(&self, peer: UnixCredentials) -> Result<(), StopError> {
+    /// impostor](crate::peer), or of the owner of the lock in a shared directory.
+    pub(crate) fn judge(&self, peer: UnixCredentials) -> Result<(), StopError> {
         let owns = |found: nix::Result<FileStat>| found.is_ok_and(|found| found.st_uid == peer.uid());
+        let is_owner =
+            |[runtime, lock]: &[CString; 2]| owns(stat(runtime.as_c_str())) || owns(lstat(lock.as_c_str()));
         let is_trusted = [0, Uid::effective().as_raw()].contains(&peer.uid())
-            || owns(stat(self.runtime.as_c_str()))
-            || owns(lstat(self.lock.as_c_str()));
+            || self.shared.as_ref().is_some_and(is_owner);
         match is_trusted {
             true => Ok(()),
             false => Err(StopError::NotTrusted(Impostor { pid: peer.pid(), uid: peer.uid() })),
