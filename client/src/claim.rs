@@ -37,8 +37,9 @@ pub struct Claim {
     sent: Sent,
     /// The group was starting or active when this claim last sent.
     follows: bool,
-    /// The lateness that ended this claim, as it was when the claim noticed its end.
-    lateness: OnceLock<Option<Lateness>>,
+    /// The lateness that stopped the group, as it was when the claim noticed the stop. `None` until this claim has enabled the group: a
+    /// stop from before is not its own.
+    lateness: Option<OnceLock<Option<Lateness>>>,
     released: bool,
 }
 
@@ -60,7 +61,7 @@ impl Claim {
             set: 0,
             sent: Sent::default(),
             follows: false,
-            lateness: OnceLock::new(),
+            lateness: None,
             released: false,
         })
     }
@@ -253,6 +254,7 @@ impl Claim {
             0 => Ok(()),
             _ => self.transmit(),
         })?;
+        self.lateness = Some(OnceLock::new());
         Ok(())
     }
 
@@ -392,11 +394,11 @@ impl Claim {
     /// Adds to the stop of this claim for `setpoint-timeout` how late it was.
     fn with_lateness(&self, stop: Stop) -> Stop {
         let measured = || self.sent.lateness(clock::now_ns(), self.members.timeout);
-        match stop {
-            Stop::Cause { cause: cause @ Cause::SetpointTimeout, joint, pid, .. } => {
-                Stop::Cause { cause, joint, pid, lateness: *self.lateness.get_or_init(measured) }
+        match (stop, &self.lateness) {
+            (Stop::Cause { cause: cause @ Cause::SetpointTimeout, joint, pid, .. }, Some(lateness)) => {
+                Stop::Cause { cause, joint, pid, lateness: *lateness.get_or_init(measured) }
             }
-            other => other,
+            (other, _) => other,
         }
     }
 

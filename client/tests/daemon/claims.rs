@@ -115,6 +115,31 @@ fn last_setpoints_of_start_get_longest_horizon() {
     until("what 45 ms need", || horizons().last().filter(|horizon| **horizon == 25_000_000).copied());
 }
 
+/// Goal: a claim measures its own stop, after it has seen that of its predecessor.
+#[test]
+fn stop_of_predecessor_hides_no_later_gap() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    let error = claim.wait_for(Phase::Active, PATIENCE).unwrap_err();
+    let of_predecessor = matches!(
+        &error,
+        Error::Stopped { stop: Stop::Cause { cause: Cause::SetpointTimeout, lateness: None, .. }, .. }
+    );
+    assert!(of_predecessor, "{error:?}");
+    daemon.cause.store(0, Ordering::Relaxed);
+    claim.enable().unwrap();
+    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    std::thread::sleep(Duration::from_millis(80));
+    daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
+    let error = until("the stop", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    let is_measured = matches!(&error, Error::Stopped { stop: Stop::Cause { lateness: Some(_), .. }, .. });
+    assert!(is_measured, "{error:?}");
+}
+
 #[test]
 fn late_owner_gets_stop_with_measured_gap() {
     let place = place();

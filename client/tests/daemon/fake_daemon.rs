@@ -65,9 +65,10 @@ impl FakeDaemon {
         self.ports.notify().unwrap();
     }
 
-    /// As the daemon, takes the group from an owner whose setpoints stayed away. The test decides when.
+    /// As the daemon, takes the started group from an owner whose setpoints stayed away. The test decides when.
     fn advance_phase(&mut self) {
-        if self.cause.load(Ordering::Relaxed) == Cause::SetpointTimeout.code() {
+        let is_late = self.cause.load(Ordering::Relaxed) == Cause::SetpointTimeout.code();
+        if is_late && self.phase != Phase::Disarmed {
             self.owner = 0;
         }
         self.phase = match self.phase {
