@@ -100,9 +100,9 @@ impl Log {
         }));
     }
 
-    /// Writes an error. Never blocks.
+    /// Writes an error. Never blocks. The text has no colours of ours: those in it are spelled out.
     pub fn error(&self, text: &str) {
-        self.push(Level::ERROR, format!("{text}\n").as_bytes());
+        self.push(Level::ERROR, format!("{}\n", printable(text)).as_bytes());
     }
 
     /// Queues the lines of `text`, without characters that a terminal obeys or hides.
@@ -235,7 +235,8 @@ mod tests {
         for is_coloured in [false, true] {
             let (reader, writer) = UnixStream::pair().unwrap();
             let log = Log::to(writer, false, is_coloured).unwrap();
-            log.error("\u{1b}[31mERROR\u{1b}[0m knee\u{202e}\u{7f}\u{200b}\nend");
+            let text = "\u{1b}[31mERROR\u{1b}[0m knee\u{202e}\u{7f}\u{200b}\nend\n";
+            log.make_writer().write_all(text.as_bytes()).unwrap();
             log.finish();
             reader.set_nonblocking(true).unwrap();
             let lines: Vec<String> = BufReader::new(reader).lines().map_while(Result::ok).collect();
@@ -243,6 +244,18 @@ mod tests {
             let expected = format!("{escape}[31mERROR{escape}[0m knee\\u{{202e}}\\u{{7f}}\\u{{200b}}");
             assert_eq!(lines, [expected.as_str(), "end"]);
         }
+    }
+
+    /// Such as the message of a panic, which may contain text of another process.
+    #[test]
+    fn error_does_not_colour_a_terminal() {
+        let (reader, writer) = UnixStream::pair().unwrap();
+        let log = Log::to(writer, false, true).unwrap();
+        log.error("motord-ipc: panicked at \u{1b}[2Jknee");
+        log.finish();
+        reader.set_nonblocking(true).unwrap();
+        let line = BufReader::new(reader).lines().next().unwrap().unwrap();
+        assert_eq!(line, "motord-ipc: panicked at \\u{1b}[2Jknee");
     }
 
     #[test]
