@@ -358,6 +358,11 @@ const FORMS: &[Mistake<'_>] = &[
         "rate-hz\u{a0}= 1000",
         "5:8: cycle.rate-hz: has the invisible character U+00A0 here; delete it, or write a space",
     ),
+    (
+        "rate-hz = 1000",
+        "rate-hz \u{e0041}= 1000",
+        "5:9: cycle.rate-hz: has the invisible character U+E0041 here; delete it, or write a space",
+    ),
 ];
 
 #[test]

@@ -5,6 +5,7 @@ use super::super::sort::{Sort, flag, quoted};
 use super::super::units::{Reading, reading};
 use super::line::Line;
 use super::scan::is_key;
+use motord_untrusted::is_harmless;
 
 /// Quotes of text processors.
 const TYPOGRAPHIC: [char; 8] = ['“', '”', '„', '‘', '’', '‚', '«', '»'];
@@ -40,10 +41,7 @@ fn of_letter(line: &Line<'_>) -> Option<String> {
         || letter == ' '
         || letter.is_alphanumeric()
         || TYPOGRAPHIC.contains(&letter);
-    let is_hidden = letter.is_whitespace()
-        || letter.is_control()
-        || ('\u{200b}'..='\u{206f}').contains(&letter)
-        || letter == '\u{feff}';
+    let is_hidden = letter.is_whitespace() || !is_harmless(letter);
     match letter {
         '\t' => None,
         letter if !is_seen && is_hidden => Some(format!(
