@@ -123,11 +123,12 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     let client = status::connect(instance)?;
     let index = client.imu_named(imu)?;
     let mount = client.description().imus[index].mount.map(f64::from);
-    let samples = measure(&client, index, arguments.seconds)?;
+    let interrupt = Interrupt::register();
+    let samples = measure(&client, index, arguments.seconds, &interrupt)?;
     let refused = |reason| Failure::Level { imu: imu.to_owned(), reason };
     let up = samples.at_rest().map_err(refused)?;
     let mount_rpy_deg = if arguments.two_poses {
-        let lowered = second_pose(&client, index, arguments, up)?;
+        let lowered = second_pose(&client, index, arguments, up, &interrupt)?;
         of_two_poses(mount, up, lowered)
     } else {
         levelled(mount, up).ok_or_else(|| {
@@ -171,6 +172,7 @@ fn second_pose(
     index: usize,
     arguments: &Arguments,
     up: [f64; 3],
+    interrupt: &Interrupt,
 ) -> Result<[f64; 3], Failure> {
     let Arguments { imu, seconds, .. } = arguments;
     let [least, most] = [SECOND_POSE_DEGREES.start(), SECOND_POSE_DEGREES.end()];
@@ -179,7 +181,7 @@ fn second_pose(
     );
     let end = Instant::now() + SECOND_POSE_TIME;
     loop {
-        let found = measure(client, index, *seconds)?.at_rest();
+        let found = measure(client, index, *seconds, interrupt)?.at_rest();
         let reason = match found {
             Ok(lowered) if SECOND_POSE_DEGREES.contains(&angle(up, lowered)) => return Ok(lowered),
             Ok(lowered) => format!("the second pose is {:.0}° from the first", angle(up, lowered)),
@@ -198,8 +200,7 @@ fn angle(one: [f64; 3], other: [f64; 3]) -> f64 {
 }
 
 /// Collects each sample once.
-fn measure(client: &Client, imu: usize, seconds: f64) -> Result<Samples, Failure> {
-    let interrupt = Interrupt::register();
+fn measure(client: &Client, imu: usize, seconds: f64, interrupt: &Interrupt) -> Result<Samples, Failure> {
     let end = Instant::now() + Duration::from_secs_f64(seconds);
     let (mut samples, mut newest) = (Samples::default(), 0);
     while Instant::now() < end {
