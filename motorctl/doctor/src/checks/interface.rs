@@ -81,7 +81,7 @@ fn refused(error: &OpenError, can_restart: bool) -> Finding {
     let sentence = error.to_string();
     let measured = sentence.split("; as root").next().unwrap_or_default();
     let is_useful = |command: &&str| can_restart || !command.contains("restart-ms");
-    let remedy = error.remedy().map(|remedy| remedy.to_string());
+    let remedy = error.remedy().map(ToString::to_string);
     let commands = remedy.map(|remedy| remedy.split("; ").filter(is_useful).collect::<Vec<_>>().join("; "));
     let command = commands.map(|commands| format!("sudo sh -c '{commands}'"));
     Finding::bad("interface", measured, "motord does not reach its motors").mended_by(command)
