@@ -19,6 +19,7 @@
 
 #include "motord.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -128,6 +129,12 @@ inline std::vector<std::string> names(std::uint32_t set, const char *(*name_of)(
             names.emplace_back(name);
     }
     return names;
+}
+
+/// The name of a joint; empty for an index of none.
+inline std::string name_of(motord_client *client, std::size_t joint) {
+    const char *name = motord_name(client, MOTORD_LIST_JOINTS, joint);
+    return name ? name : "";
 }
 
 inline std::uint64_t nanoseconds(Nanoseconds time) noexcept {
@@ -379,6 +386,11 @@ public:
         return joints;
     }
 
+    /// The index in the arrays of this claim of each of `names`, in their order: `position[indices[0]]` is that of `names[0]`. For a
+    /// controller whose joints have an order of their own, such as a policy. `client` is that of the claim. Throws an Error unless
+    /// `names` has each joint of the claim once. Call it before the loop: it allocates.
+    std::vector<std::size_t> indices(const Client &client, const std::vector<std::string> &names) const;
+
     /// Stores the setpoints that hold the positions in `state`. Send them with `commit`.
     void hold(const State &state, double kp, double kd) { detail::check(motord_hold(get(), state.get(), kp, kd)); }
 
@@ -446,6 +458,27 @@ inline motord_status State::try_read(const Claim &claim, motord_quantity quantit
 inline void State::read(const Claim &claim, motord_quantity quantity, std::vector<double> &values) const {
     values.resize(claim.size());
     detail::check(try_read(claim, quantity, values.data(), values.size()));
+}
+
+inline std::vector<std::size_t> Claim::indices(const Client &client, const std::vector<std::string> &names) const {
+    std::vector<std::string> known;
+    for (std::size_t joint : joints())
+        known.push_back(detail::name_of(client.get(), joint));
+    std::vector<std::size_t> indices;
+    std::vector<bool> is_named(known.size(), false);
+    for (const std::string &name : names) {
+        const std::size_t index = static_cast<std::size_t>(std::find(known.begin(), known.end(), name) - known.begin());
+        if (index == known.size())
+            throw Error(MOTORD_STATUS_UNKNOWN, ("the claim has no joint " + name).c_str());
+        if (is_named[index])
+            throw Error(MOTORD_STATUS_BAD_ARGUMENT, ("names has " + name + " twice").c_str());
+        is_named[index] = true;
+        indices.push_back(index);
+    }
+    for (std::size_t index = 0; index < known.size(); ++index)
+        if (!is_named[index])
+            throw Error(MOTORD_STATUS_BAD_ARGUMENT, ("names lacks " + known[index] + ": name each joint of the claim").c_str());
+    return indices;
 }
 
 inline motord_group State::group(const Claim &claim) const {

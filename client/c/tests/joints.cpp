@@ -1,5 +1,5 @@
 // Reads each joint while a group follows setpoints that a limit clamps, or one whose motor does not answer. Waits for every fifth cycle,
-// and uses a freed claim.
+// orders the claim by name, and uses a freed claim.
 //
 //   joints INSTANCE GROUP          every motor answers
 //   joints INSTANCE offline JOINT  this motor does not
@@ -69,6 +69,36 @@ void wait_for_every_fifth(const motord::Client &client, motord::State &state) {
     }
 }
 
+/// The order of a controller is kept, and one that does not fit is refused.
+void check_order(const motord::Client &client, const motord::Claim &claim) {
+    const std::vector<std::string> all = client.names(MOTORD_LIST_JOINTS);
+    const std::vector<std::size_t> joints = claim.joints();
+    std::vector<std::string> names;
+    for (std::size_t joint : joints)
+        names.push_back(all[joint]);
+    std::rotate(names.begin(), names.begin() + 5, names.end());
+    const std::vector<std::size_t> indices = claim.indices(client, names);
+    require(indices.size() == joints.size(), "the order has another length");
+    for (std::size_t at = 0; at < indices.size(); ++at)
+        require(all[joints[indices[at]]] == names[at] && indices[at] == (at + 5) % joints.size(), names[at] + " has another index");
+
+    const auto refused = [&](std::vector<std::string> given, motord_status status, const std::string &sentence) {
+        try {
+            claim.indices(client, given);
+            require(false, "these names are taken, without: " + sentence);
+        } catch (const motord::Error &error) {
+            require(error.status() == status && error.what() == sentence, error.what());
+        }
+    };
+    std::vector<std::string> given = names;
+    given[3] = "tail";
+    refused(given, MOTORD_STATUS_UNKNOWN, "the claim has no joint tail");
+    given[3] = names[4];
+    refused(given, MOTORD_STATUS_BAD_ARGUMENT, "names has " + names[4] + " twice");
+    given.assign(names.begin(), names.end() - 1);
+    refused(given, MOTORD_STATUS_BAD_ARGUMENT, "names lacks " + names.back() + ": name each joint of the claim");
+}
+
 void use_freed_claim(const motord::Client &client, const std::string &group) {
     motord_claim *claim = nullptr;
     require(motord_claim_group(client.get(), group.c_str(), &claim) == MOTORD_STATUS_OK, motord_error_message());
@@ -100,6 +130,7 @@ int main(int argc, char **argv) {
         }
         {
             motord::Claim claim(client, argv[2]);
+            check_order(client, claim);
             claim.hold(state, 20.0, 0.5);
             claim.commit();
             claim.enable();
