@@ -31,6 +31,25 @@ fn foreign_commands_are_reported_with_their_id() {
     assert_eq!(counts, [20, 0, 0], "by motor");
 }
 
+/// A device that sends once a second is no master, but the log names it. Single frames of a tool are not named.
+#[test]
+fn sender_once_a_second_is_named_only() {
+    for (payload, frames, reported) in [(HEARTBEAT, 3, 0), (HEARTBEAT, 7, 1), (STOP, 7, 1)] {
+        let mut robot = Robot::new(robot::three_motors(), 1);
+        robot.steps(3500);
+        let joints = robot.activate();
+        robot.take_events();
+        for _ in 0..frames {
+            robot.hear(0, 0x001, payload);
+            (0..1000).for_each(|_| robot.follow(&joints));
+        }
+        assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+        let events = robot.take_events();
+        let named = events.iter().filter(|event| matches!(event, Event::Foreign { motor: 0, id: 1, .. }));
+        assert_eq!(named.count(), reported, "{frames} frames: {events:?}");
+    }
+}
+
 #[test]
 fn group_with_foreign_master_is_not_enabled() {
     let mut robot = Robot::new(robot::three_motors(), 1);

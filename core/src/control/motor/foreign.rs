@@ -12,6 +12,10 @@ const REPORT: Duration = Duration::from_secs(10);
 /// reads as rarely. Shorter than the time that makes a sender a master: a burst that two reads share is none.
 const SAFE_GAP: Duration = Duration::from_millis(150);
 
+/// Frames without a longer pause than [`RARE_GAP`] that continue for [`RARE_TIME`] are reported, although their sender is no master.
+const RARE_GAP: Duration = Duration::from_millis(1500);
+const RARE_TIME: Duration = Duration::from_secs(5);
+
 /// Frames with the command id of a motor from another sender.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ForeignFrames {
@@ -29,11 +33,21 @@ impl ForeignFrames {
     }
 }
 
-/// Safe frames of another sender without a longer pause than [`SAFE_GAP`].
+/// Frames of another sender without a long pause.
 #[derive(Debug, Clone, Copy)]
-struct SafeRun {
+struct Run {
     begun: Instant,
     last: Instant,
+}
+
+impl Run {
+    /// Continues `run` at `at`, or begins another one after a pause longer than `gap`. Returns how long it lasts.
+    fn continue_at(run: &mut Option<Self>, at: Instant, gap: Duration) -> Duration {
+        let continued = run.filter(|run| at.since(run.last) <= gap);
+        let begun = continued.map_or(at, |run| run.begun);
+        *run = Some(Self { begun, last: at });
+        at.since(begun)
+    }
 }
 
 /// The frames to one motor that this program did not send.
@@ -48,8 +62,9 @@ pub(super) struct Foreign {
     /// Arrivals of the last two.
     last: Option<Instant>,
     before_last: Option<Instant>,
-    /// The last safe frames.
-    safe: Option<SafeRun>,
+    /// The last safe frames, and the last frames of any kind.
+    safe: Option<Run>,
+    any: Option<Run>,
     /// The last time at which safe frames were those of another master.
     stopped_at: Option<Instant>,
 }
@@ -64,13 +79,17 @@ pub(super) struct Judged {
 }
 
 impl Foreign {
-    /// Counts `frames` that arrived by `at`. Safe frames are from another master when they arrive for `safe_max`: longer than the
-    /// switch acts beside a running daemon.
+    /// Counts `frames` that arrived by `at`. A sender that is no master is reported while its frames continue. Safe frames are from
+    /// another master when they arrive for `safe_max`: longer than the switch acts beside a running daemon.
     pub(super) fn observe(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> Judged {
         let is_master =
             self.counts_safe(frames.safe, at, safe_max) | self.counts_commands(frames.commands, at);
+        let is_regular = self.is_regular(frames, at, safe_max);
+        if is_regular && !is_master {
+            self.total = self.total.wrapping_add(frames.safe);
+        }
         let is_due = self.reported.is_none_or(|reported| at.since(reported) >= REPORT);
-        let report = (is_master && is_due).then_some(self.total);
+        let report = ((is_master || is_regular) && is_due).then_some(self.total);
         if report.is_some() {
             self.reported = Some(at);
         }
@@ -95,15 +114,17 @@ impl Foreign {
         if frames == 0 {
             return false;
         }
-        let continued = self.safe.filter(|run| at.since(run.last) <= SAFE_GAP);
-        let begun = continued.map_or(at, |run| run.begun);
-        self.safe = Some(SafeRun { begun, last: at });
-        let is_master = at.since(begun) >= safe_max;
+        let is_master = Run::continue_at(&mut self.safe, at, SAFE_GAP) >= safe_max;
         if is_master {
             self.total = self.total.wrapping_add(frames);
             self.stopped_at = Some(at);
         }
         is_master
+    }
+
+    /// Returns whether frames continue for longer than single ones of a tool do, and a switch acts.
+    fn is_regular(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> bool {
+        frames.is_any() && Run::continue_at(&mut self.any, at, RARE_GAP) >= RARE_TIME.max(safe_max)
     }
 
     /// Returns the number of frames since the start, wrapping.
@@ -141,7 +162,7 @@ mod tests {
         let (mut foreign, begin) = (Foreign::default(), Instant::from_nanos(1));
         for frame in 0..100_u32 {
             let at = begin + frame * Duration::from_millis(300);
-            assert_eq!(foreign.observe(ONE, at, SAFE_MAX), Judged { is_master: false, report: None });
+            assert!(!foreign.observe(ONE, at, SAFE_MAX).is_master);
         }
         let last = begin + 99 * Duration::from_millis(300);
         assert!(foreign.is_heard(last));
