@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::PyTypeInfo;
 use pyo3::exceptions::{PyKeyError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyFloat, PyFrozenSet, PySet, PyString, PyTuple};
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyFloat, PyFrozenSet, PySet, PyString, PyTuple};
 use std::time::Duration;
 
 /// Limit on the joints of a robot.
@@ -129,11 +129,23 @@ fn without<E: PyTypeInfo, T>(py: Python<'_>, outcome: PyResult<T>) -> PyResult<O
 fn number(value: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
     let has_length = || without::<PyTypeError, _>(value.py(), value.len()).map(|length| length.is_some());
     // The check of a float would cost more than its conversion.
-    if !value.is_instance_of::<PyFloat>() && has_length()? {
+    if !value.is_instance_of::<PyFloat>() && (has_length()? || is_complex(value)?) {
         return Ok(None);
     }
     let read = without::<PyTypeError, _>(value.py(), value.extract::<f64>());
     Ok(without::<PyOverflowError, _>(value.py(), read)?.unwrap_or(Some(f64::INFINITY)))
+}
+
+/// numpy converts a complex number, with a warning only.
+fn is_complex(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let Some(dtype) = value.getattr_opt("dtype")? else { return Ok(false) };
+    dtype.getattr_opt("kind")?.map_or(Ok(false), |kind| kind.eq("c"))
+}
+
+/// Returns `true` for values that iterate as numbers and are none: text in bytes, and arrays of which some entries are invalid.
+fn is_no_data(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let is_bytes = value.is_instance_of::<PyBytes>() || value.is_instance_of::<PyByteArray>();
+    Ok(is_bytes || (value.hasattr("mask")? && value.hasattr("fill_value")?))
 }
 
 /// Nothing is 0, a number is that of every joint, an array has one for each, a mapping names each.
@@ -143,6 +155,9 @@ fn read(name: &str, value: Option<&Bound<'_, PyAny>>, joints: &[impl AsRef<str>]
     if let Some(number) = number(value)? {
         values[..count.min(JOINTS_MAX)].fill(number as f32);
         return Ok(values);
+    }
+    if is_no_data(value)? {
+        return Err(no_array(name, value, count));
     }
     let py = value.py();
     if let Some(array) = without::<PyTypeError, _>(py, value.extract::<PyReadonlyArray1<'_, f64>>())? {
@@ -190,11 +205,12 @@ fn no_array(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyErr {
 }
 
 fn no_array_text(name: &str, value: &Bound<'_, PyAny>, count: usize) -> PyResult<String> {
-    let Some(shape) = shape(value)? else {
+    let Some(shape) = shape(value)?.filter(|shape| !shape.is_empty() && shape != &[count]) else {
         let found = value.get_type().repr()?;
         let found = found.to_string_lossy();
+        let of = value.getattr_opt("dtype")?.map_or(String::new(), |dtype| format!(" of {dtype}"));
         return Ok(format!(
-            "{name} is {found}: give a number, a one-dimensional array of {count}, or a mapping by name"
+            "{name} is {found}{of}: give a number, a one-dimensional array of {count}, or a mapping by name"
         ));
     };
     // A network returns a batch of one.

@@ -244,6 +244,12 @@ class Tensor:
         (Tensor(np.full((1, 12), 0.3)), r"q has the shape \(1, 12\)"),
         (np.full((1, 1), 0.3), r"q has the shape \(1, 1\)"),
         ([[0.3]] * 12, "one-dimensional array of 12"),
+        (np.ma.masked_array(np.full(12, 0.3), mask=True), "q is <class 'numpy.ma.MaskedArray'> of float64: give a number"),
+        (np.full(12, 0.3 + 1j), "q is <class 'numpy.ndarray'> of complex128: give a number"),
+        (np.complex64(0.3 + 1j), "q is <class 'numpy.complex64'>"),
+        (np.array(["a"] * 12), "q is <class 'numpy.ndarray'> of <U1: give a number"),
+        (b"\0" * 12, "q is <class 'bytes'>: give a number"),
+        (bytearray(12), "q is <class 'bytearray'>: give a number"),
     ],
 )
 def test_setpoints_of_other_shapes_are_refused(value: Any, part: str) -> None:
