@@ -55,6 +55,12 @@ const AXES: usize = 24;
 /// The conventions that may agree: those of [`CONVENTIONS`], then the turns.
 const CANDIDATES: usize = CONVENTIONS.len() + AXES - 1;
 
+/// The contradictions that name no convention.
+const UNKNOWN: u32 = Direction.bit() | Size.bit();
+/// Consecutive rests until one of [`UNKNOWN`] is reported of an IMU that agreed before. An elevator or a vehicle accelerates
+/// constantly for some seconds.
+const UNKNOWN_RESTS: u32 = 3;
+
 /// The contradictions of the size of the acceleration. The others are of directions.
 const SIZES: u32 = AccelerationInG.bit() | WithoutGravity.bit() | Size.bit();
 
@@ -77,6 +83,8 @@ pub(super) struct GravityCheck {
     /// By candidate, whether it agreed in every rest since the contradiction began.
     agreeing: u64,
     contradictions: u32,
+    /// A rest showed no contradiction.
+    has_agreed: bool,
 }
 
 /// The samples of a rest, in the frame of the body.
@@ -94,12 +102,14 @@ struct Rest {
     orientations: [f64; 4],
     accelerations: [f64; 3],
     samples: u32,
+    /// Rests directly before this one that showed a contradiction.
+    doubts: u32,
 }
 
 impl GravityCheck {
     /// Checks an IMU with this mount.
     pub(super) const fn new(mount: Mount) -> Self {
-        Self { mount, rest: None, agreeing: u64::MAX, contradictions: 0 }
+        Self { mount, rest: None, agreeing: u64::MAX, contradictions: 0, has_agreed: false }
     }
 
     /// Returns the bits of the contradictions that the last rest showed; 0 before the first.
@@ -115,14 +125,24 @@ impl GravityCheck {
             Some(rest) => rest.with(sample, at),
             None => Rest::new(sample, at, sample.angular_velocity, sample.acceleration),
         };
-        let is_over = at.since(rest.begin) >= REST;
+        if at.since(rest.begin) < REST {
+            self.rest = Some(rest);
+            return None;
+        }
+        let mean = rest.mean();
+        let contradictions = self.direction(&mean) | self.size(&mean);
+        let doubts = if contradictions == 0 { 0 } else { rest.doubts.saturating_add(1) };
         // The next rest begins with this sample.
-        self.rest = Some(if is_over { Rest::new(sample, at, rest.turn, rest.force) } else { rest });
-        is_over.then(|| self.conclude(&rest.mean())).flatten()
+        self.rest = Some(Rest { doubts, ..Rest::new(sample, at, rest.turn, rest.force) });
+        self.conclude(&mean, contradictions, doubts)
     }
 
-    fn conclude(&mut self, mean: &ImuSample) -> Option<Finding> {
-        let contradictions = self.direction(mean) | self.size(mean);
+    fn conclude(&mut self, mean: &ImuSample, contradictions: u32, doubts: u32) -> Option<Finding> {
+        let is_unknown = contradictions & !UNKNOWN == 0 && (1..UNKNOWN_RESTS).contains(&doubts);
+        if is_unknown && self.has_agreed && self.contradictions & UNKNOWN == 0 {
+            return None;
+        }
+        self.has_agreed |= contradictions == 0;
         let finding = Finding { contradictions, up: up(mean.orientation), acceleration: mean.acceleration };
         let before = core::mem::replace(&mut self.contradictions, contradictions);
         (before != contradictions).then_some(finding)
@@ -172,6 +192,7 @@ impl Rest {
             orientations: sample.orientation.map(f64::from),
             accelerations: sample.acceleration.map(f64::from),
             samples: 1,
+            doubts: 0,
         }
     }
 

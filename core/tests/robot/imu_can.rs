@@ -5,7 +5,7 @@ use motord_core::control::Event;
 use motord_core::settings::Settings;
 use motord_harness::robot::{self, Robot};
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
-use motord_shared::{BusCondition, Cause, ImuContradiction, ImuState, Phase};
+use motord_shared::{BusCondition, Cause, ImuState, Phase};
 
 /// A motor beside a HiPNUC, and a DM-IMU-L1 alone, each as `imus` says.
 fn settings(imus: &str) -> Settings {
@@ -269,24 +269,6 @@ fn garbage_is_rejected_and_never_published() {
         assert_eq!((after.sequence, after.orientation), (before.sequence, before.orientation), "{verb}");
         assert!(after.rejected >= before.rejected + 19, "{verb}: {}", after.rejected);
     }
-}
-
-/// A firmware that sends x, y, z, w: TPDOs of a body that rests with roll 0.4, pitch 0.3, yaw 0.5 rad, by hand. Codes of 0.001 G and
-/// 0.0001; the noise is one code.
-#[test]
-fn convention_of_a_can_sensor_is_named() {
-    let mut robot = robot(HIPNUC);
-    inject(&robot, 0, "head off");
-    robot.steps(20);
-    let codes = |values: [i16; 4]| values.map(i16::to_le_bytes).concat();
-    for turn in 0..400_i16 {
-        robot.hear(0, 0x188, &codes([-296, 372, 880 + turn % 3, 0])[..6]);
-        robot.hear(0, 0x288, &[0; 6]);
-        robot.hear(0, 0x488, &codes([1541, 1905, 2110, 9463]));
-        robot.steps(5);
-    }
-    let state = imu(&mut robot, 0);
-    assert_eq!((state.flags & IMU_LOST, state.contradictions()), (0, ImuContradiction::QuaternionXyzw.bit()));
 }
 
 /// Frames of a sample without a request: a device that sends by itself as well, or an attacker.

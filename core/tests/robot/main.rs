@@ -3,6 +3,7 @@
 mod ambiguous;
 mod busy_poll;
 mod client_fuzz;
+mod conventions;
 mod cycle;
 mod exclusion;
 mod external_plant;
