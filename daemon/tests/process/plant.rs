@@ -2,13 +2,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_client::{Phase, Setpoint};
+use motord_client::{ImuContradiction, Phase, Setpoint};
+use motord_harness::conventions::{CONVENTIONS, Convention};
 use motord_harness::daemon::{Daemon, PATIENCE, until};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
-use std::time::Duration;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Its interface does not exist: `--plant` opens none.
@@ -36,32 +39,35 @@ rate-hz = 500
 mount-rpy-deg = [0, 0, 90]
 "#;
 
+/// The measurements of its IMU: orientation w, x, y, z, angular velocity, specific force.
+type Measure = Box<dyn FnMut() -> [f64; 10] + Send>;
+
+/// A level body that turns at `rate` about x, rad/s.
+fn turning(rate: f64) -> [f64; 10] {
+    [1.0, 0.0, 0.0, 0.0, rate, 0.2, 0.3, 0.0, 0.0, 9.81]
+}
+
 /// How the plant answers a step, with the torque: position and velocity.
 type Answer = Box<dyn FnMut(f64) -> [f64; 2] + Send>;
 
 /// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer` until that returns `f64::MAX` for the
 /// velocity.
 fn daemon(config: &str, greeting: &'static str, answer: Answer) -> Daemon {
-    daemon_with_imu(config, greeting, answer, Box::new(|| 0.1))
+    daemon_with_imu(config, greeting, answer, Box::new(|| turning(0.1)))
 }
 
-/// As [`daemon`], whose IMU measures `rate` about x, rad/s.
-fn daemon_with_imu(
-    config: &str,
-    greeting: &'static str,
-    answer: Answer,
-    rate: Box<dyn FnMut() -> f64 + Send>,
-) -> Daemon {
+/// As [`daemon`], with the measurements of its IMU.
+fn daemon_with_imu(config: &str, greeting: &'static str, answer: Answer, measure: Measure) -> Daemon {
     let directory = TempDir::new().unwrap();
     let socket = directory.path().join("plant");
     let listener = UnixListener::bind(&socket).unwrap();
-    std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer, rate));
+    std::thread::spawn(move || plant(listener.accept().unwrap().0, greeting, answer, measure));
     Daemon::start_in(directory, config, |command| {
         command.arg("--plant").arg(socket);
     })
 }
 
-fn plant(stream: UnixStream, greeting: &str, mut answer: Answer, mut rate: Box<dyn FnMut() -> f64 + Send>) {
+fn plant(stream: UnixStream, greeting: &str, mut answer: Answer, mut measure: Measure) {
     let mut reader = BufReader::new(stream.try_clone().unwrap());
     let mut line = String::new();
     reader.read_line(&mut line).unwrap();
@@ -76,8 +82,7 @@ fn plant(stream: UnixStream, greeting: &str, mut answer: Answer, mut rate: Box<d
         let [seconds, torque] = asked.map(f64::from_le_bytes);
         assert_eq!(seconds, 0.00025);
         let [position, velocity] = answer(torque);
-        let imu = [1.0, 0.0, 0.0, 0.0, rate(), 0.2, 0.3, 0.0, 0.0, 9.81];
-        let imu = imu.into_iter().take(if greeting.contains("true") { 10 } else { 0 });
+        let imu = measure().into_iter().take(if greeting.contains("true") { 10 } else { 0 });
         let numbers = [position, velocity].into_iter().chain(imu).flat_map(f64::to_le_bytes);
         if velocity == f64::MAX || writer.write_all(&numbers.collect::<Vec<_>>()).is_err() {
             return;
@@ -206,13 +211,39 @@ fn answers_of_wrong_length_end_the_daemon() {
 #[test]
 fn imu_of_nan_ends_the_daemon() {
     let mut steps = 0;
-    let breaks: Box<dyn FnMut() -> f64 + Send> = Box::new(move || {
+    let breaks: Measure = Box::new(move || {
         steps += 1;
-        if steps > 1000 { f64::NAN } else { 0.1 }
+        turning(if steps > 1000 { f64::NAN } else { 0.1 })
     });
     let (status, log) = end(daemon_with_imu(CONFIG, r#"{"imu": true}"#, Box::new(|_| [0.0, 0.0]), breaks));
     assert_eq!(status, Some(69), "{log}");
     assert!(log.contains("the plant has computed the angular velocity NaN of its IMU"), "{log}");
+}
+
+/// Goal: each convention of a plant's IMU is named in the status of the daemon.
+#[test]
+fn each_convention_of_a_plant_is_in_status() {
+    let kind = Arc::new(AtomicUsize::new(0));
+    let measured = Arc::clone(&kind);
+    let measure: Measure = Box::new(move || {
+        let Convention { orientation, acceleration, .. } = CONVENTIONS[measured.load(Ordering::Relaxed)];
+        let values = orientation.iter().chain(&[0.0; 3]).chain(&acceleration);
+        let mut numbers = [0.0; 10];
+        numbers.iter_mut().zip(values).for_each(|(number, value)| *number = f64::from(*value));
+        numbers
+    });
+    let daemon = daemon_with_imu(CONFIG, r#"{"imu": true}"#, joint(), measure);
+    let client = daemon.connect();
+    for (index, convention) in CONVENTIONS.iter().enumerate() {
+        kind.store(index, Ordering::Relaxed);
+        let (names, begun) = (convention.names(), Instant::now());
+        until(&format!("{names:?}"), || {
+            let imu = client.wait(PATIENCE).ok()?.imu(0)?;
+            imu.contradictions().map(ImuContradiction::name).eq(names.iter().copied()).then_some(())
+        });
+        println!("{names:?} after {:?}", begun.elapsed());
+        assert_eq!(daemon.status()["imus"][0]["contradictions"], Value::from(names));
+    }
 }
 
 #[test]

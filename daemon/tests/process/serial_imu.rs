@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_client::{Cause, Client, Error, Imu, ImuContradiction, Phase, Refusal, Setpoint, State};
+use motord_harness::conventions::CONVENTIONS;
 use motord_protocol::imu::hipnuc::serial::encode as hipnuc_frame;
 use motord_protocol::imu::xsens::{MESSAGE_LEN_MAX, encode as xsens_frame};
 use motord_protocol::imu::{DeviceTime, Quaternion, Sample};
@@ -264,10 +265,10 @@ fn damaged_samples_are_counted_and_not_published() {
     assert!(end.rejected > begun.rejected + 20, "{end:?}");
 }
 
-/// A firmware with another quaternion: both protocols carry it, and the mount of `head` turns its axes. The body rests with roll 0.4,
-/// pitch 0.3, yaw 0.5 rad.
+/// Firmware of each convention: both protocols carry it, and the mount of `head` turns its axes. HiPNUC has G on the wire: its
+/// "in g" is a firmware that divides twice.
 #[test]
-fn convention_of_a_serial_sensor_is_named() {
+fn each_convention_of_a_serial_sensor_is_named() {
     let robot = Robot::start();
     let open = |name: &str| {
         let ends = openpty(None, None).unwrap();
@@ -275,29 +276,30 @@ fn convention_of_a_serial_sensor_is_named() {
         (std::fs::File::from(ends.master), ends.slave)
     };
     let ((mut hipnuc, _hipnuc_stays), (mut xsens, _xsens_stays)) = (open("hipnuc"), open("xsens"));
-    let [w, x, y, z] = [0.946_281, 0.154_097, 0.190_506, 0.210_984];
     let mut counter = 0_u16;
-    until("both names", || {
-        counter = counter.wrapping_add(1);
-        let noise = 0.002 * f32::from(counter % 7);
-        let sample = Sample {
-            // The quaternion from the world to the body.
-            orientation: Some(Quaternion::from([w, -x, -y, -z])),
-            angular_velocity: Some([noise, 0.0, 0.0]),
-            acceleration: Some([-2.899, 3.650, 8.632 + noise]),
-            counter: Some(counter),
-            time: Some(DeviceTime { ticks: 10 * u32::from(counter), per_second: 1000 }),
-            ..Sample::default()
-        };
-        hipnuc.write_all(&hipnuc_frame(&sample)).unwrap();
-        xsens.write_all(xsens_frame(&sample, &mut [0; MESSAGE_LEN_MAX])).unwrap();
-        std::thread::sleep(Duration::from_millis(10));
-        let is_named = |name: &str| {
-            let found: Vec<_> = robot.imu(name).contradictions().collect();
-            found == [ImuContradiction::QuaternionInverse]
-        };
-        (is_named("base") && is_named("head")).then_some(())
-    });
+    for convention in &CONVENTIONS {
+        let (names, begun) = (convention.names(), Instant::now());
+        until(&format!("{names:?} of both"), || {
+            counter = counter.wrapping_add(1);
+            let sample = Sample {
+                orientation: Some(Quaternion::from(convention.orientation)),
+                angular_velocity: Some([0.002 * f32::from(counter % 7), 0.0, 0.0]),
+                acceleration: Some(convention.noisy(counter.into())),
+                counter: Some(counter),
+                time: Some(DeviceTime { ticks: 10 * u32::from(counter), per_second: 1000 }),
+                ..Sample::default()
+            };
+            hipnuc.write_all(&hipnuc_frame(&sample)).unwrap();
+            xsens.write_all(xsens_frame(&sample, &mut [0; MESSAGE_LEN_MAX])).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+            let is_named = |name: &str| {
+                let imu = robot.imu(name);
+                !imu.lost && imu.contradictions().map(ImuContradiction::name).eq(names.iter().copied())
+            };
+            (is_named("base") && is_named("head")).then_some(())
+        });
+        println!("{names:?} after {:?}", begun.elapsed());
+    }
 }
 
 /// The processor time of the threads that read serial IMUs, in ticks of 10 ms.
