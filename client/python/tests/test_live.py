@@ -39,14 +39,15 @@ def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def live(tmp_path: Path, runtime: None) -> Iterator[Start]:
-    """Starts python -m motord.sim live, and waits until the robot runs."""
+    """Starts python -m motord.sim live, after Python's statements before, and waits until the robot runs."""
     running: list[subprocess.Popen[str]] = []
     config = tmp_path / "robot.toml"
     # The test judges who walks, not how late this machine lets a controller be.
     config.write_text(CONFIG.read_text().replace("setpoint-timeout-ms = 200.0", "setpoint-timeout-ms = 1000.0"))
 
-    def start(*arguments: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", "motord.sim", "live", str(config), str(MODEL), "--motord", program("motord")]
+    def start(*arguments: str, before: str = "") -> "subprocess.Popen[str]":
+        code = f"import sys; {before}\nfrom motord.sim.__main__ import main\nsys.exit(main())"
+        command = [sys.executable, "-c", code, "live", str(config), str(MODEL), "--motord", program("motord")]
         with (tmp_path / "log").open("w") as log:
             process = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=log, text=True)
         running.append(process)
@@ -67,7 +68,9 @@ def live(tmp_path: Path, runtime: None) -> Iterator[Start]:
 
 def test_quadruped_walks_in_real_time(live: Start) -> None:
     process = live("--imu", "imu", "--key", "stand", "--json")
-    walk(motord.connect("demo"), 9.5)
+    robot = motord.connect("demo")
+    walk(robot, 9.5)
+    assert not robot.wait().imu["base"].contradictions
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate()
     end = json.loads(out)
@@ -75,6 +78,18 @@ def test_quadruped_walks_in_real_time(live: Start) -> None:
     assert process.returncode == 0
     # It falls from its stand before the walk, a little back; and a busy machine takes time from the walk.
     assert end["body"][0] > 1.2 and abs(end["body"][1]) < 0.3, end
+
+
+def test_convention_of_model_is_named_in_status(live: Start) -> None:
+    in_g = "from motord.sim.mujoco import Mujoco as M; right = M.imu; M.imu = lambda m: (*right(m)[:2], right(m)[2] / 9.81)"
+    live("--imu", "imu", "--key", "stand", before=in_g)
+    command = [program("motorctl"), "--instance", "demo", "status", "--json"]
+    found: list[str] = []
+    end = time.monotonic() + READY_S
+    while not found and time.monotonic() < end:
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        found = json.loads(done.stdout)["imus"][0]["contradictions"]
+    assert found == ["acceleration-in-g"]
 
 
 @pytest.mark.parametrize(

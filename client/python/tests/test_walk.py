@@ -1,6 +1,9 @@
 """The shipped quadruped walks by one controller in MuJoCo alone and through motord."""
 
+import itertools
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +15,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from walk import CONFIG, MODEL, walk  # noqa: E402
 
 import motord  # noqa: E402
+from motord import State  # noqa: E402
 from motord.sim import Ideal, Mujoco, Twin  # noqa: E402
+from motord.sim.twin import TwinClaim  # noqa: E402
 
 
 def plant() -> Mujoco:
@@ -30,6 +35,34 @@ class Watched(Mujoco):
         super().step(torques, seconds, q, dq)
         w, x, y, z = self.data.qpos[3:7]
         self.way.append([*self.data.qpos[:3], np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
+
+
+NAMED: set[str] = set()
+
+
+class NotedClaim(TwinClaim):
+    """Keeps what contradicts in the states of its loops."""
+
+    def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
+        for state in super().cycles(hz, timeout=timeout):
+            NAMED.update(state.imu[self._twin.imus[0]].contradictions)
+            yield state
+
+
+def test_walk_names_no_convention(monkeypatch: pytest.MonkeyPatch) -> None:
+    """MOTORD_WALK_SECONDS sets the length, s."""
+    monkeypatch.setattr("motord.sim.twin.TwinClaim", NotedClaim)
+    NAMED.clear()
+    twin, left = Twin(CONFIG, plant(), compute_us=300, seed=3), float(os.environ.get("MOTORD_WALK_SECONDS", "6"))
+    for speed, turn in itertools.cycle([(0.4, 0.0), (0.3, 1.0), (0.2, -0.5), (0.0, 0.8), (-0.2, 0.0)]):
+        walk(twin, min(left, 60.0), speed, turn)
+        # The robot sinks to the ground, and rests there.
+        for _ in range(3000):
+            NAMED.update(twin.wait().imu[twin.imus[0]].contradictions)
+        left -= 60.0
+        if left <= 0.0:
+            break
+    assert not NAMED
 
 
 @pytest.mark.parametrize("world", [Ideal, Twin])
