@@ -5,6 +5,8 @@ use crate::schema::assert_lines_valid;
 use motord_client::{Client, ImuSample};
 use motord_harness::daemon::{BENCH, Daemon, until};
 use motord_simulator::ImuVendor;
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -100,59 +102,99 @@ fn silent_and_unknown_lines_are_named() {
     assert!(said.contains("/dev/ttyNONE: there is no such device"), "{said}");
 }
 
-/// Publishes samples of a sensor at rest that is mounted with roll 2°, pitch 0 and yaw 90°, until `end`. It turns at `turn`,
-/// rad/s.
-fn publish(client: &Client, turn: f32, end: &AtomicBool) {
-    let mut publisher = client.publish_imu("base").unwrap();
+/// A sensor at rest that is mounted with roll 2°, pitch 0 and yaw 90°, and turns at `turn`, rad/s.
+fn mounted(turn: f32) -> ImuSample {
     let (sine, cosine) = 2.0_f32.to_radians().sin_cos();
     // Roll is the first turn, so it is about the sensor's x: up leans to its y.
-    let sample = ImuSample {
+    ImuSample {
         orientation: [1.0, 0.0, 0.0, 0.0],
         angular_velocity: [turn, 0.0, 0.0],
         acceleration: [0.0, 9.81 * sine, 9.81 * cosine],
         temperature: None,
         time_ns: 0,
-    };
+    }
+}
+
+/// A sensor at rest whose x points down, on a body whose nose is lowered by this angle, °: pitch 90° and the angle.
+fn pitched(lowered: f32) -> ImuSample {
+    let (sine, cosine) = (90.0 + lowered).to_radians().sin_cos();
+    let (half_sine, half_cosine) = ((90.0 + lowered) / 2.0).to_radians().sin_cos();
+    ImuSample {
+        orientation: [half_cosine, 0.0, half_sine, 0.0],
+        acceleration: [-9.81 * sine, 0.0, 9.81 * cosine],
+        ..mounted(0.0)
+    }
+}
+
+/// Publishes `samples` until `end`: the second one once `moved` is set.
+fn publish(client: &Client, samples: [ImuSample; 2], moved: &AtomicBool, end: &AtomicBool) {
+    let mut publisher = client.publish_imu("base").unwrap();
     for number in 0_u32.. {
         if end.load(Ordering::Relaxed) {
             break;
         }
+        let sample = samples[usize::from(moved.load(Ordering::Relaxed))];
+        let [x, y, z] = sample.angular_velocity;
         // Without noise the samples would count as one that is repeated.
-        let angular_velocity = [turn, 0.0, 1e-4 * (number % 7) as f32];
+        let angular_velocity = [x, y, z + 1e-4 * (number % 7) as f32];
         let _not_yet = publisher.send(&ImuSample { angular_velocity, ..sample });
         std::thread::sleep(Duration::from_millis(4));
     }
 }
 
-#[test]
-fn level_measures_roll_and_pitch_and_keeps_yaw() {
+/// Runs `imu level base` beside a publisher, which sends the second sample when the command asks for the second pose.
+fn level(daemon: &Daemon, samples: [ImuSample; 2], arguments: &[&str]) -> (Option<i32>, String, String) {
+    let (client, moved, end) = (daemon.connect(), AtomicBool::new(false), AtomicBool::new(false));
+    until("the end of the last publisher", || daemon.status()["imus"][0]["lost"].as_bool()?.then_some(()));
+    std::thread::scope(|scope| {
+        scope.spawn(|| publish(&client, samples, &moved, &end));
+        daemon.await_status(|status| status["imus"][0]["lost"] == false);
+        let mut command = daemon.command(&[&["imu", "level", "base"], arguments].concat());
+        let mut process = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut said = String::new();
+        for line in BufReader::new(process.stderr.take().unwrap()).lines() {
+            said += &line.unwrap();
+            moved.fetch_or(said.contains("Now lower the nose"), Ordering::Relaxed);
+        }
+        let output = process.wait_with_output().unwrap();
+        end.store(true, Ordering::Relaxed);
+        (output.status.code(), text(&output.stdout), said)
+    })
+}
+
+fn external_imu() -> Daemon {
     let imu =
         "\n[[imu]]\nname = \"base\"\ntype = \"external\"\nmount-rpy-deg = [0, 0, 90]\nlost-after-ms = 1000\n";
-    let daemon = Daemon::start(&format!("{BENCH}{imu}"));
-    let level = |turn: f32, arguments: &[&str]| {
-        let (client, end) = (daemon.connect(), AtomicBool::new(false));
-        std::thread::scope(|scope| {
-            scope.spawn(|| publish(&client, turn, &end));
-            daemon.await_status(|status| status["imus"][0]["lost"] == false);
-            let output = daemon.motorctl(&[&["imu", "level", "base"], arguments].concat());
-            end.store(true, Ordering::Relaxed);
-            output
-        })
-    };
-    let measured = level(0.0, &["--json"]);
-    assert!(measured.status.success(), "{}", text(&measured.stderr));
-    assert_lines_valid("motorctl-imu-level", &text(&measured.stdout));
-    let measured: serde_json::Value = serde_json::from_slice(&measured.stdout).unwrap();
+    Daemon::start(&format!("{BENCH}{imu}"))
+}
+
+#[test]
+fn level_measures_roll_and_pitch_and_keeps_yaw() {
+    let daemon = external_imu();
+    let (code, measured, said) = level(&daemon, [mounted(0.0); 2], &["--json"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert_lines_valid("motorctl-imu-level", &measured);
+    let measured: serde_json::Value = serde_json::from_str(&measured).unwrap();
     assert_eq!(measured["line"], "mount-rpy-deg = [2, 0, 90]", "{measured}");
     assert!((measured["tilt_deg"].as_f64().unwrap() - 2.0).abs() < 0.01, "{measured}");
-    until("the end of the first publisher", || daemon.status()["imus"][0]["lost"].as_bool()?.then_some(()));
-    let moving = level(0.5, &[]);
-    assert_eq!(moving.status.code(), Some(1));
-    let said = text(&moving.stderr);
+    let (code, _, said) = level(&daemon, [mounted(0.5); 2], &[]);
+    assert_eq!(code, Some(1));
     assert!(
         said.contains("the mount of base is not measured: the robot turns, at up to 0.50 rad/s"),
         "{said}"
     );
     let unknown = daemon.motorctl(&["imu", "level", "bas"]);
     assert!(!unknown.status.success() && text(&unknown.stderr).contains("bas"), "{}", text(&unknown.stderr));
+}
+
+/// Within 10° of ±90° of pitch noise would decide roll and yaw.
+#[test]
+fn vertical_axis_asks_for_second_pose() {
+    let daemon = external_imu();
+    let (code, measured, said) = level(&daemon, [pitched(0.0); 2], &["--seconds", "0.5"]);
+    assert_eq!((code, measured.as_str()), (Some(1), ""), "{said}");
+    assert!(said.contains("Measure a second pose as well: `motorctl imu level base --two-poses`"), "{said}");
+    let poses = [pitched(0.0), pitched(40.0)];
+    let (code, measured, said) = level(&daemon, poses, &["--seconds", "0.5", "--two-poses"]);
+    assert_eq!((code, measured.trim()), (Some(0), "mount-rpy-deg = [0, 90, 0]"), "{said}");
 }
