@@ -1,6 +1,6 @@
 //! External IMUs: other processes publish their samples.
 
-use super::voice::Voice;
+use super::line_limit::LineLimit;
 use super::writer::Writer;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::control::Repetition;
@@ -52,7 +52,7 @@ struct Remarks {
     publisher: u64,
     clock: bool,
     stuck: bool,
-    voice: Voice,
+    log_limit: LineLimit,
 }
 
 /// A sample that was used.
@@ -67,7 +67,7 @@ struct Used {
 
 impl Source {
     pub(super) fn new(index: usize, imu: &ImuSettings, writer: Writer) -> Self {
-        let voice = Voice::new(clock::monotonic());
+        let log_limit = LineLimit::new(clock::monotonic());
         Self {
             index,
             name: imu.name.clone(),
@@ -76,7 +76,7 @@ impl Source {
             repetition: Repetition::default(),
             used: None,
             old: 0,
-            remarks: Remarks { publisher: 0, clock: false, stuck: false, voice },
+            remarks: Remarks { publisher: 0, clock: false, stuck: false, log_limit },
         }
     }
 
@@ -137,7 +137,7 @@ impl Source {
             Rejected::Future | Rejected::Old => &mut self.remarks.clock,
             Rejected::Stuck => &mut self.remarks.stuck,
         };
-        if core::mem::replace(remarked, true) || !self.remarks.voice.may_speak(now) {
+        if core::mem::replace(remarked, true) || !self.remarks.log_limit.permits(now) {
             return;
         }
         match reason {

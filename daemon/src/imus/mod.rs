@@ -6,17 +6,17 @@
 
 mod external;
 mod gaps;
+mod line_limit;
 mod port;
 mod serial;
 mod simulated;
-mod voice;
 mod writer;
 
 pub use external::ExternalImus;
+pub(crate) use line_limit::LineLimit;
 pub use port::twin;
 pub use serial::SerialImu;
 pub use simulated::{SimulatedImus, World};
-pub(crate) use voice::Voice;
 use writer::Writer;
 
 use motord_bus::Instant;

@@ -1,7 +1,7 @@
 //! An IMU on a serial line: one thread reads its port, and opens it again after it was unplugged.
 
 use super::gaps::Gaps;
-use super::voice::Voice;
+use super::line_limit::LineLimit;
 use super::writer::Writer;
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
@@ -51,7 +51,7 @@ pub struct SerialImu {
     line: ImuSerial,
     writer: Writer,
     gaps: Gaps,
-    voice: Voice,
+    log_limit: LineLimit,
     port: Option<Port>,
     decoder: SerialDecoder,
     repetition: Repetition,
@@ -74,7 +74,7 @@ impl SerialImu {
             line: line.clone(),
             writer,
             gaps: Gaps::new(settings.rate_hz),
-            voice: Voice::new(clock::monotonic()),
+            log_limit: LineLimit::new(clock::monotonic()),
             port: None,
             decoder: SerialDecoder::new(line.protocol),
             repetition: Repetition::default(),
@@ -116,13 +116,13 @@ impl SerialImu {
                 self.without_sample = 0;
                 self.begun = None;
                 self.remarks.clear();
-                if self.voice.may_speak(clock::monotonic()) {
+                if self.log_limit.permits(clock::monotonic()) {
                     let ImuSerial { device, baud, .. } = &self.line;
                     tracing::info!(imu = self.name, device, baud, "opened its serial port");
                 }
             }
             Err(failure) => {
-                if self.failure.as_ref() != Some(&failure) && self.voice.may_speak(clock::monotonic()) {
+                if self.failure.as_ref() != Some(&failure) && self.log_limit.permits(clock::monotonic()) {
                     tracing::warn!(
                         imu = self.name,
                         see = "imu-lost",
@@ -160,7 +160,7 @@ impl SerialImu {
     fn disconnect(&mut self, errno: Errno) {
         self.writer.disconnected();
         self.port = None;
-        if self.voice.may_speak(clock::monotonic()) {
+        if self.log_limit.permits(clock::monotonic()) {
             let device = &self.line.device;
             tracing::warn!(
                 imu = self.name,

@@ -14,7 +14,7 @@ mod link;
 
 pub use link::{PlantError, PlantLink};
 
-use crate::imus::Voice;
+use crate::imus::LineLimit;
 use joints::{Motion, Push};
 use link::{LEVEL, STEP, imu_values};
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
@@ -113,12 +113,18 @@ struct Pace {
     lost: Duration,
     total: Duration,
     begun: Instant,
-    voice: Voice,
+    log_limit: LineLimit,
 }
 
 impl Pace {
     fn new(now: Instant) -> Self {
-        Self { due: now, lost: Duration::ZERO, total: Duration::ZERO, begun: now, voice: Voice::new(now) }
+        Self {
+            due: now,
+            lost: Duration::ZERO,
+            total: Duration::ZERO,
+            begun: now,
+            log_limit: LineLimit::new(now),
+        }
     }
 
     /// Returns the time of the next step.
@@ -131,7 +137,7 @@ impl Pace {
             self.due = now;
         }
         if let Some((share, seconds)) = self.lost_share(now)
-            && self.voice.may_speak(now)
+            && self.log_limit.permits(now)
         {
             tracing::warn!(
                 "the plant is slower than real time: it lost {:.0} % of the last {seconds:.1} s, and its joints jump. Simplify the model, or reduce the other load of the computer",

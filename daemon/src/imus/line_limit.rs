@@ -9,18 +9,18 @@ const REFILL: Duration = Duration::from_secs(10);
 
 /// Permits lines of the log.
 #[derive(Debug)]
-pub(crate) struct Voice {
+pub(crate) struct LineLimit {
     left: u32,
     refilled: Instant,
 }
 
-impl Voice {
+impl LineLimit {
     pub(crate) const fn new(now: Instant) -> Self {
         Self { left: BURST, refilled: now }
     }
 
     /// Returns whether a line may be logged at `now`.
-    pub(crate) fn may_speak(&mut self, now: Instant) -> bool {
+    pub(crate) fn permits(&mut self, now: Instant) -> bool {
         while self.left < BURST && now.since(self.refilled) >= REFILL {
             self.left += 1;
             self.refilled = self.refilled + REFILL;
@@ -28,9 +28,9 @@ impl Voice {
         if self.left == BURST {
             self.refilled = now;
         }
-        let may_speak = self.left > 0;
+        let permits = self.left > 0;
         self.left = self.left.saturating_sub(1);
-        may_speak
+        permits
     }
 }
 
@@ -41,10 +41,10 @@ mod tests {
     /// A device that disconnects every 250 ms for a minute.
     #[test]
     fn flapping_device_does_not_flood_the_log() {
-        let mut voice = Voice::new(Instant::ZERO);
+        let mut lines = LineLimit::new(Instant::ZERO);
         let times = (0..240).map(|turn| Instant::from_nanos(turn * 250_000_000));
-        assert_eq!(times.filter(|now| voice.may_speak(*now)).count(), 8 + 5);
+        assert_eq!(times.filter(|now| lines.permits(*now)).count(), 8 + 5);
         let later = Instant::from_nanos(600_000_000_000);
-        assert_eq!((0..20).filter(|_| voice.may_speak(later)).count(), 8);
+        assert_eq!((0..20).filter(|_| lines.permits(later)).count(), 8);
     }
 }
