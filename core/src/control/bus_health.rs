@@ -51,9 +51,20 @@ impl BusHealth {
         matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
     }
 
-    /// Records lost frames. Returns all since the last event, if the next one is due.
-    pub(super) fn lost(&mut self, losses: Losses, now: Instant) -> Option<Losses> {
+    /// Records lost frames.
+    pub(super) const fn lost(&mut self, losses: Losses) {
         self.losses.add(losses);
+    }
+
+    /// Returns whether lost frames wait for their event.
+    #[inline]
+    pub(super) const fn has_losses(&self) -> bool {
+        self.losses.any()
+    }
+
+    /// Takes the lost frames since the last event, if the next one is due.
+    #[cold]
+    pub(super) fn due_losses(&mut self, now: Instant) -> Option<Losses> {
         let is_due = self.losses_reported.is_none_or(|reported| now.since(reported) >= LOSS_TIME);
         is_due.then(|| {
             self.losses_reported = Some(now);

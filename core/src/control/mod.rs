@@ -306,14 +306,18 @@ impl Control {
     #[cold]
     pub fn frames_lost(&mut self, bus: usize, losses: Losses, now: Instant) {
         self.context.note_loss(bus, now);
-        if let Some(losses) = self.buses[bus].lost(losses, now) {
-            self.context.push(Event::FramesLost { bus, losses });
-        }
+        self.buses[bus].lost(losses);
     }
 
-    /// Records whether a bus accepted all frames of this cycle.
+    /// Records whether a bus accepted all frames of this cycle. Reports the frames that it lost, at most once a second.
     pub fn bus_took(&mut self, bus: usize, all: bool) {
-        self.buses[bus].took(all);
+        let health = &mut self.buses[bus];
+        health.took(all);
+        if health.has_losses()
+            && let Some(losses) = health.due_losses(self.context.now)
+        {
+            self.context.push(Event::FramesLost { bus, losses });
+        }
     }
 
     /// Damps and stops every group; none can be enabled afterwards.

@@ -72,7 +72,7 @@ fn lost_frames_are_reported_once_a_second() {
     let (mut robot, joints) = active();
     let mut reported = Vec::new();
     for cycle in 0..2500 {
-        if cycle % 7 == 0 {
+        if cycle % 9 == 0 {
             robot.disturb("can overrun");
         }
         robot.follow(&joints);
@@ -81,7 +81,25 @@ fn lost_frames_are_reported_once_a_second() {
             _ => None,
         }));
     }
-    assert_eq!(reported, [(0, 1), (0, 143), (0, 143)]);
+    assert_eq!(reported, [(0, 1), (0, 111), (0, 111)]);
+}
+
+/// Goal: the end of a burst is not reported with a loss of minutes later.
+#[test]
+fn last_losses_of_burst_are_reported_soon() {
+    let (mut robot, joints) = active();
+    let mut reported = Vec::new();
+    for cycle in 0..1200 {
+        if cycle < 3 {
+            robot.disturb("can overrun");
+        }
+        robot.follow(&joints);
+        reported.extend(robot.take_events().into_iter().filter_map(|event| match event {
+            Event::FramesLost { losses, .. } => Some((cycle / 100, losses.by_controller)),
+            _ => None,
+        }));
+    }
+    assert_eq!(reported, [(0, 1), (10, 2)]);
 }
 
 #[test]
