@@ -347,7 +347,8 @@ def test_setpoints_after_a_stop_fail(robot: motord.Robot) -> None:
 def test_position_without_gains_keeps_those_of_enable(robot: motord.Robot) -> None:
     with robot.claim("legs") as legs:
         legs.enable(hold=(30.0, 0.8))
-        pose = legs.wait().q
+        state = legs.wait()
+        pose = state.q
         for _ in range(1500):
             legs.send(q=pose)
             state = legs.wait()

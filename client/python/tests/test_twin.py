@@ -375,7 +375,7 @@ def test_setpoints_after_a_stop_fail_until_reset() -> None:
             with pytest.raises(motord.Stopped, match="An emergency stop was requested") as stopped:
                 legs.send(q=first.q, kp=20.0, kd=0.5)
             legs.wait()
-        assert (stopped.value.cause, stopped.value.gap) == ("emergency-stop", None)
+            assert (stopped.value.cause, stopped.value.gap) == ("emergency-stop", None)
 
 
 def test_position_without_gains_keeps_those_of_enable() -> None:
@@ -385,6 +385,7 @@ def test_position_without_gains_keeps_those_of_enable() -> None:
         first = legs.wait()
 
         def applied(**setpoint: Any) -> list[float]:
+            state = first
             # Longer than the gains take to rise.
             for _ in range(300):
                 legs.send(**setpoint)

@@ -1,12 +1,12 @@
 """Signals that arrive while compiled modules are imported."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 
 @contextmanager
-def deferred() -> Iterator[None]:
+def deferred() -> Generator[None, None, None]:
     """Delays signals with a handler in Python, such as Ctrl-C, to the end of the block.
 
     Compiled modules replace the exception of such a handler by their own, such as ImportError, or lose it. The signals stay

@@ -280,7 +280,7 @@ class _Rows:
         try:
             self.names = [joint["name"] for joint in robot["joints"]]
             self.imus = {imu["name"]: _Samples() for imu in robot.get("imus", [])}
-            names = [*self.names, *self.imus]
+            names: list[Any] = [*self.names, *self.imus]
             if not all(isinstance(name, str) for name in names) or len(self.names) > JOINTS_MAX:
                 robot = {}
         except (KeyError, TypeError):

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from os import PathLike, fspath
 from typing import Any, Literal
 
@@ -205,7 +206,7 @@ class TwinClaim:
     def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
         self._engine.send(self._index, self._places, *values, horizon, self._hold)
         # The caller may change its arrays.
-        self._last = tuple(value.copy() if isinstance(value, (np.ndarray, list, dict)) else value for value in values)
+        self._last = tuple(copy(value) for value in values)
         self._horizon = horizon
         self._sent = self._twin.time + self._twin.compute
 
