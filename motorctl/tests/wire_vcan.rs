@@ -107,7 +107,7 @@ fn every_configuration_item_is_written_over_can() {
     let said = line.good("config apply knee.toml @ --yes");
     assert!(said.contains("25 items written, each read back"), "{said}");
     line.good("config diff knee.toml @");
-    let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
+    let refused = line.bad("config set zero-position 100000 @ --yes", 1);
     assert!(refused.contains("data format (RES 0x07)"), "{refused}");
 }
 
