@@ -6,11 +6,13 @@
 //! - [`imu`]: IMUs, and their mounts on the body.
 //! - [`imu_load`]: the load of IMUs on CAN buses.
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
+//! - [`feedback`]: the codes of velocity and torque, whose rounding errors are carried.
 //!
 //! Values only: no socket, no thread, no file and no clock.
 
 #![forbid(unsafe_code)]
 
+pub mod feedback;
 pub mod imu;
 pub mod imu_load;
 pub mod joint;

@@ -3,13 +3,13 @@
 //! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
 
 use super::correlator::{Payload, Question};
-use super::feedback::Feedback;
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Measured, MotorSide, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
 use motord_protocol::{Faults, Field, Profile, Scales, register};
+use motord_settings::feedback::Feedback;
 
 #[derive(Debug)]
 pub(super) struct Mit {

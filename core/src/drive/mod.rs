@@ -6,7 +6,6 @@
 //! Real-time: after [`Drive::new`] nothing here allocates, blocks, loops or calls the system.
 
 mod correlator;
-mod feedback;
 mod gim;
 mod imu;
 mod mit;

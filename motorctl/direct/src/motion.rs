@@ -10,9 +10,10 @@ use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
-use motord_protocol::Field;
+use motord_protocol::Scales;
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::{self, Impedance};
+use motord_settings::feedback::Feedback;
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 
@@ -203,14 +204,15 @@ fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], DirectFailure> {
 pub(crate) struct Jogged<'s> {
     session: &'s mut Session,
     kd: f32,
-    /// Rounding errors of velocity, rad/s, and torque, N·m, that the next frame makes up for.
-    errors: [f64; 2],
+    /// Neither velocity nor torque has a code for zero: the nearest one in every frame would move a joint that nobody moves.
+    feedback: Feedback,
 }
 
 impl<'s> Jogged<'s> {
     /// Wraps the motor of a session. Sends nothing.
     pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
-        Self { session, kd, errors: [0.0; 2] }
+        let feedback = Feedback::within([f32::INFINITY; 2], &session.scales());
+        Self { session, kd, feedback }
     }
 
     /// Starts the motor at rest. Returns its position, rad. A motor in MIT mode may remember a
@@ -240,11 +242,9 @@ impl<'s> Jogged<'s> {
         match self.session.protocol {
             Protocol::Mit => {
                 let scales = self.session.scales();
-                let [of_velocity, of_torque] = &mut self.errors;
-                let velocity = carried(velocity, &scales.velocity, of_velocity);
-                let torque = carried(0.0, &scales.torque, of_torque);
-                let impedance = Impedance { velocity, kd: self.kd, torque, ..Impedance::default() };
-                let mit::State { position, velocity, .. } = self.session.mit().control(impedance)?;
+                let wanted = Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() };
+                let sent = nearest(&wanted, &mut self.feedback, &scales);
+                let mit::State { position, velocity, .. } = self.session.mit().control(sent)?;
                 Ok([position, velocity].map(f64::from))
             }
             Protocol::Gim => {
@@ -261,13 +261,11 @@ impl<'s> Jogged<'s> {
     }
 }
 
-/// Returns the value of a code next to `wanted`. The mean of all values is the wanted one: `error` carries the rounding errors. Zero
-/// has no code, and the nearest one in every frame would move a joint that nobody moves.
-fn carried(wanted: f64, field: &Field, error: &mut f64) -> f32 {
-    let target = wanted - *error;
-    let sent = field.encode(target).map_or(target, |code| field.decode(code));
-    *error = (sent - target).clamp(-field.step(), field.step());
-    sent as f32
+/// Returns `wanted` with the velocity and torque of codes, the mean of which is the wanted one.
+fn nearest(wanted: &Impedance, feedback: &mut Feedback, scales: &Scales) -> Impedance {
+    let [velocity, torque] = feedback.quantise(wanted, scales);
+    let (velocity, torque) = (scales.velocity.decode(velocity) as f32, scales.torque.decode(torque) as f32);
+    Impedance { velocity, torque, ..*wanted }
 }
 
 impl Stop for Jogged<'_> {
@@ -284,7 +282,7 @@ mod tests {
     use super::*;
     use motord_bus::{Instant as BusInstant, VirtualClock};
     use motord_commissioning::Link;
-    use motord_protocol::Scales;
+    use motord_protocol::Field;
     use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
 
     /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.
@@ -329,12 +327,19 @@ mod tests {
     #[test]
     fn jogged_joint_at_rest_is_not_pushed() {
         let scales = Scales::by_current(0.125, 8.0).unwrap();
-        for field in [scales.velocity, scales.torque] {
+        type Of = fn(&mut Impedance) -> &mut f32;
+        let quantities: [(&Field, Of); 2] = [
+            (&scales.velocity, |values| &mut values.velocity),
+            (&scales.torque, |values| &mut values.torque),
+        ];
+        for (field, of) in quantities {
             for wanted in [0.0, 0.3, -0.3] {
-                let mut error = 0.0;
-                let mut sent = || f64::from(carried(wanted, &field, &mut error));
+                let mut feedback = Feedback::within([f32::INFINITY; 2], &scales);
+                let mut setpoint = Impedance::default();
+                *of(&mut setpoint) = wanted;
+                let mut sent = || f64::from(*of(&mut nearest(&setpoint, &mut feedback, &scales)));
                 let mean = (0..50).map(|_| field.decode(field.encode(sent()).unwrap())).sum::<f64>() / 50.0;
-                assert!((mean - wanted).abs() <= field.step() / 50.0, "{wanted}: {mean}");
+                assert!((mean - f64::from(wanted)).abs() <= field.step() / 50.0, "{wanted}: {mean}");
             }
         }
     }

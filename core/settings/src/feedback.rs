@@ -1,4 +1,4 @@
-//! Error feedback: the mean of the codes of velocity and torque is the value asked for.
+//! Error feedback: the mean of the codes of velocity and torque of MIT frames is the value asked for.
 //!
 //! Zero lies half a code off. A code of torque is up to 0.3 N·m. Half a code of velocity, times the damping, is a
 //! torque as well: 32 mN·m for a GIM8108-8 with 2 N·m·s/rad. The code of the position is the nearest one: an error of
@@ -11,14 +11,15 @@ use motord_protocol::{Field, Scales};
 
 /// Carries the rounding errors of velocity and torque from frame to frame.
 #[derive(Debug)]
-pub(super) struct Feedback {
+pub struct Feedback {
     velocity: Carry,
     torque: Carry,
 }
 
 impl Feedback {
     /// Limits velocities and torques to `limits`, rad/s and N·m. Only the two codes next to zero may exceed them.
-    pub(super) fn within(limits: [f32; 2], scales: &Scales) -> Self {
+    #[must_use]
+    pub fn within(limits: [f32; 2], scales: &Scales) -> Self {
         let [velocity, torque] = limits;
         Self {
             velocity: Carry::within(velocity, &scales.velocity),
@@ -27,13 +28,13 @@ impl Feedback {
     }
 
     /// Forgets the carried errors.
-    pub(super) const fn forget(&mut self) {
+    pub const fn forget(&mut self) {
         (self.velocity.error, self.torque.error) = (0.0, 0.0);
     }
 
     /// Returns the codes of velocity and torque of `wanted`, whose values are finite.
     #[inline(always)]
-    pub(super) fn quantise(&mut self, wanted: &Impedance, scales: &Scales) -> [u16; 2] {
+    pub fn quantise(&mut self, wanted: &Impedance, scales: &Scales) -> [u16; 2] {
         [
             self.velocity.quantise(wanted.velocity, &scales.velocity),
             self.torque.quantise(wanted.torque, &scales.torque),
