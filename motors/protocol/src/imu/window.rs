@@ -34,6 +34,27 @@ impl<const CAPACITY: usize> Window<CAPACITY> {
     }
 }
 
+/// A frame of a known length that has begun. A decoder follows one at a time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Begun {
+    len: usize,
+    left: usize,
+}
+
+impl Begun {
+    /// Of a frame of `len` bytes, `left` are still to come: at least one.
+    pub(super) const fn new(len: usize, left: usize) -> Self {
+        Self { len, left }
+    }
+
+    /// Counts a byte. Returns the length of the frame that it completes, and forgets that frame.
+    pub(super) fn count(begun: &mut Option<Self>) -> Option<usize> {
+        let frame = begun.as_mut()?;
+        frame.left -= 1;
+        if frame.left > 0 { None } else { begun.take().map(|frame| frame.len) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -25,7 +25,7 @@
 use super::{DEGREE, GRAVITY};
 use crate::imu::error::{SampleError, SampleField};
 use crate::imu::sample::{DeviceTime, Quaternion, Sample, finite};
-use crate::imu::window::Window;
+use crate::imu::window::{Begun, Window};
 
 /// Bytes of a frame with one packet 0x91.
 pub const FRAME_LEN: usize = HEADER_LEN + PAYLOAD_LEN;
@@ -46,8 +46,8 @@ const TICKS_PER_SECOND: u32 = 1000;
 #[derive(Debug, Clone)]
 pub struct Decoder {
     window: Window<{ 2 * FRAME_LEN_MAX }>,
-    /// Bytes of the frame of any length that has begun, and those of them that are still to come.
-    open: Option<(usize, usize)>,
+    /// The frame of any length that has begun.
+    begun: Option<Begun>,
 }
 
 impl Default for Decoder {
@@ -60,7 +60,7 @@ impl Decoder {
     /// Returns a decoder that has received nothing.
     #[must_use]
     pub const fn new() -> Self {
-        Self { window: Window::new(), open: None }
+        Self { window: Window::new(), begun: None }
     }
 
     /// Takes the next byte. Returns the sample that it completes, or the reason for which the frame
@@ -74,7 +74,7 @@ impl Decoder {
         // Bytes of a damaged frame can be the beginning of an intact one.
         if matches!(decoded, Some(Ok(_))) {
             self.window.clear();
-            self.open = None;
+            self.begun = None;
         }
         decoded
     }
@@ -89,20 +89,14 @@ impl Decoder {
     /// Follows one frame of any length at a time. Returns what an intact one holds: bytes between frames look like
     /// damaged ones.
     fn any_frame(&mut self) -> Option<Result<Sample, SampleError>> {
-        let Some((len, left)) = &mut self.open else {
+        if self.begun.is_none() {
             let header = self.window.last(HEADER_LEN)?;
             let len = HEADER_LEN + usize::from(u16::from_le_bytes([header[2], header[3]]));
             let is_header = header[..2] == START[..2] && (HEADER_LEN + 1..=FRAME_LEN_MAX).contains(&len);
-            self.open = is_header.then_some((len, len - HEADER_LEN));
-            return None;
-        };
-        *left -= 1;
-        if *left > 0 {
+            self.begun = is_header.then_some(Begun::new(len, len - HEADER_LEN));
             return None;
         }
-        let len = *len;
-        self.open = None;
-        let frame = self.window.last(len)?;
+        let frame = self.window.last(Begun::count(&mut self.begun)?)?;
         check(frame).ok()?;
         Some(packets(&frame[HEADER_LEN..]))
     }

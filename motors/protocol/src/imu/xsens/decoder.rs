@@ -3,7 +3,7 @@
 use super::item;
 use crate::imu::error::SampleError;
 use crate::imu::sample::{Quaternion, Sample};
-use crate::imu::window::Window;
+use crate::imu::window::{Begun, Window};
 
 /// Bytes of the longest message.
 pub const MESSAGE_LEN_MAX: usize = AROUND + DATA_LEN_MAX;
@@ -54,21 +54,13 @@ impl Ends {
     }
 }
 
-/// A message with an extended length, or with another bus id, that has begun.
-#[derive(Debug, Clone, Copy)]
-struct Open {
-    len: usize,
-    /// Bytes of it that are still to come.
-    left: usize,
-}
-
 /// Finds samples in a stream of bytes.
 #[derive(Debug, Clone)]
 pub struct Decoder {
     window: Window<{ 2 * EXTENDED_LEN_MAX }>,
     ends: Ends,
-    /// One such message at a time.
-    open: Option<Open>,
+    /// The message with an extended length, or with another bus id, that has begun.
+    begun: Option<Begun>,
 }
 
 impl Default for Decoder {
@@ -81,7 +73,7 @@ impl Decoder {
     /// Returns a decoder that has received nothing.
     #[must_use]
     pub const fn new() -> Self {
-        Self { window: Window::new(), ends: Ends { bits: [0; 8], now: 0 }, open: None }
+        Self { window: Window::new(), ends: Ends { bits: [0; 8], now: 0 }, begun: None }
     }
 
     /// Takes the next byte. Returns the sample that it completes, or the reason for which the message
@@ -103,7 +95,7 @@ impl Decoder {
         let decoded = if is_end { self.message() } else { None }.or(uncommon);
         if matches!(decoded, Some(Ok(_))) {
             self.window.clear();
-            self.open = None;
+            self.begun = None;
         }
         decoded
     }
@@ -111,16 +103,11 @@ impl Decoder {
     /// Follows a message with an extended length or another bus id. Returns what an intact one holds: bytes between messages
     /// look like damaged ones.
     fn uncommon(&mut self) -> Option<Result<Sample, SampleError>> {
-        let Some(Open { len, left }) = &mut self.open else {
-            self.open = self.beginning();
-            return None;
-        };
-        *left -= 1;
-        if *left > 0 {
+        if self.begun.is_none() {
+            self.begun = self.beginning();
             return None;
         }
-        let len = *len;
-        self.open = None;
+        let len = Begun::count(&mut self.begun)?;
         let message = self.window.last(len)?;
         if checksum(&message[..len - 1]) != message[len - 1] {
             return None;
@@ -137,19 +124,19 @@ impl Decoder {
     }
 
     /// Returns the message whose header ends with the last byte.
-    fn beginning(&self) -> Option<Open> {
+    fn beginning(&self) -> Option<Begun> {
         let is_start = |header: &[u8]| (header[0], header[2]) == (START[0], START[2]);
         if let Some(header @ [.., EXTENDED, high, low]) = self.window.last(EXTENDED_HEADER_LEN)
             && is_start(header)
         {
             let data = usize::from(u16::from_be_bytes([*high, *low]));
             let is_valid = (DATA_LEN_MAX + 1..=EXTENDED_DATA_LEN_MAX).contains(&data);
-            return is_valid.then_some(Open { len: EXTENDED_HEADER_LEN + data + 1, left: data + 1 });
+            return is_valid.then_some(Begun::new(EXTENDED_HEADER_LEN + data + 1, data + 1));
         }
         let header = self.window.last(HEADER_LEN)?;
         let data = usize::from(header[3]);
         let is_other = is_start(header) && header[1] != START[1] && data <= DATA_LEN_MAX;
-        is_other.then_some(Open { len: AROUND + data, left: data + 1 })
+        is_other.then_some(Begun::new(AROUND + data, data + 1))
     }
 
     /// Returns the sample of the message that ends with the last byte; of several that could, the
