@@ -65,8 +65,8 @@ pub struct AllStopped {
     /// Processes of other users to which the request was sent. They may be daemons. Their answers do not count, and nothing in
     /// their directories was opened.
     pub foreign: Vec<RunningInstance>,
-    /// Other processes that did not get the request, or whose directories were not checked in time, with the reason. Only with [`StopError::System`] one may be a daemon of this
-    /// user, of root or of the service.
+    /// Other processes that did not get the request, or whose directories were not checked in time, with the reason. Only with
+    /// [`StopError::System`] one may be a daemon of this user, of root or of the service.
     pub unreached: Vec<(RunningInstance, StopError)>,
 }
 

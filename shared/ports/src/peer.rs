@@ -93,7 +93,7 @@ fn owner(directory: &Path) -> Option<u32> {
 /// # Errors
 /// A [`Impostor`], as an error of the kind `PermissionDenied`; those of the system.
 pub fn check(instance: &Instance, socket: &impl AsFd) -> io::Result<()> {
-    judge(instance, getsockopt(socket, sockopt::PeerCredentials)?)
+    check_peer(instance, getsockopt(socket, sockopt::PeerCredentials)?)
         .map_err(|impostor| io::Error::new(io::ErrorKind::PermissionDenied, impostor))
 }
 
@@ -101,7 +101,7 @@ pub fn check(instance: &Instance, socket: &impl AsFd) -> io::Result<()> {
 ///
 /// # Errors
 /// The [`Impostor`].
-pub(crate) fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), Impostor> {
+pub(crate) fn check_peer(instance: &Instance, peer: UnixCredentials) -> Result<(), Impostor> {
     if [0, Uid::effective().as_raw()].contains(&peer.uid()) {
         return Ok(());
     }
@@ -124,18 +124,18 @@ mod tests {
     /// Method: the directory and the lock in it belong to that user; only root can give them away.
     #[test]
     fn owner_of_foreign_private_directory_is_impostor() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let shared = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let shared = Instance::below(directory.path(), "robot").unwrap();
         let private = shared.clone().made_private();
         fs::write(shared.lock_path(), "").unwrap();
-        let is_given = chown(place.path(), Some(OUTSIDER), None).is_ok();
+        let is_given = chown(directory.path(), Some(OUTSIDER), None).is_ok();
         let is_given = is_given && lchown(shared.lock_path(), Some(OUTSIDER), None).is_ok();
         let outsider = UnixCredentials::from(nix::libc::ucred { pid: 7, uid: OUTSIDER, gid: 0 });
         let impostor = Impostor { pid: 7, uid: OUTSIDER };
-        assert_eq!(judge(&private, outsider), Err(impostor));
-        let judged = |instance| StopPath::of(instance).unwrap().judge(outsider);
-        assert_eq!(judged(&private), Err(StopError::NotTrusted(impostor)));
+        assert_eq!(check_peer(&private, outsider), Err(impostor));
+        let checked = |instance| StopPath::of(instance).unwrap().check_peer(outsider);
+        assert_eq!(checked(&private), Err(StopError::NotTrusted(impostor)));
         assert!(!TrustedUsers::find().and_of(&private).contains(OUTSIDER));
-        assert_eq!((judge(&shared, outsider).is_ok(), judged(&shared).is_ok()), (is_given, is_given));
+        assert_eq!((check_peer(&shared, outsider).is_ok(), checked(&shared).is_ok()), (is_given, is_given));
     }
 }

@@ -88,8 +88,8 @@ pub struct AllStops {
     pub trusted: Vec<(RunningInstance, Result<(), StopError>)>,
     /// The other processes to which the request was sent. Their answers do not count.
     pub foreign: Vec<RunningInstance>,
-    /// The processes that did not get the request, or whose directories were not checked in time. They are no daemons of [`TrustedUsers`], unless the reason is
-    /// [`StopError::System`]: then that is unknown.
+    /// The processes that did not get the request, or whose directories were not checked in time. They are no daemons of
+    /// [`TrustedUsers`], unless the reason is [`StopError::System`]: then that is unknown.
     pub unreached: Vec<(RunningInstance, StopError)>,
 }
 

@@ -159,13 +159,13 @@ impl StopPath {
     fn try_send(&self, end: Instant) -> Result<AskedStop, Errno> {
         let socket = connected(&self.address, end)?;
         send(socket.as_raw_fd(), REQUEST, MsgFlags::MSG_NOSIGNAL)?;
-        let daemon = self.judge(getsockopt(&socket, sockopt::PeerCredentials)?);
+        let daemon = self.check_peer(getsockopt(&socket, sockopt::PeerCredentials)?);
         Ok(AskedStop { socket, daemon })
     }
 
     /// Checks that the listening process can be the daemon: a process that is [no
     /// impostor](crate::peer), or of the owner of the lock in a shared directory.
-    pub(crate) fn judge(&self, peer: UnixCredentials) -> Result<(), StopError> {
+    pub(crate) fn check_peer(&self, peer: UnixCredentials) -> Result<(), StopError> {
         let owns = |found: nix::Result<FileStat>| found.is_ok_and(|found| found.st_uid == peer.uid());
         let is_owner =
             |[runtime, lock]: &[CString; 2]| owns(stat(runtime.as_c_str())) || owns(lstat(lock.as_c_str()));
@@ -302,8 +302,8 @@ mod tests {
         let instance = Instance::below(place.path(), "robot").unwrap();
         let of = |uid| UnixCredentials::from(nix::libc::ucred { pid: 7, uid, gid: 0 });
         let path = StopPath::of(&instance).unwrap();
-        assert_eq!(path.judge(of(0)), Ok(()));
-        assert_eq!(path.judge(of(Uid::effective().as_raw())), Ok(()));
-        assert_eq!(path.judge(of(54_321)), Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 })));
+        assert_eq!(path.check_peer(of(0)), Ok(()));
+        assert_eq!(path.check_peer(of(Uid::effective().as_raw())), Ok(()));
+        assert_eq!(path.check_peer(of(54_321)), Err(StopError::NotTrusted(Impostor { pid: 7, uid: 54_321 })));
     }
 }
