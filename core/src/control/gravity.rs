@@ -102,8 +102,8 @@ struct Rest {
     orientations: [f64; 4],
     accelerations: [f64; 3],
     samples: u32,
-    /// Rests directly before this one that showed a contradiction.
-    doubts: u32,
+    /// Rests in a row before this one that showed a contradiction.
+    wrong_rests: u32,
 }
 
 impl GravityCheck {
@@ -131,14 +131,14 @@ impl GravityCheck {
         }
         let mean = rest.mean();
         let contradictions = self.direction(&mean) | self.size(&mean);
-        let doubts = if contradictions == 0 { 0 } else { rest.doubts.saturating_add(1) };
+        let wrong_rests = if contradictions == 0 { 0 } else { rest.wrong_rests.saturating_add(1) };
         // The next rest begins with this sample.
-        self.rest = Some(Rest { doubts, ..Rest::new(sample, at, rest.turn, rest.force) });
-        self.conclude(&mean, contradictions, doubts)
+        self.rest = Some(Rest { wrong_rests, ..Rest::new(sample, at, rest.turn, rest.force) });
+        self.conclude(&mean, contradictions, wrong_rests)
     }
 
-    fn conclude(&mut self, mean: &ImuSample, contradictions: u32, doubts: u32) -> Option<Finding> {
-        let is_unknown = contradictions & !UNKNOWN == 0 && (1..UNKNOWN_RESTS).contains(&doubts);
+    fn conclude(&mut self, mean: &ImuSample, contradictions: u32, wrong_rests: u32) -> Option<Finding> {
+        let is_unknown = contradictions & !UNKNOWN == 0 && (1..UNKNOWN_RESTS).contains(&wrong_rests);
         if is_unknown && self.has_agreed && self.contradictions & UNKNOWN == 0 {
             return None;
         }
@@ -192,7 +192,7 @@ impl Rest {
             orientations: sample.orientation.map(f64::from),
             accelerations: sample.acceleration.map(f64::from),
             samples: 1,
-            doubts: 0,
+            wrong_rests: 0,
         }
     }
 

@@ -49,7 +49,7 @@ fn controller_overrun_counts_as_lost_frame() {
     assert_eq!((robot.cause(), after.condition), (None, before.condition));
 }
 
-/// Goal: replies that the adapter loses send nobody to the power and the cable of a motor.
+/// Goal: where the adapter loses replies, the stop names the lost frames, not the power and the cable of the motor.
 #[test]
 fn motor_lost_amid_lost_frames_names_them() {
     for (fault, kind) in [("can overrun", "the controller"), ("can overflow 3", "the kernel")] {

@@ -66,7 +66,7 @@ impl Wire {
             inbox: Inbox::new(),
             counters: BusState::default(),
             condition: BusCondition::Active,
-            losses: Losses::default(),
+            losses: Losses::NONE,
             replied_at: Instant::ZERO,
         }
     }
