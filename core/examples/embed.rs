@@ -8,14 +8,14 @@ use core::num::NonZero;
 use motord_bus::{Bus, Duration, FrameId, Instant};
 use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
-use motord_core::joint::Transmission;
-use motord_core::settings::{
+use motord_protocol::gim::ExecutionTime;
+use motord_protocol::{MotorProtocol, Profile};
+use motord_settings::joint::Transmission;
+use motord_settings::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
     LimitSettings, MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
     WindingSettings,
 };
-use motord_protocol::gim::ExecutionTime;
-use motord_protocol::{MotorProtocol, Profile};
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
 
@@ -91,7 +91,7 @@ fn swing(time: f32) -> [JointSetpoint; 3] {
     })
 }
 
-/// The settings that the daemon reads from its file. `motord_core::settings` documents units and meaning of each value.
+/// The settings that the daemon reads from its file. `motord_settings::settings` documents units and meaning of each value.
 fn settings() -> Settings {
     let milliseconds = Duration::from_millis;
     Settings {

@@ -9,13 +9,13 @@
 //! `MOTORD_SEED` runs one alone, as the message of a failure describes.
 
 use motord_bus::Duration;
-use motord_core::settings::{BusSettings, Settings};
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::checker::{Checker, of_vendor};
 use motord_harness::robot::fuzz_client::FuzzClient;
 use motord_harness::robot::random::Random;
 use motord_protocol::MotorProtocol;
+use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 use motord_simulator::Mode;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

@@ -1,8 +1,8 @@
 //! The limits, which are the last step before the wire.
 
 use motord_core::control::{Applied, Circumstances, damp, limit};
-use motord_core::joint::{Impedance, JointSide, Measured, Setpoint};
-use motord_core::settings::LimitSettings;
+use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_settings::settings::LimitSettings;
 use motord_shared::Limit;
 
 const LIMITS: LimitSettings = LimitSettings {

@@ -8,8 +8,8 @@
 use motord_bus::{Bus, Duration, Monotonic};
 use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
-use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_protocol::MotorProtocol;
+use motord_settings::settings::{BusKind, MotorSettings, Settings};
 use std::path::Path;
 
 /// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.

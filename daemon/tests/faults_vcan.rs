@@ -16,7 +16,6 @@ use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
 use motord_checker::codec::Ranges;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
-use motord_core::settings::Settings;
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
 use motord_deadman::heartbeat::Heartbeat;
 use motord_deadman::interfaces::expect_interface;
@@ -24,6 +23,7 @@ use motord_deadman::safe_frames::SafeFrames;
 use motord_deadman::server::Server;
 use motord_harness::robot::{self, Meaning};
 use motord_ports::instance::Instance;
+use motord_settings::settings::Settings;
 use motord_shared::message::IMU_LOST;
 use motord_shared::{
     BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,

@@ -4,8 +4,8 @@
 use motord::ipc::{CycleEnd, IpcThread, Records, Schedule};
 use motord::telemetry;
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
-use motord_core::settings::IpcMode;
 use motord_ports::{DaemonPorts, Instance, InstanceLock, clock};
+use motord_settings::settings::IpcMode;
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::{AdminReply, AdminRequest, Lease, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};

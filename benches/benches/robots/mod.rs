@@ -1,7 +1,7 @@
 //! Robots of any size, for the benchmarks of the cycle.
 
-use motord_core::settings::Settings;
 use motord_harness::robot;
+use motord_settings::settings::Settings;
 use motord_shared::limits::BUSES_MAX;
 
 /// Limit on the motors on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.

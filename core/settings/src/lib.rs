@@ -1,5 +1,4 @@
-//! The settings of `motord-core`, and the two sides of its joints. `motord-core` re-exports the
-//! modules.
+//! The settings of `motord-core`, and the two sides of its joints.
 //!
 //! - [`settings`]: the checked configuration.
 //! - [`plan`]: the part of each cycle that the buses need.

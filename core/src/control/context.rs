@@ -3,8 +3,8 @@
 use super::answers::{Answers, Refused};
 use super::event::{Event, Events, LOSS_TIME};
 use super::wake::Wake;
-use crate::settings::{SafetySettings, Settings};
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::{SafetySettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 
 /// Passed to groups and motors in every call.

@@ -1,7 +1,7 @@
 //! Events of the cycle for the log: codes, never text. The telemetry thread writes the text.
 
-use crate::settings::REGISTERS_MAX;
 use motord_bus::Duration;
+use motord_settings::settings::REGISTERS_MAX;
 use motord_shared::{BusCondition, Cause, MotorMode, Phase};
 
 /// An event for the log.

@@ -6,8 +6,8 @@
 //!
 //! Real-time: nothing here allocates, blocks or calls the system; each call takes constant time.
 
-use crate::imu::{ImuSample, Mount};
 use motord_bus::{Duration, Instant};
+use motord_settings::imu::{ImuSample, Mount};
 use motord_shared::ImuContradiction::{
     self, AccelerationAxes, AccelerationInG, Direction, QuaternionInverse, QuaternionNed, QuaternionXyzw,
     Size, WithoutGravity, ZDown,

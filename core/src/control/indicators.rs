@@ -3,8 +3,8 @@
 //! The indicators of a motor are polled in rotation at an even rate, when no other question to it
 //! is open.
 
-use crate::settings::{MotorSettings, Settings};
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::{MotorSettings, Settings};
 use motord_shared::JointIndicators;
 use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 

@@ -40,7 +40,6 @@ pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
 pub use wake::Wake;
 
-use crate::settings::Settings;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Consequence, Group};
@@ -49,6 +48,7 @@ use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, FrameId, Instant};
+use motord_settings::settings::Settings;
 use motord_shared::{
     AdminReply, BusCondition, Cause, GroupState, ImuState, JointIndicators, JointState, Lease, Phase,
     SetpointMessage,

@@ -7,8 +7,8 @@
 //! | more ticks missed over the last second than `max-missed` | overload |
 
 use super::wake::Wake;
-use crate::settings::CycleSettings;
 use motord_bus::Duration;
+use motord_settings::settings::CycleSettings;
 use motord_shared::Cause;
 
 /// The time constant of the mean share of missed ticks.

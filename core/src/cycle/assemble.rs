@@ -2,9 +2,9 @@
 
 use super::{Cycle, Ends, link};
 use crate::clock::Clock;
-use crate::plan::BusPlan;
-use crate::settings::Settings;
 use motord_bus::Bus;
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::Settings;
 
 /// Creates the cycle of `settings` on `buses`, and its other ends. Allocates; nothing in the cycle
 /// does after it.

@@ -38,12 +38,12 @@ pub use timing::Tick;
 use crate::clock::Clock;
 use crate::control::{Control, Wake};
 use crate::drive::Drive;
-use crate::plan::BusPlan;
-use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
 use channel::BusChannel;
 use motord_bus::time::nanos;
 use motord_bus::{Backoff, Bus, Duration, Instant, Lateness};
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::{BusKind, Settings};
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use timing::Timing;
 

@@ -1,7 +1,7 @@
 //! The time grid, and the configured times of a cycle.
 
-use crate::settings::Settings;
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::Settings;
 
 /// Longest time that a cycle polls the clock for its tick, or for expected replies if it does not
 /// busy-poll.

@@ -8,11 +8,11 @@
 
 use super::correlator::Payload;
 use crate::control::{Command, Reported, Status};
-use crate::joint::{Impedance, JointSide, Measured, MotorSide, Transmission};
-use crate::settings::MotorSettings;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
+use motord_settings::joint::{Impedance, JointSide, Measured, MotorSide, Transmission};
+use motord_settings::settings::MotorSettings;
 use motord_shared::SetpointMode;
 
 /// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, the next

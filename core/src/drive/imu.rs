@@ -3,11 +3,11 @@
 //! Real-time: after [`ImuDrive::new`] nothing here allocates, blocks or calls the system.
 
 use crate::control::{ImuReading, Repetition};
-use crate::imu::{ImuCan, ImuSample, ImuSettings, Mount};
-use crate::settings::Settings;
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::imu::{CanDecoder, Sample, SampleError};
+use motord_settings::imu::{ImuCan, ImuSample, ImuSettings, Mount};
+use motord_settings::settings::Settings;
 
 /// A device that gave no sample for this many requests is asked only once in [`PROBE_PERIOD`]: the cycle would wait for its
 /// replies each time.

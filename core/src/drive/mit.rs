@@ -4,12 +4,12 @@
 
 use super::correlator::{Payload, Question};
 use crate::control::{Command, Reported, Status};
-use crate::joint::{Impedance, Measured, MotorSide, Transmission};
-use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
 use motord_protocol::{Faults, Field, Profile, Scales, register};
 use motord_settings::feedback::Feedback;
+use motord_settings::joint::{Impedance, Measured, MotorSide, Transmission};
+use motord_settings::settings::{BeyondRange, MotorSettings};
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -336,7 +336,7 @@ impl Mit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::joint::{JointSide, Setpoint};
+    use motord_settings::joint::{JointSide, Setpoint};
 
     /// Of the GIM8108-8, by the MIT document 1.1.
     fn scales() -> Scales {

@@ -11,13 +11,13 @@ mod imu;
 mod mit;
 
 use crate::control::{Command, Reported};
-use crate::joint::{Impedance, Setpoint};
-use crate::settings::{BusKind, MotorSettings, Settings};
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Role};
 pub(crate) use imu::ImuDrive;
 use motord_bus::{Duration, Frame, FrameId, Instant, serial};
 use motord_protocol::MotorProtocol;
+use motord_settings::joint::{Impedance, Setpoint};
+use motord_settings::settings::{BusKind, MotorSettings, Settings};
 
 /// The meaning of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,8 +1,8 @@
 //! Safe frames: encoded at the start from the settings, and sent without them.
 
 use crate::drive::safe_frames;
-use crate::settings::Settings;
 use motord_bus::{Frame, Refusal};
+use motord_settings::settings::Settings;
 
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -2,12 +2,12 @@
 
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_core::control::ImuReading;
-use motord_core::imu::{ImuSample, ImuSource, Mount};
-use motord_core::settings::Settings;
 use motord_harness::conventions::{CONVENTIONS, Convention};
 use motord_harness::robot;
 use motord_harness::robot::line::Wire;
 use motord_harness::robot::{Robot, Shared};
+use motord_settings::imu::{ImuSample, ImuSource, Mount};
+use motord_settings::settings::Settings;
 use motord_shared::ImuState;
 use motord_shared::message::IMU_LOST;
 use motord_simulator::SharedBus;

@@ -2,10 +2,10 @@
 
 use motord_bus::Duration;
 use motord_core::control::Event;
-use motord_core::plan::BusPlan;
-use motord_core::settings::Settings;
 use motord_harness::robot;
 use motord_harness::robot::{Meaning, Robot};
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::Settings;
 use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 
 #[test]
@@ -452,7 +452,7 @@ fn returning_stiffness_pulls_from_present_position() {
 fn held_stop_is_damped_before_limp() {
     for (held_for, emergency) in [(2000, false), (200, true), (1950, true)] {
         let mut settings = robot::three_motors();
-        settings.groups[0].safe_stop = motord_core::settings::SafeStop::Hold;
+        settings.groups[0].safe_stop = motord_settings::settings::SafeStop::Hold;
         let mut robot = Robot::new(settings, 1);
         robot.activate();
         robot.steps(20 + held_for);
@@ -490,7 +490,7 @@ fn lost_running_motor_is_unstopped_until_stop_answered() {
 #[test]
 fn an_emergency_is_never_held() {
     let mut settings = robot::three_motors();
-    settings.groups[0].safe_stop = motord_core::settings::SafeStop::Hold;
+    settings.groups[0].safe_stop = motord_settings::settings::SafeStop::Hold;
     let mut robot = Robot::new(settings, 1);
     robot.activate();
     robot.operate(Operation::EmergencyStop).unwrap();

@@ -4,10 +4,10 @@
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Command, Event, Reported};
 use motord_core::drive::{Drive, Received};
-use motord_core::settings::{BeyondRange, Settings};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{Meaning, PERIOD, Robot};
+use motord_settings::settings::{BeyondRange, Settings};
 use motord_shared::{BusCondition, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, message};
 use motord_simulator::MotorSettings;
 

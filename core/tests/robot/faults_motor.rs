@@ -4,9 +4,9 @@
 use crate::faults_bus::{active, stopped_within};
 use motord_bus::Duration;
 use motord_core::control::Event;
-use motord_core::settings::FaultPolicy;
 use motord_harness::robot;
 use motord_harness::robot::{Meaning, PERIOD, Robot};
+use motord_settings::settings::FaultPolicy;
 use motord_shared::{
     AdminRequest, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
 };

@@ -1,9 +1,9 @@
 //! Another sender commands a motor.
 
 use motord_core::control::Event;
-use motord_core::settings::Settings;
 use motord_core::stopper::BusFrames;
 use motord_harness::robot::{self, Robot};
+use motord_settings::settings::Settings;
 use motord_shared::{Cause, Operation, Phase, Refusal};
 
 /// The heartbeat of an ODrive with node 0: `cansend vcan0 001#0000000001000000`.

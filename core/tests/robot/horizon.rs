@@ -1,10 +1,10 @@
 //! Setpoints with a horizon: the cycle moves to them, and the timeout begins where they are reached.
 
 use motord_bus::Duration;
-use motord_core::settings::{SafeStop, Settings};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{PERIOD, Robot};
+use motord_settings::settings::{SafeStop, Settings};
 use motord_shared::{AdminRequest, Cause, JointSetpoint, Lease, Operation, Phase, Rejection};
 
 /// The largest error of a transmitted position, rad.

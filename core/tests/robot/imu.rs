@@ -2,9 +2,9 @@
 
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Event, ImuReading};
-use motord_core::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
-use motord_core::settings::Settings;
 use motord_harness::robot::{self, Robot};
+use motord_settings::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
+use motord_settings::settings::Settings;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
 use motord_shared::{Cause, ImuContradiction, ImuState, Operation, Phase, Refusal};
 

@@ -2,8 +2,8 @@
 
 use motord_bus::Duration;
 use motord_core::control::Event;
-use motord_core::settings::Settings;
 use motord_harness::robot::{self, Robot};
+use motord_settings::settings::Settings;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
 use motord_shared::{BusCondition, Cause, ImuState, Phase};
 

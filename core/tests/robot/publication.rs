@@ -2,11 +2,11 @@
 
 use core::num::NonZero;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Sent};
-use motord_core::settings::Settings;
 use motord_harness::robot;
 use motord_harness::robot::line::Wire;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{Robot, Shared};
+use motord_settings::settings::Settings;
 use motord_simulator::SharedBus;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};

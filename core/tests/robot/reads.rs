@@ -2,10 +2,10 @@
 
 use core::num::NonZero;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
-use motord_core::settings::Settings;
 use motord_harness::robot;
 use motord_harness::robot::line::Wire;
 use motord_harness::robot::{Robot, Shared};
+use motord_settings::settings::Settings;
 use motord_shared::message::JOINT_FRESH;
 use motord_shared::{Cause, MotorMode};
 use motord_simulator::SharedBus;

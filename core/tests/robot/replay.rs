@@ -11,10 +11,10 @@
 use motord_bus::candump::{InvalidLine, LogLine};
 use motord_bus::time::nanos;
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, Inbox, Instant, Readiness, Sent};
-use motord_core::settings::{BusKind, Settings};
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::random::Random;
+use motord_settings::settings::{BusKind, Settings};
 use motord_shared::{AdminRequest, JointSetpoint, Operation};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};

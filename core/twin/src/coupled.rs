@@ -3,8 +3,8 @@
 use crate::error::TwinError;
 use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
-use motord_core::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
-use motord_core::settings::{BusKind, Settings};
+use motord_settings::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
+use motord_settings::settings::{BusKind, Settings};
 use motord_simulator::{PlantBus, SharedBus, couple};
 
 /// Makes every bus and every IMU a simulated one. An IMU keeps the errors of its `[imu.simulation]`, and is aligned with the body.

@@ -2,8 +2,8 @@
 
 use crate::error::{NUMBER_MAX, TwinError};
 use crate::physics::physics;
-use motord_core::joint::Transmission;
-use motord_core::settings::{MotorSettings, Settings};
+use motord_settings::joint::Transmission;
+use motord_settings::settings::{MotorSettings, Settings};
 use motord_simulator::{Plant, Shaft};
 use serde::Serialize;
 

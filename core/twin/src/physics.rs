@@ -3,10 +3,10 @@
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
 use motord_bus::Duration;
-use motord_core::imu::{ImuCan, ImuSettings, ImuSimulation};
-use motord_core::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
 use motord_protocol::imu::CanProtocol;
 use motord_protocol::{Model, MotorProtocol};
+use motord_settings::imu::{ImuCan, ImuSettings, ImuSimulation};
+use motord_settings::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
 use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
 
 /// The current of the largest torque code, A (MIT document 1.1).

@@ -6,7 +6,7 @@ use crate::imus::{Body, Sensor};
 use crate::joints::Mechanics;
 use motord_bus::{Bus, Clock as _, Duration, Instant, VirtualClock};
 use motord_core::cycle::{ANSWER_CYCLES, Cycle, LocalClient, Tick, assemble, outcome};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_shared::message::NO_JOINT;
 use motord_shared::{AdminReply, JointSetpoint, Operation, Refusal, SetpointMessage, StateMessage};
 use motord_simulator::{FaultVerb, InjectError, PlantBus, SharedBus};

@@ -4,7 +4,7 @@ use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, clock};
 use motord_core::drive::{line, safe_frames};
-use motord_core::settings::{MotorSettings, Settings};
+use motord_settings::settings::{MotorSettings, Settings};
 
 /// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few milliseconds.
 const PATIENCE: Duration = Duration::from_millis(50);

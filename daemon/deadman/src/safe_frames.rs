@@ -1,8 +1,8 @@
 //! The safe frames of a daemon, built before they are needed and sent to its dead man's switch by interface.
 
 use motord_bus::{Duration, Frame, Inbox, candump};
-use motord_core::settings::{BusKind, Settings};
 use motord_core::stopper::BusFrames;
+use motord_settings::settings::{BusKind, Settings};
 use serde::{Deserialize, Serialize};
 
 /// The frames that damp and stop every motor of a daemon, and when to send them.

@@ -1,6 +1,6 @@
 //! The names of the parts of a robot.
 
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 
 /// Names of the parts of the robot, in the order of the configuration.
 #[derive(Debug, Clone, Default)]

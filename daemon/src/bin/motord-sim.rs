@@ -7,7 +7,7 @@ use motord::imus;
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_simulator::{
     Bridge, FaultTarget, FaultVerb, ImuPort, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };

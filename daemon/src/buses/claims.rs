@@ -3,7 +3,7 @@
 use super::opening::{BusError, interface_name, open_expected, open_one};
 use motord_bus::socketcan::{LinkNote, OpenError};
 use motord_bus::{Adapter, Bus, BusLock, Identity};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// The locks of all buses, shared by the cycle, which holds them until the motors are stopped, and the reconnector.

@@ -2,7 +2,7 @@
 
 use motord_bus::Duration;
 use motord_configuration::suggestion;
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_simulator::{FaultVerb, InjectError, VERBS, VerbError};
 
 /// Why there is no such fault. A name of the line is quoted with its control characters escaped.

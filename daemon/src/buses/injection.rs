@@ -11,7 +11,7 @@ use super::fault_line::{self, FaultLineError};
 use super::simulate;
 use crate::imus::SimulatedImus;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_simulator::{Fault, FaultVerb, InjectError, PlantBus, SharedBus, SimulatedBus};
 use motord_twin::{Mechanics, TwinError, coupled};
 use rtrb::{Consumer, Producer, RingBuffer};

@@ -16,7 +16,7 @@ use crate::plant::{Plant, PlantEnds, PlantError, PlantLink};
 use claims::Claims;
 use injection::Injectors;
 use motord_bus::Bus;
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_twin::{TwinError, simulate_all};
 use std::path::Path;
 

@@ -4,8 +4,8 @@ use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
 use motord_bus::{Bus, Difference, Duration, FrameId, Identity, LockError};
 use motord_core::drive;
-use motord_core::plan::BusPlan;
-use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::{BusKind, BusSettings, MotorSettings, Settings};
 use motord_twin::simulate;
 
 /// Why a bus could not be opened.

@@ -7,8 +7,8 @@
 //! until that is over.
 
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness};
-use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_core::stopper::{BusFrames, PATIENCE};
+use motord_settings::settings::{BusKind, MotorSettings, Settings};
 
 /// Frames are counted by windows of this length.
 const WINDOW: Duration = Duration::from_millis(100);

@@ -18,7 +18,7 @@ use crate::buses::claims::Claims;
 use crate::buses::opening::BusError;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
-use motord_core::settings::{BusKind, Settings};
+use motord_settings::settings::{BusKind, Settings};
 use motord_shared::BusCondition;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};

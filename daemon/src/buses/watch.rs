@@ -2,7 +2,7 @@
 
 use motord_bus::Identity;
 use motord_bus::socketcan::{Announcement, Announcements};
-use motord_core::settings::{BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::BusCondition;
 use std::collections::BTreeSet;
 use std::sync::mpsc::Sender;

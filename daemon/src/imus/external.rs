@@ -4,8 +4,8 @@ use super::line_limit::LineLimit;
 use super::writer::Writer;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::control::Repetition;
-use motord_core::imu::{ImuSample, ImuSettings};
 use motord_ports::clock::other_clock;
+use motord_settings::imu::{ImuSample, ImuSettings};
 use motord_shared::message::ImuMessage;
 
 /// This many samples in a row that are too old are of an unfit clock; fewer may be late.
@@ -211,7 +211,7 @@ impl ExternalImus {
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_core::imu::{ImuSource, Mount, WhenLost};
+    use motord_settings::imu::{ImuSource, Mount, WhenLost};
     use triple_buffer::{Output, TripleBuffer};
 
     const BOOT: u64 = 7;

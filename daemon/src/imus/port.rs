@@ -1,8 +1,8 @@
 //! The simulated twin of an IMU on a serial line, for a daemon in another process.
 
 use motord_bus::{Duration, Instant};
-use motord_core::imu::{ImuSettings, ImuSource};
 use motord_protocol::imu::SerialProtocol;
+use motord_settings::imu::{ImuSettings, ImuSource};
 use motord_simulator::{Imu, ImuPort, ImuVendor};
 use std::path::PathBuf;
 

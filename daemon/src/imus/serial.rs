@@ -6,8 +6,8 @@ use super::writer::Writer;
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_core::control::Repetition;
-use motord_core::imu::{ImuSample, ImuSerial, ImuSettings};
 use motord_protocol::imu::{BITS_PER_BYTE, Quaternion, Sample, SampleError, SerialDecoder};
+use motord_settings::imu::{ImuSample, ImuSerial, ImuSettings};
 use nix::errno::Errno;
 use std::collections::BTreeSet;
 
@@ -301,8 +301,8 @@ fn complete(sample: &Sample) -> Option<ImuSample> {
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_core::imu::{ImuSource, Mount, WhenLost};
     use motord_protocol::imu::{DeviceTime, SerialProtocol};
+    use motord_settings::imu::{ImuSource, Mount, WhenLost};
     use triple_buffer::{Output, TripleBuffer};
 
     fn imu(protocol: SerialProtocol) -> (SerialImu, Output<ImuReading>) {

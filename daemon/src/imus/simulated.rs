@@ -2,7 +2,7 @@
 
 use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
-use motord_core::imu::{ImuSettings, ImuSimulation};
+use motord_settings::imu::{ImuSettings, ImuSimulation};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuValues, InjectError};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -124,7 +124,7 @@ impl SimulatedImus {
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_core::imu::Mount;
+    use motord_settings::imu::Mount;
     use triple_buffer::{Input, TripleBuffer};
 
     const LEVEL: ImuValues = ImuValues {

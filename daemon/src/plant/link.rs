@@ -9,7 +9,7 @@
 
 use motord_bus::{Duration, clock};
 use motord_configuration::describe;
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_shared::description::RobotDescription;
 use motord_simulator::ImuValues;
 use motord_twin::{JointPhysics, NUMBER_MAX};

@@ -3,8 +3,8 @@
 use super::questions::Answers;
 use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
-use motord_core::settings::Settings;
 use motord_metrics::{Distributions, Metrics, Names, Outputs};
+use motord_settings::settings::Settings;
 use motord_shared::StateMessage;
 use motord_shared::description::GroupHistory;
 use rtrb::Consumer;

@@ -1,7 +1,7 @@
 //! The registers of motors, as lines of the log.
 
 use motord_configuration::lock::{Verdict, end_findings, end_lines};
-use motord_core::settings::{MotorSettings, REGISTERS_MAX, Settings};
+use motord_settings::settings::{MotorSettings, REGISTERS_MAX, Settings};
 
 /// The motors whose registers are read, by joint; empty where no motor has some.
 pub(super) struct RegisterLog(Vec<MotorSettings>);

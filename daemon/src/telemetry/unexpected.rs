@@ -4,8 +4,8 @@
 use motord_bus::FrameId;
 use motord_bus::socketcan::{FdReplies, InterfaceName, Link, UnexpectedIds};
 use motord_core::cycle::Counters;
-use motord_core::settings::{MotorSettings, Settings};
 use motord_protocol::register;
+use motord_settings::settings::{MotorSettings, Settings};
 use std::sync::atomic::Ordering;
 
 /// The CAN interfaces of a configuration, with the sockets that count their unexpected ids.

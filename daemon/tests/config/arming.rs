@@ -6,7 +6,7 @@ use motord::{arming, buses};
 use motord_bus::Bus;
 use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol};
 use motord_configuration::{Machine, parse};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! `[[imu]]` on a CAN bus: its ids, its rate and its load.
 
 use crate::document::judge;
-use motord_core::imu_load::ImuLoad;
-use motord_core::plan::BusPlan;
+use motord_settings::imu_load::ImuLoad;
+use motord_settings::plan::BusPlan;
 
 /// A robot with the buses `leg`, which has a motor with id 1, and `body`; and this IMU.
 fn robot(imu: &str) -> String {

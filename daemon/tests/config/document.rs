@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use motord::commands::check::{EXIT_CONFIG, Wanted, check};
 use motord_configuration::{ConfigError, Loaded, Machine, load, parse};
-use motord_core::settings::{BusKind, IpcMode, SafeStop};
+use motord_settings::settings::{BusKind, IpcMode, SafeStop};
 use tempfile::TempDir;
 
 /// A configuration with nothing wrong, for the tests to damage.

@@ -4,8 +4,8 @@
 
 use crate::document::machine;
 use motord_configuration::parse;
-use motord_core::settings::MotorSettings;
 use motord_protocol::Ends;
+use motord_settings::settings::MotorSettings;
 use std::path::Path;
 
 /// Returns the motor of a robot with these keys, or the errors.

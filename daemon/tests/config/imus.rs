@@ -2,8 +2,8 @@
 
 use crate::document::{GOOD, judge, only_error, with_serial};
 use motord::commands::check::{Wanted, check};
-use motord_core::imu::{ImuSerial, ImuSettings, WhenLost};
 use motord_protocol::imu::SerialProtocol;
+use motord_settings::imu::{ImuSerial, ImuSettings, WhenLost};
 use std::time::Duration;
 
 /// A robot with an IMU of these lines.

@@ -2,8 +2,8 @@
 
 use motord::buses;
 use motord_bus::{Duration, clock};
-use motord_core::settings::Settings;
 use motord_realtime::SchedulingRequest;
+use motord_settings::settings::Settings;
 use motord_simulator::{Motor, SerialPort, SerialSlave, SimulatedBus};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -7,11 +7,11 @@ use motord_bus::serial::framing::{Decoder, FRAME_LEN_MAX, SerialFrame};
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
-use motord_core::joint::{Impedance, Setpoint};
 use motord_protocol::gim::{self, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes};
 use motord_protocol::profile::{PROFILES, Profile};
 use motord_protocol::{Scales, StateCodes};
+use motord_settings::joint::{Impedance, Setpoint};
 
 /// Decodes the replies of every protocol. A decoded state is a number within the ranges of its
 /// codes. A reply that is encoded again decodes to the same value.

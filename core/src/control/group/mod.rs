@@ -23,8 +23,8 @@ use super::bus_health::BusHealth;
 use super::context::Context;
 use super::motor::{Motor, Orders, Turn};
 use super::{Command, Event};
-use crate::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
 use setpoints::Setpoints;
 

@@ -2,9 +2,9 @@
 
 use super::{Group, Owner};
 use crate::control::context::Context;
-use crate::joint::{Impedance, JointSide, Setpoint};
-use crate::settings::{MotorSettings, SafetySettings};
 use motord_bus::{Duration, Instant};
+use motord_settings::joint::{Impedance, JointSide, Setpoint};
+use motord_settings::settings::{MotorSettings, SafetySettings};
 use motord_shared::{JointSetpoint, Phase, Rejection, SetpointMessage, SetpointMode};
 
 /// A setpoint may be stamped this much later than the cycle's reading of the clock.

@@ -4,8 +4,8 @@ use super::{Group, Latched};
 use crate::control::Event;
 use crate::control::context::Context;
 use crate::control::motor::Motor;
-use crate::settings::SafeStop;
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::SafeStop;
 use motord_shared::{Cause, MotorMode, Phase};
 
 /// A damped group is at rest when every joint has been slow for this long.

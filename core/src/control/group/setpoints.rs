@@ -10,8 +10,8 @@
 //!                        before the message
 //! ```
 
-use crate::joint::{Impedance, JointSide, Setpoint};
 use motord_bus::{Duration, Instant};
+use motord_settings::joint::{Impedance, JointSide, Setpoint};
 
 /// A longer distance between two messages is a pause: the mean begins again. The longest setpoint
 /// timeout.

@@ -4,10 +4,10 @@ use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::control::{Event, ForeignFrames, Reported, Status};
-use crate::joint::{JointSide, Measured};
-use crate::settings::FaultPolicy;
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
+use motord_settings::joint::{JointSide, Measured};
+use motord_settings::settings::FaultPolicy;
 use motord_shared::{Cause, Lease, Phase};
 
 /// The owner of a disarmed or damped group loses it after this silence, or after the setpoint

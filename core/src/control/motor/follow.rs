@@ -6,7 +6,7 @@ use super::mode::Mode;
 use super::orders::Orders;
 use crate::control::Command;
 use crate::control::context::Context;
-use crate::joint::{Impedance, JointSide, Setpoint};
+use motord_settings::joint::{Impedance, JointSide, Setpoint};
 use motord_shared::SetpointMode;
 
 /// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.

@@ -11,7 +11,7 @@
 //!         0              0.8   1        heat
 //! ```
 
-use crate::settings::MotorSettings;
+use motord_settings::settings::MotorSettings;
 
 /// Heat above which the permitted torque falls.
 const KNEE: f64 = 0.8;

@@ -4,8 +4,8 @@
 //! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to
 //! the applied command.
 
-use crate::joint::{Impedance, JointSide, Measured, Setpoint};
-use crate::settings::LimitSettings;
+use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_settings::settings::LimitSettings;
 use motord_shared::{Limit, SetpointMode};
 
 /// A command after all limits.

@@ -30,8 +30,6 @@ pub(super) use turn::Turn;
 
 use super::context::Context;
 use super::{Command, Event};
-use crate::joint::{Impedance, JointSide, Measured, Setpoint};
-use crate::settings::{BeyondRange, MotorSettings};
 use absence::Absence;
 use backlog::Backlog;
 use faults::FaultWatch;
@@ -40,6 +38,8 @@ use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
+use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_settings::settings::{BeyondRange, MotorSettings};
 use motord_shared::{Cause, MotorMode};
 use plausibility::{Credibility, Expectation, Plausibility};
 use registers::Registers;

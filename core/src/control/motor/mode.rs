@@ -15,8 +15,8 @@
 //! ```
 
 use crate::control::Command;
-use crate::joint::{Impedance, JointSide};
 use motord_bus::{Duration, Instant};
+use motord_settings::joint::{Impedance, JointSide};
 use motord_shared::MotorMode;
 
 /// Neutral commands that a motor receives before it is started.

@@ -12,9 +12,9 @@
 //! | the end of the positions that the motor can report | immediately | range-end |
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
-use crate::joint::{JointSide, Measured, Setpoint};
-use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_bus::{Duration, Instant};
+use motord_settings::joint::{JointSide, Measured, Setpoint};
+use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_shared::{Cause, SetpointMode};
 
 /// Tolerance of a step against speed times time: codes are coarse, and replies jitter.

@@ -18,8 +18,8 @@
 //! States are used unless `Unknown`. A `Known` or `Assumed` motor starts. A `Known` one is not asked; an `Assumed` one is asked while it is
 //! stopped.
 
-use crate::settings::{MotorSettings, REGISTERS_MAX, RegisterRange};
 use motord_bus::{Duration, Instant};
+use motord_settings::settings::{MotorSettings, REGISTERS_MAX, RegisterRange};
 
 /// Requests in consecutive turns. The next ones are [`RETRY`] apart, and the motor is stopped in between.
 const TRIES: u32 = 5;

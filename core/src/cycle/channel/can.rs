@@ -2,8 +2,8 @@
 
 use super::wire::{Arrivals, Wire};
 use crate::drive::{Drive, LATEST_REPLY};
-use crate::plan::BusPlan;
 use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
+use motord_settings::plan::BusPlan;
 
 /// A CAN bus.
 pub(crate) struct CanChannel {

@@ -1,9 +1,9 @@
 //! Frames with the command id of a motor that this program did not send: a bus does not receive its own frames.
 
 use crate::control::ForeignFrames;
-use crate::settings::Settings;
 use crate::stopper::BusFrames;
 use motord_bus::{Frame, FrameId};
+use motord_settings::settings::Settings;
 
 /// Counts them by motor, from one read to the next.
 pub(crate) struct ForeignCommands {

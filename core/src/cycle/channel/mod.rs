@@ -17,10 +17,10 @@ use wire::Arrivals;
 pub(super) use wire::Wire;
 
 use crate::drive::Received;
-use crate::plan::BusPlan;
-use crate::settings::Settings;
 use crate::stopper::Outlet;
 use motord_bus::{Bus, Frame, Instant, Refusal};
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::Settings;
 
 /// A bus, and everything the cycle knows of it.
 pub(super) enum BusChannel {

@@ -2,8 +2,8 @@
 
 use crate::control::ImuReading;
 use crate::drive::ImuDrive;
-use crate::settings::Settings;
 use motord_bus::{Frame, Instant};
+use motord_settings::settings::Settings;
 
 /// The IMUs of one bus; of most buses none.
 #[derive(Default)]

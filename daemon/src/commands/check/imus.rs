@@ -1,8 +1,8 @@
 //! The cost of the IMUs: bytes on their serial lines, frames on their buses.
 
-use motord_core::imu::{ImuSerial, ImuSettings};
-use motord_core::imu_load::ImuLoad;
-use motord_core::settings::Settings;
+use motord_settings::imu::{ImuSerial, ImuSettings};
+use motord_settings::imu_load::ImuLoad;
+use motord_settings::settings::Settings;
 use serde::Serialize;
 use std::io::{self, Write};
 

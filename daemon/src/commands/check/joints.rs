@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use motord_configuration::{Limit, Loaded, Origin};
-use motord_core::settings::MotorSettings;
+use motord_settings::settings::MotorSettings;
 
 /// A joint of the object that `--json` prints.
 #[derive(Serialize)]

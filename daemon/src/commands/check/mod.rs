@@ -11,8 +11,8 @@ use serde::Serialize;
 use motord_bus::Duration;
 use motord_bus::arithmetic::SERIAL_FRAME_BITS;
 use motord_configuration::{self as config, ConfigError, Loaded};
-use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_terminal::{json, printable};
 
 use imus::ImuReport;

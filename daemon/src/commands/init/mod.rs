@@ -8,7 +8,7 @@ pub use draft::{Draft, MotorPlace};
 pub use options::Options;
 
 use motord_configuration::{self as config, ConfigError, Machine};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_terminal::exit_status;
 use std::fs::OpenOptions;
 use std::io::{self, Write};

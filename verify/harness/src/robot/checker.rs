@@ -7,8 +7,8 @@ use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
 use motord_checker::vendor::Vendor;
-use motord_core::settings::{self, MotorSettings, Settings};
 use motord_protocol::MotorProtocol;
+use motord_settings::settings::{self, MotorSettings, Settings};
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation,
     StateMessage, message,

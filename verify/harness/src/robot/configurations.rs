@@ -1,7 +1,7 @@
 //! The configurations of the robots.
 
 use motord_configuration::{self as config, Machine};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use std::path::Path;
 
 /// Three motors with ids 1 to 3 on one bus, with the tolerances of a robot.

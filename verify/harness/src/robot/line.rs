@@ -3,7 +3,7 @@
 use motord::buses;
 use motord_bus::serial::{ByteStream, SerialBus};
 use motord_bus::{Bus, Frame, FrameId, Inbox, Instant, Readiness, Sent};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use motord_simulator::{
     Direction, Fault, FaultVerb, InjectError, Recorded, SerialSlave, SharedBus, SimulatedBus,
 };

@@ -23,8 +23,8 @@ pub use motord_checker::run::Reply;
 use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
-use motord_core::settings::{MotorSettings as MotorConfig, Settings};
 use motord_protocol::register;
+use motord_settings::settings::{MotorSettings as MotorConfig, Settings};
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, Lease, MotorMode,
     Operation, Phase, Refusal, SetpointMessage, StateMessage,

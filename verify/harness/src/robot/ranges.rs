@@ -1,7 +1,7 @@
 //! The ranges of a motor's codes, for the invariant checker.
 
 use motord_checker::codec::Ranges;
-use motord_core::settings::MotorSettings;
+use motord_settings::settings::MotorSettings;
 
 /// Returns the ranges of a motor's codes.
 pub fn ranges(settings: &MotorSettings) -> Ranges {
