@@ -20,12 +20,12 @@ pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<
     let motors = twins.map(|(motor, simulation)| twin(motor, simulation)).collect();
     let imus = imus(settings, bus);
     let bus = &settings.buses[bus];
-    let kind = match bus.kind {
-        BusKind::Serial { .. } => simulator::BusKind::Serial,
-        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => simulator::BusKind::Can,
+    let medium = match bus.kind {
+        BusKind::Serial { .. } => simulator::Medium::Serial,
+        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => simulator::Medium::Can,
     };
     let (name, bitrate) = (bus.name.clone(), bus.kind.bitrate());
-    (simulator::BusSettings { name, kind, bitrate, imus, ..Default::default() }, motors)
+    (simulator::BusSettings { name, medium, bitrate, imus, ..Default::default() }, motors)
 }
 
 /// The simulated twins of the IMUs on a bus.

@@ -3,7 +3,7 @@
 use motord::buses;
 use motord_bus::clock;
 use motord_configuration as config;
-use motord_simulator::{BusKind, BusSettings, FaultVerb, SerialPort, SerialSlave, SimulatedBus};
+use motord_simulator::{BusSettings, FaultVerb, Medium, SerialPort, SerialSlave, SimulatedBus};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
@@ -37,7 +37,7 @@ fn documented_sim_faults_work_on_simulated_bus() {
 
 #[test]
 fn documented_sim_faults_work_on_serial_port() {
-    let settings = BusSettings { name: "gripper".into(), kind: BusKind::Serial, ..BusSettings::default() };
+    let settings = BusSettings { name: "gripper".into(), medium: Medium::Serial, ..BusSettings::default() };
     let slave = SerialSlave::new(SimulatedBus::new(settings, Vec::new(), 0), 0);
     let mut port = SerialPort::open(slave, None).expect("this kernel has pseudo terminals");
     let lines = lines("Lines for a serial bus:");

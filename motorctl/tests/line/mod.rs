@@ -5,8 +5,8 @@
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};
 use motord_simulator::{
-    Bridge, BusKind, BusSettings, Dialect, FaultVerb, Imu, ImuNodeDevice, ImuNodeSettings, ImuPort,
-    ImuVendor, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
+    Bridge, BusSettings, Dialect, FaultVerb, Imu, ImuNodeDevice, ImuNodeSettings, ImuPort, ImuVendor, Medium,
+    MotorSettings, SerialPort, SerialSlave, SimulatedBus,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ impl Line {
         let directory = TempDir::new().unwrap();
         let settings = BusSettings {
             name: "line".into(),
-            kind: BusKind::Serial,
+            medium: Medium::Serial,
             bitrate: 921_600,
             ..Default::default()
         };

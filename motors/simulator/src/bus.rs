@@ -7,7 +7,7 @@ use crate::length::frame_time;
 use crate::motor::{Impairment, Motor, Reply};
 use crate::random::Random;
 use crate::record::{Direction, Record, Recorded};
-use crate::settings::{BusKind, BusSettings, MotorSettings};
+use crate::settings::{BusSettings, Medium, MotorSettings};
 use crate::shaft::Shaft;
 use motord_bus::arithmetic::{IdWidth, SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
 use motord_bus::frame::ControllerState;
@@ -99,7 +99,7 @@ impl SimulatedBus {
         let wire_bitrate = settings.wire_bitrate.unwrap_or(settings.bitrate);
         assert!(settings.bitrate.min(wire_bitrate) > 0, "a bus without a bit rate carries nothing");
         let motors: Vec<Motor> =
-            motors.into_iter().map(|motor| Motor::new(motor, settings.kind, settings.bitrate)).collect();
+            motors.into_iter().map(|motor| Motor::new(motor, settings.medium, settings.bitrate)).collect();
         let imus: Vec<_> = settings.imus.iter().map(ImuNode::new).collect();
         Self {
             random: Random::new(seed),
@@ -336,7 +336,7 @@ impl SimulatedBus {
             return;
         }
         let ready = self.contenders().filter(|contender| contender.ready <= start);
-        let priority = |frame: Frame| (self.settings.kind == BusKind::Can).then(|| frame.id());
+        let priority = |frame: Frame| (self.settings.medium == Medium::Can).then(|| frame.id());
         let Some(winner) = ready.min_by_key(|contender| (priority(contender.frame), contender.ready)) else {
             return;
         };
@@ -353,9 +353,9 @@ impl SimulatedBus {
 
     /// Returns `true` when another motor's answer destroys the winner's.
     fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
-        match self.settings.kind {
-            BusKind::Can => self.answers.collide(winner, start),
-            BusKind::Serial => self.answers.clash(winner, start),
+        match self.settings.medium {
+            Medium::Can => self.answers.collide(winner, start),
+            Medium::Serial => self.answers.clash(winner, start),
         }
     }
 
@@ -387,9 +387,9 @@ impl SimulatedBus {
     }
 
     fn duration(&self, frame: &Frame) -> Duration {
-        match self.settings.kind {
-            BusKind::Can => frame_time(frame, self.wire_bitrate(), self.settings.data_bitrate),
-            BusKind::Serial => wire_time(SERIAL_FRAME_BITS, self.wire_bitrate()),
+        match self.settings.medium {
+            Medium::Can => frame_time(frame, self.wire_bitrate(), self.settings.data_bitrate),
+            Medium::Serial => wire_time(SERIAL_FRAME_BITS, self.wire_bitrate()),
         }
     }
 
@@ -489,7 +489,7 @@ impl SimulatedBus {
     /// Returns the time at which the wire is free for `contender`: after the host's frames that
     /// have priority.
     fn wire_free_for(&self, contender: &Contender) -> Instant {
-        let blocked = self.settings.kind == BusKind::Serial || self.link == Link::Unacknowledged;
+        let blocked = self.settings.medium == Medium::Serial || self.link == Link::Unacknowledged;
         let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());
         let before = if blocked { Duration::ZERO } else { urgent.map(|queued| queued.duration).sum() };
         self.idle_from() + before

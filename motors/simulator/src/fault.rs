@@ -522,19 +522,23 @@ mod tests {
     /// and a serial bus.
     #[test]
     fn verbs_apply_to_their_listed_targets() {
-        use crate::{BusKind, BusSettings, MotorSettings, SerialSlave, SimulatedBus};
+        use crate::{BusSettings, Medium, MotorSettings, SerialSlave, SimulatedBus};
         use motord_bus::Instant;
-        let bus = |kind| {
+        let bus = |medium| {
             let motor = MotorSettings { name: "motor".into(), ..Default::default() };
-            SimulatedBus::new(BusSettings { name: "bus".into(), kind, ..Default::default() }, vec![motor], 0)
+            SimulatedBus::new(
+                BusSettings { name: "bus".into(), medium, ..Default::default() },
+                vec![motor],
+                0,
+            )
         };
         for verb in VERBS {
             let usage = verb.usage().replace(['[', ']'], "");
             let line = |target| format!("{target} {usage}").parse::<FaultVerb>().unwrap();
-            let to_motor = bus(BusKind::Can).inject(Instant::ZERO, &line("motor")).is_ok();
-            let to_bus = bus(BusKind::Can).inject(Instant::ZERO, &line("bus")).is_ok();
+            let to_motor = bus(Medium::Can).inject(Instant::ZERO, &line("motor")).is_ok();
+            let to_bus = bus(Medium::Can).inject(Instant::ZERO, &line("bus")).is_ok();
             let to_line =
-                SerialSlave::new(bus(BusKind::Serial), 0).inject(Instant::ZERO, &line("bus")).is_ok();
+                SerialSlave::new(bus(Medium::Serial), 0).inject(Instant::ZERO, &line("bus")).is_ok();
             let (motor, any_bus) = match verb.target {
                 FaultTarget::Any => (true, true),
                 FaultTarget::Motor => (true, false),

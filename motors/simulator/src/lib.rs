@@ -86,7 +86,7 @@ pub use port::SerialPort;
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
-    Behaviour, BeyondRange, BusKind, BusSettings, Dialect, DurationEnd, HostLoss, InFault, MotorSettings,
+    Behaviour, BeyondRange, BusSettings, Dialect, DurationEnd, HostLoss, InFault, Medium, MotorSettings,
     OtherBitrate, Persistence, ReplyTiming, RobStrideFirmware,
 };
 pub use shaft::Shaft;

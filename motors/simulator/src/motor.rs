@@ -8,7 +8,7 @@ mod registers;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
-use crate::settings::{BusKind, HostLoss, MotorSettings, OtherBitrate};
+use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::shaft::Shaft;
 use crate::twin::Twin;
 use crate::wire::{POSITION, Scale, State, VELOCITY};
@@ -57,7 +57,7 @@ pub enum Mode {
 #[derive(Debug, Clone)]
 pub struct Motor {
     settings: MotorSettings,
-    kind: BusKind,
+    medium: Medium,
     bitrate: u32,
     configuration: Configuration,
     body: Body,
@@ -116,10 +116,10 @@ pub(crate) struct Reply {
 }
 
 impl Motor {
-    pub(crate) fn new(settings: MotorSettings, kind: BusKind, bitrate: u32) -> Self {
+    pub(crate) fn new(settings: MotorSettings, medium: Medium, bitrate: u32) -> Self {
         settings.assert_physical();
         Self {
-            configuration: Configuration::new(&settings, (kind == BusKind::Can).then_some(bitrate)),
+            configuration: Configuration::new(&settings, (medium == Medium::Can).then_some(bitrate)),
             body: Body::new(&settings),
             law: Law::LIMP,
             origin: 0.0,
@@ -136,7 +136,7 @@ impl Motor {
             last_answer: Frame::EMPTY,
             disturbances: DISTURBANCES,
             settings,
-            kind,
+            medium,
             bitrate,
         }
     }
@@ -352,7 +352,7 @@ impl Motor {
 
     /// Returns `true` when it destroys a frame on a CAN bus, as a motor with another bit rate may.
     pub(crate) fn disturbs(&mut self) -> bool {
-        let takes_part = self.kind == BusKind::Can
+        let takes_part = self.medium == Medium::Can
             && self.settings.behaviour.other_bitrate == OtherBitrate::Disturbs
             && !self.configuration.listens_at(self.bitrate)
             && !self.impairment.off
@@ -363,7 +363,7 @@ impl Motor {
     }
 
     fn is_native(&self) -> bool {
-        self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0
+        self.medium == Medium::Serial || self.configuration.int(int::PROTOCOL) == 0
     }
 
     /// Returns the bytes of an answer that have no meaning.
@@ -383,7 +383,7 @@ impl Motor {
 
     /// Returns `true` when the motor receives frames with this `id`.
     pub(crate) fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
-        let listens = self.kind == BusKind::Serial || self.configuration.listens_at(self.bitrate);
+        let listens = self.medium == Medium::Serial || self.configuration.listens_at(self.bitrate);
         listens
             && !self.impairment.off
             && !self.impairment.dead
@@ -408,7 +408,7 @@ impl Motor {
 
     /// Returns an id as the line carries it: 11 bits on CAN, a byte in a serial header.
     fn line_id(&self, item: u8) -> FrameId {
-        let mask = if self.kind == BusKind::Serial { 0xFF } else { 0x7FF };
+        let mask = if self.medium == Medium::Serial { 0xFF } else { 0x7FF };
         FrameId::new((self.configuration.int(item) & mask) as u16).unwrap_or(FrameId::MAX)
     }
 

@@ -39,7 +39,7 @@ enum Start {
 }
 
 impl SerialSlave {
-    /// Puts `bus`, one of kind [`BusKind::Serial`](crate::BusKind::Serial), behind a port. `seed`
+    /// Puts `bus`, one of medium [`Medium::Serial`](crate::Medium::Serial), behind a port. `seed`
     /// determines which bytes a faulty line loses or changes.
     #[must_use]
     pub fn new(bus: SimulatedBus, seed: u64) -> Self {
@@ -164,7 +164,7 @@ fn header(to: FrameId, kind: u8, len: usize) -> [u8; HEADER] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BusKind, BusSettings, MotorSettings};
+    use crate::{BusSettings, Medium, MotorSettings};
 
     const GET_VERSION: [u8; 12] = [0x01, 0x00, 0x08, 0x09, 0xB1, 0, 0, 0, 0, 0, 0, 0];
     /// Golden vector rs485_host0_r_version, except for the bytes of the version, which are those of
@@ -172,7 +172,7 @@ mod tests {
     const VERSION: [u8; 12] = [0x00, 0x00, 0x08, 0x08, 0xB1, 0, 0, 0, 0x03, 0x02, 0x01, 0x00];
 
     fn slave() -> SerialSlave {
-        let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+        let settings = BusSettings { medium: Medium::Serial, bitrate: 921_600, ..BusSettings::default() };
         let motor = MotorSettings { host_id: 0, ..MotorSettings::default() };
         SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0), 0)
     }
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn bad_line_corrupts_reproducibly_at_its_rate() {
         let damage = |verb: &str, seed| {
-            let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+            let settings = BusSettings { medium: Medium::Serial, bitrate: 921_600, ..BusSettings::default() };
             let mut slave = SerialSlave::new(SimulatedBus::new(settings, Vec::new(), 0), seed);
             inject(&mut slave, "echo");
             inject(&mut slave, verb);
@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn two_motors_with_one_id_overlap() {
-        let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+        let settings = BusSettings { medium: Medium::Serial, bitrate: 921_600, ..BusSettings::default() };
         let motor =
             |name: &str| MotorSettings { name: name.into(), is_new: true, ..MotorSettings::default() };
         let mut slave = SerialSlave::new(SimulatedBus::new(settings, vec![motor("a"), motor("b")], 0), 0);

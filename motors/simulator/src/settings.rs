@@ -8,8 +8,8 @@ use motord_bus::Duration;
 pub struct BusSettings {
     /// The name that fault verbs use for it.
     pub name: String,
-    /// CAN or a serial line.
-    pub kind: BusKind,
+    /// The wire: CAN or a serial line.
+    pub medium: Medium,
     /// Bit rate of the host's controller, bit/s. A motor that is configured for another rate does
     /// not receive its frames.
     pub bitrate: u32,
@@ -34,7 +34,7 @@ impl Default for BusSettings {
     fn default() -> Self {
         Self {
             name: "can0".into(),
-            kind: BusKind::Can,
+            medium: Medium::Can,
             bitrate: 1_000_000,
             wire_bitrate: None,
             data_bitrate: 5_000_000,
@@ -48,7 +48,7 @@ impl Default for BusSettings {
 
 /// The kind of wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BusKind {
+pub enum Medium {
     /// The lowest id is sent first when the wire is idle.
     Can,
     /// RS485 or RS232 at 10 bits a byte. Answers that overlap destroy each other, so the host must

@@ -4,7 +4,7 @@
 
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
 use motord_simulator::{
-    BusKind, BusSettings, Direction, FaultVerb, MotorSettings, SharedBus, SimulatedBus, frame_bits,
+    BusSettings, Direction, FaultVerb, Medium, MotorSettings, SharedBus, SimulatedBus, frame_bits,
 };
 
 const NEUTRAL: [u8; 8] = [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF];
@@ -156,7 +156,7 @@ fn record_keeps_newest_frames_with_direction() {
 #[test]
 fn unanswered_serial_request_blocks_no_other() {
     let settings =
-        BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
+        BusSettings { medium: Medium::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1), motor(2)], 0);
     let get_fault = [0xB2, 0, 0, 0, 0, 0, 0, 0];
     // No motor has the address 9.
@@ -171,7 +171,7 @@ fn unanswered_serial_request_blocks_no_other() {
 #[test]
 fn a_serial_line_knows_no_priority() {
     let settings =
-        BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
+        BusSettings { medium: Medium::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1)], 0);
     // No motor has the address 9. The answer becomes ready during the second request, when the
     // third already waits.

@@ -8,7 +8,7 @@ mod common;
 use common::{Bench, CLEAR_FAULT, GET_FAULT, SET_ZERO, STOP};
 use motord_bus::{Bus, Duration, Frame, FrameId, Instant};
 use motord_simulator::{
-    Behaviour, BusKind, BusSettings, Dialect, MotorSettings, OtherBitrate, Persistence, SimulatedBus,
+    Behaviour, BusSettings, Dialect, Medium, MotorSettings, OtherBitrate, Persistence, SimulatedBus,
 };
 
 const INT: u8 = 0x00;
@@ -292,7 +292,7 @@ fn wire_rate_differs_from_configured_motor_rate() {
 
 #[test]
 fn serial_rate_differs_from_can_rate() {
-    let bus = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+    let bus = BusSettings { medium: Medium::Serial, bitrate: 921_600, ..BusSettings::default() };
     let mut bench = bench();
     bench.bus = SimulatedBus::new(bus, vec![MotorSettings { name: "joint".into(), ..settings() }], 0);
     assert_eq!(int(&mut bench, 0x18), 10);

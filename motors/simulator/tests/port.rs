@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_bus::{Duration, clock, wait};
-use motord_simulator::{BusKind, BusSettings, MotorSettings, SerialPort, SerialSlave, SimulatedBus};
+use motord_simulator::{BusSettings, Medium, MotorSettings, SerialPort, SerialSlave, SimulatedBus};
 use nix::fcntl::OFlag;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -16,7 +16,7 @@ const VERSION: [u8; 12] = [0x05, 0x00, 0x08, 0x0D, 0xB1, 0, 0, 0, 0x03, 0x02, 0x
 
 fn port(link: Option<PathBuf>) -> SerialPort {
     let settings =
-        BusSettings { name: "arm".into(), kind: BusKind::Serial, bitrate: 921_600, ..Default::default() };
+        BusSettings { name: "arm".into(), medium: Medium::Serial, bitrate: 921_600, ..Default::default() };
     let motor = MotorSettings { name: "elbow".into(), host_id: 5, ..Default::default() };
     SerialPort::open(SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0), 0), link).unwrap()
 }

@@ -10,7 +10,7 @@ use motord_bus::{Instant, VirtualClock};
 use motord_commissioning::Link;
 use motord_protocol::gim::ExecutionTime;
 use motord_simulator::{
-    BusKind, BusSettings, Dialect, FaultVerb, Mode, MotorSettings, SharedBus, SimulatedBus,
+    BusSettings, Dialect, FaultVerb, Medium, Mode, MotorSettings, SharedBus, SimulatedBus,
 };
 
 pub(crate) const START: Instant = Instant::from_nanos(1_000_000_000);
@@ -20,24 +20,24 @@ pub(crate) fn motor(name: &str, id: u16, dialect: Dialect) -> MotorSettings {
     MotorSettings { name: name.into(), id, host_id: 0x100 + id, dialect, ..MotorSettings::default() }
 }
 
-pub(crate) fn bus(kind: BusKind, motors: Vec<MotorSettings>) -> SharedBus {
-    let bitrate = if kind == BusKind::Can { 1_000_000 } else { 921_600 };
-    let settings = BusSettings { kind, bitrate, record: 100_000, ..BusSettings::default() };
+pub(crate) fn bus(medium: Medium, motors: Vec<MotorSettings>) -> SharedBus {
+    let bitrate = if medium == Medium::Can { 1_000_000 } else { 921_600 };
+    let settings = BusSettings { medium, bitrate, record: 100_000, ..BusSettings::default() };
     SharedBus::new(SimulatedBus::new(settings, motors, 7))
 }
 
-pub(crate) fn link(bus: &SharedBus, kind: BusKind) -> Link {
-    match kind {
-        BusKind::Can => Link::can(bus.clone(), VirtualClock::new(START)),
-        BusKind::Serial => Link::serial(bus.clone(), VirtualClock::new(START)),
+pub(crate) fn link(bus: &SharedBus, medium: Medium) -> Link {
+    match medium {
+        Medium::Can => Link::can(bus.clone(), VirtualClock::new(START)),
+        Medium::Serial => Link::serial(bus.clone(), VirtualClock::new(START)),
     }
 }
 
 /// One native motor, on both kinds of wire.
 pub(crate) fn on_both_wires(test: impl Fn(&SharedBus, &mut Link)) {
-    for kind in [BusKind::Can, BusKind::Serial] {
-        let bus = bus(kind, vec![motor("knee", 3, Dialect::Gim)]);
-        let mut link = link(&bus, kind);
+    for medium in [Medium::Can, Medium::Serial] {
+        let bus = bus(medium, vec![motor("knee", 3, Dialect::Gim)]);
+        let mut link = link(&bus, medium);
         test(&bus, &mut link);
     }
 }

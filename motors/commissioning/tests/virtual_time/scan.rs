@@ -8,21 +8,21 @@ use motord_checker::codec::{Meaning, Ranges};
 use motord_commissioning::{
     Error, Family, Formats, LASTING, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
 };
-use motord_simulator::{Behaviour, BusKind, Dialect, Direction, InFault, MotorSettings, SharedBus};
+use motord_simulator::{Behaviour, Dialect, Direction, InFault, Medium, MotorSettings, SharedBus};
 
 /// Motors on four CAN buses and on a serial line, half of them in MIT.
-fn robot() -> Vec<(BusKind, SharedBus)> {
+fn robot() -> Vec<(Medium, SharedBus)> {
     let dialect = |id: u16| if id.is_multiple_of(2) { Dialect::Mit } else { Dialect::Gim };
-    let of = |kind, ids: [u16; 3]| {
+    let of = |medium, ids: [u16; 3]| {
         let motors = ids.map(|id| motor(&format!("m{id}"), id, dialect(id)));
-        (kind, bus(kind, motors.into()))
+        (medium, bus(medium, motors.into()))
     };
     vec![
-        of(BusKind::Can, [1, 2, 3]),
-        of(BusKind::Can, [4, 5, 6]),
-        of(BusKind::Can, [1, 0x7F, 0xFE]),
-        of(BusKind::Can, [10, 11, 12]),
-        of(BusKind::Serial, [7, 8, 9]),
+        of(Medium::Can, [1, 2, 3]),
+        of(Medium::Can, [4, 5, 6]),
+        of(Medium::Can, [1, 0x7F, 0xFE]),
+        of(Medium::Can, [10, 11, 12]),
+        of(Medium::Serial, [7, 8, 9]),
     ]
 }
 
@@ -45,8 +45,8 @@ fn assert_harmless(bytes: [u8; 8]) {
 
 #[test]
 fn scan_finds_every_motor_and_moves_none() {
-    for (kind, bus) in robot() {
-        let mut link = link(&bus, kind);
+    for (medium, bus) in robot() {
+        let mut link = link(&bus, medium);
         let mut steps = 0;
         let report = scan(&mut link, &Scan::default(), &mut |Progress { .. }| {
             steps += 1;
@@ -57,11 +57,11 @@ fn scan_finds_every_motor_and_moves_none() {
             bus.lock().motors().iter().map(|motor| motor.name()[1..].parse().unwrap()).collect();
         assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<u8>>(), expected);
         for found in &report.found {
-            let in_mit = kind == BusKind::Can && found.id % 2 == 0;
+            let in_mit = medium == Medium::Can && found.id % 2 == 0;
             assert_eq!(found.family, if in_mit { Family::Mit } else { Family::Native }, "{found:?}");
             assert_eq!(found.host_id.unwrap().raw(), 0x100 + u32::from(found.id), "{found:?}");
         }
-        let lasting = if kind == BusKind::Can { &LASTING[..] } else { &[] };
+        let lasting = if medium == Medium::Can { &LASTING[..] } else { &[] };
         assert_eq!((steps, &report.lasting[..]), (254 - lasting.len(), lasting));
         let mut frames = 0;
         for recorded in bus.lock().take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
@@ -80,8 +80,8 @@ fn two_motors_with_one_id_are_detected() {
         MotorSettings { name, host_id, initial_position, ..motor("", 1, Dialect::Mit) }
     };
     let ids = Scan { ids: 1..=2, ..Scan::default() };
-    let apart = bus(BusKind::Can, vec![twin(0x101, 0.1), twin(0x102, 0.2)]);
-    let mut over_can = link(&apart, BusKind::Can);
+    let apart = bus(Medium::Can, vec![twin(0x101, 0.1), twin(0x102, 0.2)]);
+    let mut over_can = link(&apart, Medium::Can);
     let report = scan(&mut over_can, &ids, &mut |_| true).unwrap();
     assert_eq!(report.found.len(), 2);
     let refused = identify(&mut over_can, 1).unwrap_err();
@@ -89,7 +89,7 @@ fn two_motors_with_one_id_are_detected() {
 
     let mut same = [twin(0x101, 0.1), twin(0x101, 0.2)];
     same[1].name = "other".into();
-    let report = scan(&mut link(&bus(BusKind::Can, same.into()), BusKind::Can), &ids, &mut |_| true).unwrap();
+    let report = scan(&mut link(&bus(Medium::Can, same.into()), Medium::Can), &ids, &mut |_| true).unwrap();
     assert_eq!(report.collisions, [1]);
 }
 
@@ -100,8 +100,8 @@ fn silent_faulty_motor_is_found_by_fault_question() {
     {
         let behaviour = Behaviour { in_fault: behaviour, ..Behaviour::default() };
         let knee = MotorSettings { behaviour, ..motor("knee", 3, Dialect::Gim) };
-        let bus = bus(BusKind::Can, vec![knee]);
-        let mut link = link(&bus, BusKind::Can);
+        let bus = bus(Medium::Can, vec![knee]);
+        let mut link = link(&bus, Medium::Can);
         inject(&bus, &link, "knee fault 2");
         let scan_settings = Scan { ids: 1..=5, in_fault, ..Scan::default() };
         let report = scan(&mut link, &scan_settings, &mut |_| true).unwrap();
@@ -112,8 +112,8 @@ fn silent_faulty_motor_is_found_by_fault_question() {
 
 #[test]
 fn nothing_is_sent_on_a_busy_bus() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut link = link(&bus, Medium::Can);
     inject(&bus, &link, "can0 flood 1000");
     let refused = scan(&mut link, &Scan::default(), &mut |_| true);
     assert!(matches!(refused, Err(Error::InUse { .. })), "{refused:?}");
@@ -168,7 +168,7 @@ fn beside_odrive(node: u16) -> (SharedBus, Link) {
 }
 
 fn beside_odrive_with(node: u16, heartbeat: bool) -> (SharedBus, Link) {
-    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit), motor("hip", 41, Dialect::Gim)]);
+    let bus = bus(Medium::Can, vec![motor("knee", 40, Dialect::Mit), motor("hip", 41, Dialect::Gim)]);
     let beside = BesideOdrive { bus: bus.clone(), node, heartbeat, reports: 0 };
     (bus, Link::can(beside, VirtualClock::new(START)))
 }
@@ -233,8 +233,8 @@ fn id_that_an_odrive_obeys_is_refused() {
 
 #[test]
 fn ids_that_command_other_drivers_are_not_asked() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![motor("knee", 40, Dialect::Gim)]);
+    let mut link = link(&bus, Medium::Can);
     let heartbeat = Frame::classic(FrameId::new(0x001).unwrap(), [0; 8]);
     bus.lock().deliver(START + Duration::from_millis(100), Content::Frame(heartbeat));
     let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
@@ -277,7 +277,7 @@ impl Bus for OtherFormats {
 /// Goal: an answer in a format that motord does not use is named, and is no silence.
 #[test]
 fn answers_in_other_formats_are_named() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit)]);
+    let bus = bus(Medium::Can, vec![motor("knee", 40, Dialect::Mit)]);
     let mut link = Link::can(OtherFormats { bus, reports: false }, VirtualClock::new(START));
     let report = scan(&mut link, &Scan { ids: 38..=60, ..Scan::default() }, &mut |_| true).unwrap();
     assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<_>>(), [40]);
@@ -294,7 +294,7 @@ fn answers_in_other_formats_are_named() {
 /// Goal: a motor that reports unasked with 29-bit ids is no answer of every id.
 #[test]
 fn unasked_frames_of_other_formats_name_no_id() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Mit)]);
+    let bus = bus(Medium::Can, vec![motor("knee", 40, Dialect::Mit)]);
     let mut link = Link::can(OtherFormats { bus, reports: true }, VirtualClock::new(START));
     let report = scan(&mut link, &Scan { ids: 38..=60, ..Scan::default() }, &mut |_| true).unwrap();
     assert_eq!(report.found.len(), 1);

@@ -9,7 +9,7 @@ use motord_protocol::gim::{
     Access, CONFIGURATION, Calibration, ConfigurationItem, Finite, INDICATORS, PARAMETERS, Refusal, Value,
 };
 use motord_protocol::{Faults, Scales};
-use motord_simulator::{BusKind, Dialect, Mode, MotorSettings};
+use motord_simulator::{Dialect, Medium, Mode, MotorSettings};
 
 #[test]
 fn every_readable_value_is_read_on_both_wires() {
@@ -155,14 +155,14 @@ fn unconfirmed_write_reports_either_value_possible() {
 #[test]
 fn motor_changes_to_mit_and_back_over_serial() {
     let item = ConfigurationItem::PROTOCOL.item().unwrap();
-    let can = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
-    let mut over_can = link(&can, BusKind::Can);
+    let can = bus(Medium::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut over_can = link(&can, Medium::Can);
     let mut knee = Native::new(&mut over_can, 3, None);
     assert_eq!(knee.set_configuration(item, Value::Integer(1)), Ok(Confirmation::AnswersInMit));
     assert_eq!(identify(&mut over_can, 3).unwrap().unwrap().family, Family::Mit);
 
-    let serial = bus(BusKind::Serial, vec![motor("knee", 3, Dialect::Mit)]);
-    let mut over_serial = link(&serial, BusKind::Serial);
+    let serial = bus(Medium::Serial, vec![motor("knee", 3, Dialect::Mit)]);
+    let mut over_serial = link(&serial, Medium::Serial);
     let mut knee = Native::new(&mut over_serial, 3, None);
     assert_eq!(knee.configuration(item.key()), Ok(Value::Integer(1)));
     let back = Confirmation::ReadBack(Value::Integer(0));
@@ -171,8 +171,8 @@ fn motor_changes_to_mit_and_back_over_serial() {
 
 #[test]
 fn motor_with_other_bit_rate_is_unreachable() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut link = link(&bus, Medium::Can);
     let rate = ConfigurationItem::by_name("can-baud-rate").unwrap();
     let written = Native::new(&mut link, 3, None).set_configuration(rate, Value::Integer(5));
     assert_eq!(written, Ok(Confirmation::Unreachable));
@@ -197,14 +197,14 @@ fn calibration_reports_progress_and_can_be_aborted() {
 
 #[test]
 fn unanswered_calibration_is_stopped() {
-    for kind in [BusKind::Can, BusKind::Serial] {
+    for medium in [Medium::Can, Medium::Serial] {
         let calibration_time = CALIBRATION_MAX + Duration::from_secs(60);
         let knee = MotorSettings { calibration_time, ..motor("knee", 3, Dialect::Gim) };
-        let bus = bus(kind, vec![knee]);
-        let mut link = link(&bus, kind);
+        let bus = bus(medium, vec![knee]);
+        let mut link = link(&bus, medium);
         let unanswered = Native::new(&mut link, 3, None).calibrate(Calibration::ENCODER, &mut |_| true);
         assert_eq!(unanswered, Err(Error::Silent { id: 3, request: "calibration" }));
-        assert_eq!(mode(&bus), Mode::Stopped, "{kind:?}");
+        assert_eq!(mode(&bus), Mode::Stopped, "{medium:?}");
     }
 }
 
@@ -251,8 +251,8 @@ fn write_with_lost_answer_is_confirmed_by_reading() {
 #[test]
 fn mit_motor_stops_starts_zeroes_and_reports_fault() {
     let hip = MotorSettings { initial_position: 0.7, ..motor("hip", 4, Dialect::Mit) };
-    let bus = bus(BusKind::Can, vec![hip]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![hip]);
+    let mut link = link(&bus, Medium::Can);
     let scales = Scales::by_current(0.125, 8.0).unwrap();
     let mut hip = Mit::new(&mut link, 4, None, scales);
     assert!((hip.stop().unwrap().position - 0.7).abs() < 1e-3);
@@ -272,8 +272,8 @@ fn mit_motor_stops_starts_zeroes_and_reports_fault() {
 fn damiao_motor_reports_ends_of_its_codes() {
     let damiao =
         MotorSettings { vendor: "damiao", ends: Some([12.5, 10.0, 28.0]), ..motor("knee", 3, Dialect::Mit) };
-    let bus = bus(BusKind::Can, vec![damiao, motor("hip", 4, Dialect::Mit)]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![damiao, motor("hip", 4, Dialect::Mit)]);
+    let mut link = link(&bus, Medium::Can);
     let host_id = |id| FrameId::new(id).unwrap();
     assert_eq!(ends(&mut link, 3, host_id(0x103)), Ok(Some([12.5, 10.0, 28.0])));
     assert_eq!(ends(&mut link, 4, host_id(0x104)), Ok(None), "a motor without registers");
@@ -284,8 +284,8 @@ fn damiao_motor_reports_ends_of_its_codes() {
 /// stop arrives after the question for the fault.
 #[test]
 fn late_state_is_no_fault() {
-    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Mit)]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![motor("knee", 3, Dialect::Mit)]);
+    let mut link = link(&bus, Medium::Can);
     inject(&bus, &link, "knee delayed 30ms");
     let mut knee = Mit::new(&mut link, 3, None, Scales::WITHOUT_CONSTANTS);
     knee.stop().unwrap();
@@ -296,8 +296,8 @@ fn late_state_is_no_fault() {
 fn fault_of_motor_with_filled_reports_is_read() {
     let mut knee = motor("knee", 3, Dialect::Mit);
     knee.behaviour.stale_bytes = true;
-    let bus = bus(BusKind::Can, vec![knee]);
-    let mut link = link(&bus, BusKind::Can);
+    let bus = bus(Medium::Can, vec![knee]);
+    let mut link = link(&bus, Medium::Can);
     inject(&bus, &link, "knee fault 0x40");
     let mut knee = Mit::new(&mut link, 3, None, Scales::WITHOUT_CONSTANTS);
     assert_eq!(knee.fault().map(|faults| faults.0), Ok(0x40));
