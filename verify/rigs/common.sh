@@ -53,7 +53,7 @@ in_two_groups() {
 }
 
 # build_programs [EXAMPLE...]: builds the programs that the rigs run, and these examples, in the folder $bin. RIG_BIN is a folder that has
-# them. The client's examples and those of the benchmarks are built with the features of the workspace, the daemon without those of tests.
+# them. The examples of the client and of verify/attackers are built with the features of the workspace, the daemon without those of tests.
 build_programs() {
     local target profile=${RIG_PROFILE:-release} options example examples=("${@/#/--example=}")
     target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")

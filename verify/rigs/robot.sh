@@ -39,7 +39,7 @@ fi
 #   RIG_PROFILE=release cargo's profile
 #   RIG_FEATURES=       features of cargo that the programs are built with
 #   RIG_BIN=            a folder with the programs, and in `examples` the examples
-#   RIG_EXAMPLE=        examples of the client or of the benchmarks that the script runs
+#   RIG_EXAMPLE=        examples of the client or of verify/attackers that the script runs
 #   RIG_FILES=          files of this repository that the script needs
 #   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
 #   RIG_ALSO=           a file that is appended to it

@@ -2,7 +2,7 @@
 //! `verify/rigs/test-malice` runs it.
 //!
 //! ```text
-//! judged-robot CONFIG GROUP
+//! checked-daemon CONFIG GROUP
 //! ```
 //!
 //! A line on standard input names the next action on the robot. The program then prints the figures
@@ -40,13 +40,13 @@ const PRIORITY: u8 = 60;
 const COMPLAINTS_MAX: usize = 20;
 
 fn main() -> ExitCode {
-    let [path, group] = [1, 2].map(|place| std::env::args().nth(place).expect("a configuration and a group"));
+    let [path, group] = [1, 2].map(|index| std::env::args().nth(index).expect("a configuration and a group"));
     let log = Log::to_stderr().expect("a thread for the log");
     log.hear_tracing(LevelFilter::INFO);
     log.hear_panics();
     let ended = run(Path::new(&path), &group);
     if let Err(error) = &ended {
-        log.error(&format!("judged-robot: {error}"));
+        log.error(&format!("checked-daemon: {error}"));
     }
     log.finish();
     match ended {
@@ -64,7 +64,7 @@ fn run(path: &Path, group: &str) -> Result<usize, RunError> {
     let buses: Vec<SharedBus> = (0..settings.buses.len()).map(|bus| recorded(&settings, bus)).collect();
     let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
     let opened = Buses::of(boxed);
-    let mut judge = Judge::new(settings.clone(), group, buses);
+    let mut check = FrameCheck::new(settings.clone(), group, buses);
     let daemon = Daemon::start(settings, None, opened, &lock, None)?;
     let realtime = granted(daemon.realtime());
     println!("ready; {realtime}");
@@ -72,17 +72,17 @@ fn run(path: &Path, group: &str) -> Result<usize, RunError> {
     let marks = marks();
     while !daemon.has_ended() {
         match marks.try_recv() {
-            Ok(mark) => judge.begin(mark),
+            Ok(mark) => check.begin(mark),
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => daemon.stop(),
         }
         std::thread::sleep(TURN);
-        judge.judge();
+        check.check();
     }
     let ended = daemon.end();
-    judge.judge();
-    judge.begin("the end".into());
-    ended.map(|()| judge.wrong)
+    check.check();
+    check.begin("the end".into());
+    ended.map(|()| check.wrong)
 }
 
 fn recorded(settings: &Settings, bus: usize) -> SharedBus {
@@ -101,7 +101,7 @@ fn marks() -> Receiver<String> {
 }
 
 /// Checks the frames to the motors.
-struct Judge {
+struct FrameCheck {
     settings: Settings,
     buses: Vec<SharedBus>,
     /// The motors of the group.
@@ -115,7 +115,7 @@ struct Judge {
     wrong: usize,
 }
 
-impl Judge {
+impl FrameCheck {
     fn new(settings: Settings, group: &str, buses: Vec<SharedBus>) -> Self {
         let group = settings.groups.iter().find(|known| known.name == group).expect("a group");
         let (stopped, mark) = (group.motors.clone(), "start".into());
@@ -128,18 +128,18 @@ impl Judge {
         (self.mark, self.frames, self.forbidden) = (mark, 0, 0);
     }
 
-    fn judge(&mut self) {
+    fn check(&mut self) {
         for (index, bus) in self.buses.clone().iter().enumerate() {
             let frames: Vec<Recorded> = bus.lock().take_record().collect();
             if frames.len() == RECORDED {
                 self.complain("frames were not checked: this program stalled");
             }
             let commands = frames.iter().filter(|frame| frame.direction == Direction::ToMotor);
-            commands.for_each(|frame| self.judge_frame(index, frame));
+            commands.for_each(|frame| self.check_frame(index, frame));
         }
     }
 
-    fn judge_frame(&mut self, bus: usize, frame: &Recorded) {
+    fn check_frame(&mut self, bus: usize, frame: &Recorded) {
         self.frames += 1;
         let id = frame.frame.id();
         let is_it = |motor: &MotorSettings| motor.bus == bus && motor.command_id() == id;

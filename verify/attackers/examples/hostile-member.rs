@@ -39,9 +39,9 @@ const CONNECTIONS: usize = 1_000;
 /// Slots for watchers that the attack leaves free.
 const LEFT: usize = 6;
 /// Longer than a request takes.
-const PATIENCE: Duration = Duration::from_secs(1);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 /// Clients of a flood of requests: each may have two open.
-const ASKERS: usize = 10;
+const REQUESTERS: usize = 10;
 /// Numbers that often cause failures.
 const ABSURD: [f32; 9] = [
     f32::NAN,
@@ -138,7 +138,7 @@ impl Member {
             if let Some((reply, _)) = question.answer()? {
                 return Ok(reply);
             }
-            if begun.elapsed() > PATIENCE {
+            if begun.elapsed() > REQUEST_TIMEOUT {
                 return Ok(AdminReply::default());
             }
             self.hold()?;
@@ -161,7 +161,7 @@ impl Member {
     /// Returns the numbers of accepted and of rejected setpoints of the group.
     fn verdicts(&self) -> Outcome<[u32; 2]> {
         let begun = Instant::now();
-        while begun.elapsed() < PATIENCE {
+        while begun.elapsed() < REQUEST_TIMEOUT {
             if let Some(state) = self.ports.newest_state()? {
                 let group = &state.groups()[self.group as usize];
                 return Ok([
@@ -281,14 +281,14 @@ impl Member {
 
 fn request_flood(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let mut member = Member::new(instance, group)?;
-    let askers = (0..ASKERS).map(|_| open(instance)).collect::<Outcome<Vec<_>>>()?;
+    let requesters = (0..REQUESTERS).map(|_| open(instance)).collect::<Outcome<Vec<_>>>()?;
     let (mut sent, mut refused, begun, end) = (0_u32, 0_u32, Instant::now(), begin(length));
-    let mut waiting: Vec<Option<Question>> = (0..2 * ASKERS).map(|_| None).collect();
+    let mut waiting: Vec<Option<Question>> = (0..2 * REQUESTERS).map(|_| None).collect();
     let mut next = 0;
     paced(FLOOD_HZ, end, |_| {
         next = (next + 1) % waiting.len();
         waiting[next] = None;
-        waiting[next] = askers[next / 2].ask(member.senseless()).ok();
+        waiting[next] = requesters[next / 2].ask(member.senseless()).ok();
         sent += u32::from(waiting[next].is_some());
         refused += u32::from(waiting[next].is_none());
     });
@@ -347,14 +347,14 @@ fn held(instance: &str, length: Duration) -> Outcome<String> {
         (0..RECORDERS_MAX).map(|_| records.subscriber_builder().create()).collect::<Result<Vec<_>, _>>()?;
     let sender = setpoints.publisher_builder().create()?;
     let _borrowed = sender.loan_uninit()?;
-    let asker = admin.client_builder().create()?;
+    let requester = admin.client_builder().create()?;
     let (mut kept_states, mut kept_records, mut unread) = (Vec::new(), Vec::new(), Vec::new());
     let end = begin(length);
     while Instant::now() < end {
         kept_states.extend(watchers.iter().filter_map(|watcher| watcher.receive().ok().flatten()));
         kept_records.extend(recorders.iter().filter_map(|recorder| recorder.receive().ok().flatten()));
         let request = AdminRequest { operation: Operation::Describe.code(), ..Default::default() };
-        unread.extend(asker.send_copy(Payload(request)).ok());
+        unread.extend(requester.send_copy(Payload(request)).ok());
         std::thread::sleep(Duration::from_millis(1));
     }
     let counts = (kept_states.len(), kept_records.len(), unread.len());

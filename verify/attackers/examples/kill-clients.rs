@@ -2,7 +2,7 @@
 //! `verify/rigs/test-kills` runs it.
 //!
 //! ```text
-//! victims INSTANCE CLIENTS AT-A-TIME GROUP...
+//! kill-clients INSTANCE CLIENTS AT-A-TIME GROUP...
 //! ```
 //!
 //! The clients claim these groups; several clients compete for each.
@@ -29,7 +29,7 @@ const SIGKILL: i32 = 9;
 const IN_STAGE_MAX_US: usize = 4000;
 /// Time limit for a client to reach its stage: another client may own the group, or the computer is
 /// busy.
-const PATIENCE: Duration = Duration::from_secs(2);
+const STAGE_TIMEOUT: Duration = Duration::from_secs(2);
 /// Number of cycles in which a client sends.
 const SENT: usize = 50;
 
@@ -136,8 +136,8 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null());
-    let mut victim = command.spawn().expect("a process");
-    let mut stages = victim.stdout.take().expect("its output");
+    let mut child = command.spawn().expect("a process");
+    let mut stages = child.stdout.take().expect("its output");
     let aim = random(STAGES.len());
     let (sender, entered) = std::sync::mpsc::channel();
     let reader = std::thread::spawn(move || {
@@ -152,20 +152,20 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
     let begun = Instant::now();
     let mut stage = 0;
     while stage < aim {
-        let left = PATIENCE.saturating_sub(begun.elapsed());
+        let left = STAGE_TIMEOUT.saturating_sub(begun.elapsed());
         let Ok(next) = entered.recv_timeout(left) else { break };
         stage = next;
     }
     std::thread::sleep(Duration::from_micros(random(IN_STAGE_MAX_US) as u64));
-    let was_killed = end(&mut victim);
+    let was_killed = end(&mut child);
     let last = reader.join().expect("its reader");
     was_killed.then_some(last)
 }
 
 /// Kills the client. Returns `true` if it was running.
-fn end(victim: &mut Child) -> bool {
-    let _gone = victim.kill();
-    victim.wait().expect("its status").signal() == Some(SIGKILL)
+fn end(child: &mut Child) -> bool {
+    let _gone = child.kill();
+    child.wait().expect("its status").signal() == Some(SIGKILL)
 }
 
 /// Returns a random number below `bound`.
