@@ -3,10 +3,10 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Control, Reported, Status, Wake};
+use motord_core::control::{Control, Wake};
 use motord_harness::robot;
 use motord_protocol::Faults;
-use motord_settings::joint::Measured;
+use motord_protocol::drive::{Measured, Reported, Status};
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use std::hint::black_box;
 

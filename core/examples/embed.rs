@@ -8,9 +8,9 @@ use core::num::NonZero;
 use motord_bus::{Bus, Duration, FrameId, Instant};
 use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
+use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::{MotorProtocol, Profile};
-use motord_settings::joint::Transmission;
+use motord_protocol::{MotorProtocol, Profile, mit};
 use motord_settings::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
     LimitSettings, MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
@@ -151,7 +151,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         bus: 0,
         id,
         host_id: FrameId::new(0x100 + u16::from(id)).expect("eleven bits"),
-        protocol: MotorProtocol::Mit,
+        protocol: MotorProtocol::default(),
         model: model.name.into(),
         profile,
         scales,
@@ -163,7 +163,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         },
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
-        capabilities: profile.capabilities(MotorProtocol::Mit, &scales),
+        capabilities: (mit::FAMILY.capabilities)(profile, &scales),
         registers: [RegisterRange::ANY; REGISTERS_MAX],
         duration: ExecutionTime::default(),
         may_be_excluded: false,

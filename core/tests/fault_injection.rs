@@ -14,7 +14,6 @@ use motord_harness::robot::Robot;
 use motord_harness::robot::checker::{Checker, of_vendor};
 use motord_harness::robot::fuzz_client::FuzzClient;
 use motord_harness::robot::random::Random;
-use motord_protocol::MotorProtocol;
 use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 use motord_simulator::Mode;
@@ -450,7 +449,7 @@ impl Run {
     }
 
     fn is_native(&self, motor: usize) -> bool {
-        self.robot.settings.motors[motor].protocol == MotorProtocol::Gim
+        self.robot.settings.motors[motor].protocol.name() == "gim"
     }
 
     fn ask(&mut self, operation: Operation, group: usize, joint: usize) {

@@ -1,7 +1,7 @@
 //! The limits, which are the last step before the wire.
 
 use motord_core::control::{Applied, Circumstances, damp, limit};
-use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
 use motord_settings::settings::LimitSettings;
 use motord_shared::Limit;
 

@@ -8,7 +8,6 @@
 use motord_bus::{Bus, Duration, Monotonic};
 use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
-use motord_protocol::MotorProtocol;
 use motord_settings::settings::{BusKind, MotorSettings, Settings};
 use std::path::Path;
 
@@ -67,7 +66,6 @@ fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus
 /// A motor's words, if it answers.
 fn ask(motor: &MotorSettings, link: &mut Link) -> Result<Option<Survey>, Error> {
     // A motor that should speak MIT is sent nothing that only a native motor should read.
-    let is_mit = motor.protocol == MotorProtocol::Mit;
-    let question = if is_mit { Question::MitOnly } else { Question::Both };
+    let question = if motor.protocol.family().has_items { Question::Both } else { Question::MitOnly };
     survey(link, motor.id, question, constants())
 }

@@ -330,7 +330,7 @@ impl Choice for FaultPolicy {
 }
 
 impl Choice for MotorProtocol {
-    const WORDS: &'static [(&'static str, Self)] = &[("mit", Self::Mit), ("gim", Self::Gim)];
+    const WORDS: &'static [(&'static str, Self)] = Self::ALL;
 }
 
 impl Choice for BeyondRange {

@@ -1,9 +1,9 @@
 //! The checked configuration: every value present, in range, and in the units of the code.
 
 use crate::imu::ImuSettings;
-use crate::joint::Transmission;
 use core::num::NonZero;
 use motord_bus::{Duration, FrameId};
+use motord_protocol::drive::{Addresses, DriveSettings, Transmission};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{Capabilities, DriveConstants, MotorProtocol, Profile, Scales};
 use motord_shared::SetpointMode;
@@ -309,7 +309,28 @@ impl MotorSettings {
     #[must_use]
     #[inline]
     pub fn command_id(&self) -> FrameId {
-        FrameId::new(u16::from(self.id)).unwrap_or(FrameId::MAX)
+        self.addresses().commands
+    }
+
+    /// Its ids on the bus.
+    #[must_use]
+    pub fn addresses(&self) -> Addresses {
+        (self.protocol.family().addresses)(self.id, self.host_id)
+    }
+
+    /// Returns what its dialect knows. `error_feedback` is the setting of the robot.
+    #[must_use]
+    pub const fn drive(&self, error_feedback: bool) -> DriveSettings {
+        DriveSettings {
+            id: self.id,
+            profile: self.profile,
+            scales: self.scales,
+            transmission: self.transmission,
+            limits: [self.limits.velocity, self.limits.torque],
+            wraps: matches!(self.beyond_range, BeyondRange::Wrap),
+            duration: self.duration,
+            error_feedback,
+        }
     }
 
     /// Returns whether the motor accepts setpoints of this mode.

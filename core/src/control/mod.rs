@@ -20,7 +20,6 @@ mod admin;
 mod answers;
 mod asker;
 mod bus_health;
-mod command;
 mod context;
 mod event;
 mod gravity;
@@ -33,7 +32,6 @@ mod repetition;
 mod time_base;
 mod wake;
 
-pub use command::{Command, Reported, Status};
 pub use event::{Event, Events, Losses};
 pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
@@ -48,6 +46,7 @@ use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, FrameId, Instant};
+use motord_protocol::drive::{Command, Reported};
 use motord_settings::settings::Settings;
 use motord_shared::{
     AdminReply, BusCondition, Cause, GroupState, ImuState, JointIndicators, JointState, Lease, Phase,

@@ -3,9 +3,9 @@
 use super::Cycle;
 use super::channel::{Batch, CanChannel};
 use super::link::Polled;
-use crate::control::Reported;
 use crate::drive::Received;
-use motord_bus::{Duration, Instant, Readiness, Ready};
+use motord_bus::{Duration, Frame, Instant, Readiness, Ready};
+use motord_protocol::drive::Reported;
 use motord_shared::limits::BUSES_MAX;
 
 /// Most system calls for waiting and receiving in a cycle, without those of busy polling: this many
@@ -206,10 +206,10 @@ impl Cycle {
     fn read(&mut self, bus: usize, now: Instant) {
         let Self { channels, drives, control, .. } = self;
         let channel = &mut channels[bus];
-        let judge = |motor: usize, payload: Option<&[u8]>, at| {
+        let judge = |motor: usize, frame: Option<&Frame>, at| {
             let drive = &mut drives[motor];
-            let received = match payload {
-                Some(payload) => drive.receive(payload, at),
+            let received = match frame {
+                Some(frame) => drive.receive(frame, at),
                 None => drive.refuse(),
             };
             match &received {

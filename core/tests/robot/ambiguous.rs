@@ -1,9 +1,10 @@
 //! Answers whose bytes are a fault report and a state of the same motor.
 
+use super::reply_with;
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_harness::robot::{self, PERIOD, Robot};
+use motord_protocol::drive::{Command, Reported};
 use motord_shared::{Cause, JointSetpoint, MotorMode};
 
 /// A state of motor 1 at rest at -3.88 rad. As a fault report: hotter than permitted, not started, current above its limit.
@@ -29,7 +30,7 @@ impl Bench {
         self.now = self.now + PERIOD;
         self.drive.request(command, self.now).expect("it is a frame");
         let at = self.now + Duration::from_micros(300);
-        answers.iter().map(|answer| self.drive.receive(answer, at)).collect()
+        answers.iter().map(|answer| self.drive.receive(&reply_with(answer), at)).collect()
     }
 
     /// Asks for the faults so often without an answer that the form of the reports is no longer known.
@@ -127,9 +128,9 @@ fn register_answer_is_no_state() {
     let answer = [motor.id, 0, 0x33, 21, 0, 0, 0x48, 0x41];
     bench.turn(&Command::Stop, &[]);
     let at = bench.now + Duration::from_micros(300);
-    assert_eq!(bench.drive.receive(&answer, at), Received::Malformed);
+    assert_eq!(bench.drive.receive(&reply_with(&answer), at), Received::Malformed);
     let state = [motor.id, 0x80, 0, 0x80, 8, 0, 25, 25];
-    assert!(matches!(bench.drive.receive(&state, at), Received::Reply(Reported::State(..))));
+    assert!(matches!(bench.drive.receive(&reply_with(&state), at), Received::Reply(Reported::State(..))));
 }
 
 /// Goal: no motor that returns with late replies is in fault. Method: three motors of a robot that was off for 6 s; the delay of one

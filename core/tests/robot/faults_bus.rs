@@ -1,12 +1,14 @@
 //! The fault catalogue, part A: faults of motors and buses, with simulated buses on virtual time.
 //! `docs/faults.md` lists the item of each test.
 
+use super::reply_with;
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Event, Reported};
+use motord_core::control::Event;
 use motord_core::drive::{Drive, Received};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{Meaning, PERIOD, Robot};
+use motord_protocol::drive::{Command, Reported};
 use motord_settings::settings::{BeyondRange, Settings};
 use motord_shared::{BusCondition, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, message};
 use motord_simulator::MotorSettings;
@@ -246,7 +248,10 @@ fn six_bytes_are_a_reply_and_fewer_none() {
     let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
     for length in 0..=8 {
         let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-        let heard = matches!(drive.receive(&reply[..length], later), Received::Reply(Reported::State(..)));
+        let heard = matches!(
+            drive.receive(&reply_with(&reply[..length]), later),
+            Received::Reply(Reported::State(..))
+        );
         assert_eq!(heard, length >= 6, "{length} bytes");
     }
 }
@@ -257,7 +262,9 @@ fn no_bytes_decode_to_a_nonfinite_state() {
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
         let bytes = random.draw().to_be_bytes();
-        if let Received::Reply(Reported::State(state, ..)) = drive.receive(&bytes[..random.below(9)], later) {
+        if let Received::Reply(Reported::State(state, ..)) =
+            drive.receive(&reply_with(&bytes[..random.below(9)]), later)
+        {
             assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
         }
     }
@@ -311,10 +318,14 @@ fn answer_to_old_fault_question_is_no_state() {
     drive.request(&Command::Stop, later);
     // The last four bytes of a fault report have no meaning (MIT document 1.2), so they may have
     // any value.
-    let answer = drive.receive(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
+    let answer = drive.receive(&reply_with(&[1, 0x40, 0x80, 8, 8, 0]), later + Duration::from_micros(300));
     assert_eq!(answer, Received::Reply(Reported::Late));
     let (mut first, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-    assert_eq!(first.receive(&fault, later), Received::Malformed, "not even as the first state of all");
+    assert_eq!(
+        first.receive(&reply_with(&fault), later),
+        Received::Malformed,
+        "not even as the first state of all"
+    );
 }
 
 /// Goal: a dropped reply changes nothing, including the count of turns.
@@ -327,7 +338,7 @@ fn dropped_reply_keeps_the_turn_count() {
     let (mut drive, mut now) = asked_drive(&settings, &Command::Stop);
     let mut read = |command: &Command, reply: &[u8]| {
         drive.request(command, now - Duration::from_micros(200));
-        let answer = drive.receive(reply, now);
+        let answer = drive.receive(&reply_with(reply), now);
         now = now + PERIOD;
         answer
     };
@@ -353,7 +364,7 @@ fn lost_fault_answer_costs_one_more_cycle() {
     for _ in 0..2 {
         now = now + PERIOD;
         drive.request(&Command::GetFault, now);
-        heard.push(drive.receive(&fault, now + Duration::from_micros(300)));
+        heard.push(drive.receive(&reply_with(&fault), now + Duration::from_micros(300)));
         now = now + PERIOD;
         drive.request(&Command::Stop, now);
     }
@@ -365,14 +376,14 @@ fn lost_fault_answer_costs_one_more_cycle() {
 fn fault_report_is_read_after_unanswered_questions() {
     let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::Stop);
     // Garbage, which is a state of full speed backward.
-    drive.receive(&[1, 0x80, 0, 0, 8, 0], now);
+    drive.receive(&reply_with(&[1, 0x80, 0, 0, 8, 0]), now);
     for _ in 0..4 {
         now = now + Duration::from_millis(100);
         drive.request(&Command::Stop, now);
     }
     now = now + Duration::from_millis(100);
     drive.request(&Command::GetFault, now);
-    let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], now + Duration::from_micros(300));
+    let answer = drive.receive(&reply_with(&[1, 0x40, 0, 0, 0, 0]), now + Duration::from_micros(300));
     assert!(matches!(answer, Received::Reply(Reported::Fault(_))), "{answer:?}");
 }
 
@@ -382,7 +393,7 @@ fn lagging_state_is_no_fault_but_report_is() {
     let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
     let lagging = |drive: &mut Drive, later: Instant| {
         drive.request(&Command::Stop, later - Duration::from_micros(100));
-        drive.receive(&state, later)
+        drive.receive(&reply_with(&state), later)
     };
     for _ in 0..10 {
         for _ in 0..100 {
@@ -391,11 +402,11 @@ fn lagging_state_is_no_fault_but_report_is() {
             assert!(matches!(answer, Received::Reply(Reported::State(..))), "{answer:?}");
         }
         drive.request(&Command::GetFault, later + Duration::from_micros(100));
-        let answer = drive.receive(&state, later + Duration::from_micros(200));
+        let answer = drive.receive(&reply_with(&state), later + Duration::from_micros(200));
         assert_eq!(answer, Received::Reply(Reported::Late));
         later = later + PERIOD;
         drive.request(&Command::Stop, later - Duration::from_micros(200));
-        let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], later - Duration::from_micros(100));
+        let answer = drive.receive(&reply_with(&[1, 0x40, 0, 0, 0, 0]), later - Duration::from_micros(100));
         assert!(matches!(answer, Received::Reply(Reported::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
     }
 }
@@ -407,7 +418,7 @@ fn state_as_fault_answer_is_no_fault() {
     for _ in 0..100 {
         for command in [Command::Stop, Command::GetFault] {
             drive.request(&command, later - Duration::from_micros(100));
-            let answer = drive.receive(&[1, 0x80, 0, 0x80, 8, 0], later);
+            let answer = drive.receive(&reply_with(&[1, 0x80, 0, 0x80, 8, 0]), later);
             assert!(!matches!(answer, Received::Reply(Reported::Fault(_))), "{answer:?}");
             later = later + Duration::from_millis(100);
         }

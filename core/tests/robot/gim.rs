@@ -1,10 +1,11 @@
 //! The cycle with motors in native mode, on virtual time.
 
+use super::reply_with;
 use motord_bus::{Bus, Duration, Inbox, Instant};
-use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_harness::robot;
 use motord_harness::robot::Robot;
+use motord_protocol::drive::{Command, Reported};
 use motord_protocol::gim::INDICATORS;
 use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, Refusal, SetpointMode};
 use motord_simulator::DurationEnd;
@@ -98,7 +99,8 @@ fn stop_is_repeated_until_native_motor_confirms() {
     assert_eq!(first(&mut drive, 2), STOP, "the one before was not sent");
     let lost: Vec<_> = (3..9).map(|turn| first(&mut drive, turn) == STOP).collect();
     assert_eq!(lost, [false, true, false, true, false, true]);
-    let confirmed = drive.receive(&[STOP, 0, 0, 0, 0, 0, 0, 0], at(8) + Duration::from_millis(1));
+    let confirmed =
+        drive.receive(&reply_with(&[STOP, 0, 0, 0, 0, 0, 0, 0]), at(8) + Duration::from_millis(1));
     assert_eq!(confirmed, Received::Reply(Reported::Stopped));
     let confirmed = (9..29).filter(|turn| first(&mut drive, *turn) == STOP).count();
     assert_eq!(confirmed, 2, "a stop in every tenth turn");
@@ -459,7 +461,7 @@ fn late_indicator_is_kept_apart_from_state() {
     let asked = drive.request(&Command::GetIndicator(0x13), at(1)).expect("a frame");
     assert_eq!(asked.payload()[..2], [0xB4, 0x13]);
     assert_eq!(drive.request(&Command::Wait, at(2)), None);
-    let answer = drive.receive(&[0xB4, 0x13, 0, 0, 0x00, 0x00, 0xC0, 0x3F], at(3));
+    let answer = drive.receive(&reply_with(&[0xB4, 0x13, 0, 0, 0x00, 0x00, 0xC0, 0x3F]), at(3));
     assert_eq!(answer, Received::Reply(Reported::Indicator(0x13, 1.5)));
 }
 

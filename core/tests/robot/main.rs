@@ -25,3 +25,10 @@ mod replay;
 mod response;
 mod transitions;
 mod turns;
+
+use motord_bus::{Frame, FrameId};
+
+/// A reply of motor 1 with these bytes.
+fn reply_with(payload: &[u8]) -> Frame {
+    Frame::new(FrameId::new(0x101).expect("it has eleven bits"), payload).expect("at most eight bytes")
+}

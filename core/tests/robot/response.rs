@@ -6,7 +6,6 @@ use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::random::Random;
-use motord_protocol::MotorProtocol;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
 use motord_simulator::{ReplyTiming, RobStrideFirmware};
 
@@ -169,9 +168,7 @@ fn healthy_motors_are_never_off() {
         let mut robot = healthy(&mut random, seed, torque);
         let still = activate(&mut robot);
         let motions: Vec<_> = (0..still.len())
-            .map(|joint| {
-                Motion::new(&mut random, robot.settings.motors[joint].protocol == MotorProtocol::Gim)
-            })
+            .map(|joint| Motion::new(&mut random, robot.settings.motors[joint].protocol.name() == "gim"))
             .collect();
         for cycle in 0..2000_u16 {
             if random.once_in(300) {

@@ -2,7 +2,7 @@
 
 use crate::error::{NUMBER_MAX, TwinError};
 use crate::physics::physics;
-use motord_settings::joint::Transmission;
+use motord_protocol::drive::Transmission;
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_simulator::{Plant, Shaft};
 use serde::Serialize;

@@ -3,8 +3,8 @@
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
 use motord_bus::Duration;
+use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
-use motord_protocol::{Model, MotorProtocol};
 use motord_settings::imu::{ImuCan, ImuSettings, ImuSimulation};
 use motord_settings::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
 use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
@@ -130,10 +130,7 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
         name: motor.name.clone(),
         id: u16::from(motor.id),
         host_id: u16::try_from(motor.host_id.raw()).unwrap_or(u16::MAX),
-        dialect: match motor.protocol {
-            MotorProtocol::Mit => Dialect::Mit,
-            MotorProtocol::Gim => Dialect::Gim,
-        },
+        dialect: Dialect::by_name(motor.protocol.name()).unwrap_or(defaults.dialect),
         vendor: motor.profile.name,
         ends: ends.map(|ends| [ends.position, ends.velocity, ends.torque]),
         gain_ends: [motor.scales.kp.max(), motor.scales.kd.max()],
@@ -174,5 +171,17 @@ fn of_model(model: &Model, twin: simulator::MotorSettings) -> simulator::MotorSe
         pole_pairs: model.pole_pairs,
         supply_voltage: model.rated_voltage.into(),
         ..twin
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_protocol::MotorProtocol;
+
+    #[test]
+    fn every_protocol_has_a_simulated_motor() {
+        let unknown = MotorProtocol::ALL.iter().filter(|(name, _)| Dialect::by_name(name).is_none());
+        assert_eq!(unknown.collect::<Vec<_>>(), Vec::<&(&str, MotorProtocol)>::new());
     }
 }

@@ -9,7 +9,6 @@
 
 use motord_bus::serial::{Address, SerialBus, Settings};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Sent};
-use motord_core::drive;
 use nix::pty::{OpenptyResult, openpty};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -60,7 +59,7 @@ impl Line {
             baud: 921_600,
             addresses: MOTORS.map(|(id, host)| Address { id, host_id: Some(host) }).to_vec(),
             reply_timeout: TIMEOUT,
-            answers: drive::repeats,
+            answers: motord_protocol::gim::repeats,
         });
         Self {
             motors: master.into(),

@@ -12,8 +12,8 @@ use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
 use motord_protocol::Scales;
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
+use motord_protocol::mit::Feedback;
 use motord_protocol::mit::{self, Impedance};
-use motord_settings::feedback::Feedback;
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 

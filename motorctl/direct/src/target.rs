@@ -7,7 +7,7 @@ use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify};
 use motord_configuration as config;
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{MotorProtocol, Scales};
+use motord_protocol::{Scales, gim, mit};
 use motord_settings::settings::{BusKind, MotorSettings};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,6 +26,16 @@ pub enum Protocol {
     Mit,
     /// The GIM protocol, on CAN and serial lines.
     Gim,
+}
+
+impl Protocol {
+    /// Returns its name in configurations.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Mit => mit::FAMILY.name,
+            Self::Gim => gim::FAMILY.name,
+        }
+    }
 }
 
 /// The bus that a command uses, without a daemon.
@@ -352,10 +362,7 @@ impl Session {
         self.host_id = host_id;
         match &self.settings {
             Some(settings)
-                if !matches!(
-                    (settings.protocol, self.protocol),
-                    (MotorProtocol::Mit, Protocol::Mit) | (MotorProtocol::Gim, Protocol::Gim)
-                ) && self.line.link.wire() == Wire::Can =>
+                if settings.protocol.name() != self.protocol.name() && self.line.link.wire() == Wire::Can =>
             {
                 let reason =
                     format!("it does not speak {}, the configured protocol", settings.protocol.name());

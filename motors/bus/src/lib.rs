@@ -23,6 +23,7 @@ pub mod candump;
 pub mod clock;
 #[cfg(feature = "conformance")]
 pub mod conformance;
+mod filter;
 pub mod frame;
 #[cfg(feature = "linux")]
 mod holder;
@@ -45,6 +46,7 @@ mod wait;
 
 #[cfg(feature = "linux")]
 pub use adapter::{Adapter, Difference};
+pub use filter::IdFilter;
 pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
 #[cfg(feature = "linux")]
 pub use holder::Holder;

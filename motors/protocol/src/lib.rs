@@ -10,6 +10,9 @@
 //! name speak other protocols with the same leading bytes. A motor's protocol is therefore
 //! declared, never inferred from its replies.
 //!
+//! - [`Family`]: one row of facts for each protocol of motors, and [`MotorProtocol`], its name in code.
+//! - `drive`, with the feature of this name: commands and reports of a motor in a cycle, for every family. It uses the standard
+//!   library.
 //! - [`mit`]: impedance control over CAN, with requests of 8 bytes and replies of 6 to 8.
 //! - [`profile`]: the differences between vendors, as data.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
@@ -25,10 +28,14 @@
 //! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes of a
 //! frame or by a table's length.
 
-#![no_std]
+#![cfg_attr(not(feature = "drive"), no_std)]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "drive")]
+pub mod drive;
 pub mod error;
+mod families;
+mod family;
 pub mod fault;
 pub mod field;
 pub mod gim;
@@ -41,9 +48,13 @@ pub mod scale;
 pub mod state;
 
 pub use error::{DecodeError, EncodeError, Quantity};
+#[cfg(feature = "drive")]
+pub use families::AnyDialect;
+pub use families::MotorProtocol;
+pub use family::Family;
 pub use fault::{FaultBits, Faults};
 pub use field::Field;
 pub use model::{DriveConstants, Model};
-pub use profile::{Capabilities, MotorProtocol, Profile};
+pub use profile::{Capabilities, Profile};
 pub use scale::{Ends, ScaleError, Scales};
 pub use state::StateCodes;

@@ -65,6 +65,18 @@ pub enum Dialect {
     Gim,
 }
 
+impl Dialect {
+    /// Returns the dialect with this name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        match name {
+            "mit" => Some(Self::Mit),
+            "gim" => Some(Self::Gim),
+            _ => None,
+        }
+    }
+}
+
 /// Settings of one motor. Every value must be finite. The rotor's inertia, constants, ratios, peaks
 /// and time constants must be above zero. The load's inertia, friction and the winding's properties
 /// must be zero or above. The default is a GIM8108-8 on a light leg, by its published figures where

@@ -7,7 +7,6 @@ use motord_checker::codec::{Meaning, Ranges};
 use motord_configuration::Machine;
 use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
-use motord_protocol::MotorProtocol;
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage};
 use std::collections::VecDeque;
@@ -117,16 +116,16 @@ impl Sent {
     /// Returns `true` when it stops the motor or only requests a value: the motor does not move, in
     /// any mode.
     pub(crate) fn is_harmless(&self) -> bool {
-        match (self.motor.protocol, self.meaning()) {
+        match (self.motor.protocol.name(), self.meaning()) {
             (_, Meaning::Stop | Meaning::GetFault | Meaning::ClearFault) => true,
             // A native command that a motor in MIT mode reads as no torque. Only these also have no
             // effect in native mode: stop, get version, get fault, retrieve an indicator, retrieve
             // a configuration.
-            (MotorProtocol::Gim, Meaning::Control { kp: 0.0, kd: 0.0, neutral: true, .. }) => {
+            ("gim", Meaning::Control { kp: 0.0, kd: 0.0, neutral: true, .. }) => {
                 matches!(self.bytes[0], 0x84 | 0x92 | 0xB1 | 0xB2 | 0xB4)
             }
-            (MotorProtocol::Gim, _) => matches!(self.bytes[0], 0x92 | 0xB1 | 0xB2 | 0xB4),
-            (MotorProtocol::Mit, _) => self.reads_register(),
+            ("gim", _) => matches!(self.bytes[0], 0x92 | 0xB1 | 0xB2 | 0xB4),
+            _ => self.reads_register(),
         }
     }
 
@@ -138,7 +137,7 @@ impl Sent {
 
     /// Returns the command as its motor reads it, if that speaks MIT.
     pub(crate) fn mit_meaning(&self) -> Option<Meaning> {
-        (self.motor.protocol == MotorProtocol::Mit).then(|| self.meaning())
+        (self.motor.protocol.name() == "mit").then(|| self.meaning())
     }
 
     /// Returns the command as a motor in MIT mode reads it.

@@ -5,13 +5,12 @@ use crate::robot::{self, Robot};
 use motord_bus::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
 use motord_bus::serial::framing::{Decoder, FRAME_LEN_MAX, SerialFrame};
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
+use motord_protocol::drive::{Command, Impedance, Reported, Setpoint};
 use motord_protocol::gim::{self, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes};
 use motord_protocol::profile::{PROFILES, Profile};
 use motord_protocol::{Scales, StateCodes};
-use motord_settings::joint::{Impedance, Setpoint};
 
 /// Decodes the replies of every protocol. A decoded state is a number within the ranges of its
 /// codes. A reply that is encoded again decodes to the same value.
@@ -99,7 +98,10 @@ pub fn drive(bytes: &[u8]) {
         now = now + Duration::from_micros(u64::from(input.any::<u8>()) * input.pick(&[1, 10, 1000]));
         match input.any::<u8>() % 4 {
             0 | 1 => asked |= drive.request(&command(&mut input), now).is_some(),
-            2 => check(drive.receive(input.bytes(8), now), asked),
+            2 => {
+                let frame = Frame::new(motor.host_id, input.bytes(8)).expect("at most eight bytes");
+                check(drive.receive(&frame, now), asked);
+            }
             _ if input.any() => drive.withdraw(),
             _ => check(drive.refuse(), asked),
         }

@@ -2,7 +2,7 @@
 
 use super::{Lock, ReportedMotor, ReportedProtocol};
 use motord_protocol::register::{self, END_NAMES};
-use motord_protocol::{DriveConstants, Ends, MotorProtocol};
+use motord_protocol::{DriveConstants, Ends};
 use motord_settings::settings::{MotorSettings, Settings};
 use std::fmt::{self, Display};
 
@@ -222,13 +222,7 @@ impl Compare<'_> {
 
     fn protocol(&self) -> Finding {
         let Self { motor, reported, bus } = self;
-        let is_common = motor.profile.reply.lengths.contains(&6);
-        let agrees = match (motor.protocol, reported.protocol) {
-            (MotorProtocol::Gim, said) => said == ReportedProtocol::Gim,
-            (MotorProtocol::Mit, ReportedProtocol::Mit) => is_common,
-            (MotorProtocol::Mit, ReportedProtocol::OtherMit) => !is_common,
-            (MotorProtocol::Mit, ReportedProtocol::Gim | ReportedProtocol::Unknown) => false,
-        };
+        let agrees = reported.protocol == ReportedProtocol::of(motor.protocol, motor.profile);
         let cure = match reported.protocol {
             ReportedProtocol::Gim | ReportedProtocol::Mit if motor.profile.speaks_gim => {
                 let wanted = motor.protocol.name();

@@ -1,7 +1,7 @@
 //! Checks `[motor.limits]` against the capability of the motor and the scale of its protocol.
 
+use motord_protocol::drive::Transmission;
 use motord_protocol::{Field, Scales};
-use motord_settings::joint::Transmission;
 use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
 
 use crate::document::{Document, MotorTables};

@@ -1,7 +1,7 @@
 //! Finds the model of a motor, and the ends of its codes.
 
 use motord_protocol::profile::PROFILES;
-use motord_protocol::{Ends, Model, MotorProtocol, Profile, Scales};
+use motord_protocol::{Ends, Model, Profile, Scales};
 use motord_settings::settings::{BeyondRange, LimitSettings, REGISTERS_MAX, RegisterRange};
 
 use super::limits::{Capability, MARGIN, ROUNDING};
@@ -55,12 +55,17 @@ pub(super) fn check_ends(keys: &keys::Motor, model: Option<&Model>, findings: &m
     let Some(Model { name, ends, .. }) = model else { return };
     let entries =
         [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm, &keys.kp_end, &keys.kd_end];
-    if ends.is_some() && keys.protocol.value != Some(MotorProtocol::Gim) {
+    if ends.is_some() && has_codes(keys) {
         return;
     }
     for entry in entries.into_iter().filter(|entry| entry.is_written) {
         findings.error(entry.at, Wrong::NoEnds { model: name });
     }
+}
+
+/// Returns whether the values of a motor are codes; also where its protocol is not known.
+fn has_codes(keys: &keys::Motor) -> bool {
+    keys.protocol.value.is_none_or(|protocol| protocol.family().has_codes)
 }
 
 /// Returns the scales of the codes: as written, or of the model.
@@ -99,7 +104,7 @@ pub(super) fn check_reach(
         findings.error(entry.at, beyond(value, end, key));
     }
     // A motor in GIM mode takes velocities as floats. Its states have a torque code.
-    let is_coded = keys.protocol.value != Some(MotorProtocol::Gim);
+    let is_coded = has_codes(keys);
     let (entry, end) = (&keys.max_velocity_rad_s, scales.velocity.max());
     if let Some(value) = entry.value.filter(|value| is_coded && *value > end) {
         // The velocity codes of a SteadyWin motor end at the same value whatever its constants are.

@@ -1,12 +1,12 @@
 //! Checks `[[motor]]` and its ids on the bus.
 
 use motord_bus::{Duration, FrameId};
+use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{Ids, STEADYWIN};
 use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales, register};
-use motord_settings::joint::Transmission;
 use motord_settings::settings::{
-    BusKind, BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
+    BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
 };
 use motord_shared::limits::JOINTS_MAX;
 
@@ -81,7 +81,7 @@ fn motor(
         },
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
-        capabilities: profile?.capabilities(protocol, &scales?),
+        capabilities: (protocol.family().capabilities)(profile?, &scales?),
         registers: registers(keys, &capability, &limits),
         duration: ExecutionTime::from_millis(keys.control_duration_ms.value as u32)?,
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
@@ -115,13 +115,14 @@ fn address(
     let names = bus_items.iter().map(|bus| &bus.keys.name);
     let bus = findings.find(keys.bus.at, (keys.bus.value.as_deref()?, "bus"), names, Wrong::UnknownBus)?;
     let settings = buses[bus].as_ref()?;
-    let is_serial = matches!(settings.kind, BusKind::Serial { .. });
-    if is_serial && keys.protocol.value == Some(MotorProtocol::Mit) {
+    let is_serial = settings.is_line();
+    let family = keys.protocol.value.map(MotorProtocol::family);
+    if is_serial && family.is_some_and(|family| family.answers_on_line.is_none()) {
         findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
     }
     let named = keys.model.value.as_deref().and_then(Profile::of_model);
     let profile = named.map_or(&STEADYWIN, |(profile, _)| profile);
-    if keys.protocol.value == Some(MotorProtocol::Gim) && !profile.speaks_gim {
+    if family.is_some_and(|family| !(family.is_spoken_by)(profile)) {
         findings.error(keys.protocol.at, Wrong::NoGim { motors: profile.motors });
     }
     let ids = &profile.ids;
@@ -287,7 +288,7 @@ pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mu
         if duration_ms == 0 {
             continue;
         }
-        if motor.protocol == MotorProtocol::Mit {
+        if !motor.protocol.family().has_durations {
             findings.error(at, Wrong::NoDuration);
         } else if (duration_ms as f64) < least_ms {
             findings.error(at, Wrong::ShortDuration { duration_ms, round_ms, least_ms });
@@ -307,7 +308,7 @@ pub(super) fn judge_damping(
     for &index in damped.flat_map(|group| &group.motors) {
         let (at, Some(motor)) = (items[index].keys.keys.damping_kd.at, &motors[index]) else { continue };
         let (damping, kd_max) = (f64::from(motor.damping_kd), f64::from(motor.limits.kd));
-        if motor.protocol == MotorProtocol::Gim {
+        if !motor.capabilities.impedance {
             if items[index].keys.keys.damping_kd.value.is_some() {
                 findings.warn(at, Wrong::DampingUnused);
             }

@@ -18,12 +18,13 @@ mod watch;
 
 pub(super) use watch::Consequence;
 
+use super::Event;
 use super::asker::{Asker, Right};
 use super::bus_health::BusHealth;
 use super::context::Context;
 use super::motor::{Motor, Orders, Turn};
-use super::{Command, Event};
 use motord_bus::{Duration, Instant};
+use motord_protocol::drive::Command;
 use motord_settings::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
 use setpoints::Setpoints;

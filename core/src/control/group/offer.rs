@@ -3,7 +3,7 @@
 use super::{Group, Owner};
 use crate::control::context::Context;
 use motord_bus::{Duration, Instant};
-use motord_settings::joint::{Impedance, JointSide, Setpoint};
+use motord_protocol::drive::{Impedance, JointSide, Setpoint};
 use motord_settings::settings::{MotorSettings, SafetySettings};
 use motord_shared::{JointSetpoint, Phase, Rejection, SetpointMessage, SetpointMode};
 

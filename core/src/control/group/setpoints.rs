@@ -11,7 +11,7 @@
 //! ```
 
 use motord_bus::{Duration, Instant};
-use motord_settings::joint::{Impedance, JointSide, Setpoint};
+use motord_protocol::drive::{Impedance, JointSide, Setpoint};
 
 /// A longer distance between two messages is a pause: the mean begins again. The longest setpoint
 /// timeout.

@@ -3,10 +3,10 @@
 use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
-use crate::control::{Event, ForeignFrames, Reported, Status};
+use crate::control::{Event, ForeignFrames};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
-use motord_settings::joint::{JointSide, Measured};
+use motord_protocol::drive::{JointSide, Measured, Reported, Status};
 use motord_settings::settings::FaultPolicy;
 use motord_shared::{Cause, Lease, Phase};
 

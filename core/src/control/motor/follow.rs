@@ -4,9 +4,8 @@ use super::Motor;
 use super::limit::{self, Applied, Circumstances, limit};
 use super::mode::Mode;
 use super::orders::Orders;
-use crate::control::Command;
 use crate::control::context::Context;
-use motord_settings::joint::{Impedance, JointSide, Setpoint};
+use motord_protocol::drive::{Command, Impedance, JointSide, Setpoint};
 use motord_shared::SetpointMode;
 
 /// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.

@@ -4,7 +4,7 @@
 //! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to
 //! the applied command.
 
-use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
 use motord_settings::settings::LimitSettings;
 use motord_shared::{Limit, SetpointMode};
 

@@ -14,9 +14,8 @@
 //!   Starting:   Neutral(n) ──NEUTRAL_CYCLES──▶ Commanded ──any answer──▶ Answered ──state──▶ Ready
 //! ```
 
-use crate::control::Command;
 use motord_bus::{Duration, Instant};
-use motord_settings::joint::{Impedance, JointSide};
+use motord_protocol::drive::{Command, Impedance, JointSide};
 use motord_shared::MotorMode;
 
 /// Neutral commands that a motor receives before it is started.

@@ -1,6 +1,6 @@
 //! The orders of a group to one of its motors.
 
-use motord_settings::joint::Setpoint;
+use motord_protocol::drive::Setpoint;
 
 /// The orders of a group to one of its motors in a cycle.
 #[derive(Debug, Clone, Copy)]

@@ -13,7 +13,7 @@
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
 use motord_bus::{Duration, Instant};
-use motord_settings::joint::{JointSide, Measured, Setpoint};
+use motord_protocol::drive::{JointSide, Measured, Setpoint};
 use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_shared::{Cause, SetpointMode};
 

@@ -1,8 +1,8 @@
 //! Counts the replies of one motor, and those that it missed.
 
-use crate::control::Command;
 use motord_bus::Duration;
 use motord_bus::time::nanos;
+use motord_protocol::drive::Command;
 
 /// Cycles without a question for faults after a missed reply: a late reply could be mistaken for
 /// the answer.

@@ -1,7 +1,7 @@
 //! The published state of a motor.
 
 use super::Motor;
-use motord_settings::joint::{Impedance, Measured};
+use motord_protocol::drive::{Impedance, Measured};
 use motord_shared::{JointState, message};
 
 impl Motor {

@@ -17,7 +17,7 @@
 
 use motord_bus::{Duration, Instant};
 use motord_protocol::Scales;
-use motord_settings::joint::{Impedance, JointSide, Measured, Setpoint};
+use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
 use motord_settings::settings::MotorSettings;
 use motord_shared::SetpointMode;
 
@@ -163,7 +163,7 @@ fn known_torque(command: &Setpoint, state: &Measured<JointSide>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_settings::joint::JointSide;
+    use motord_protocol::drive::JointSide;
 
     /// Goal: a healthy joint at rest is not off, though its codes are coarser than those of its model.
     /// Method: DM-J3507 with a velocity end of 200 rad/s instead of 50; at rest its velocity is half a

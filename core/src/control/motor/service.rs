@@ -7,8 +7,8 @@
 //!   either:     not confirmed in time ──▶ refused
 //! ```
 
-use crate::control::Command;
 use motord_bus::{Duration, Instant};
+use motord_protocol::drive::Command;
 
 /// Setting the zero writes flash: drives of this family are silent for up to 1.5 s.
 const ZERO_TIME: Duration = Duration::from_secs(3);

@@ -18,7 +18,7 @@ pub(super) use wire::Wire;
 
 use crate::drive::Received;
 use crate::stopper::Outlet;
-use motord_bus::{Bus, Frame, Instant, Refusal};
+use motord_bus::{Bus, Frame, IdFilter, Instant, Refusal};
 use motord_settings::plan::BusPlan;
 use motord_settings::settings::Settings;
 
@@ -36,7 +36,7 @@ impl BusChannel {
         let motors = || settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
         if settings.buses[index].is_line() {
             // A frame on a line names its receiver only, so a serial bus names the motor that answers.
-            let routes = motors().map(|(motor, settings)| (settings.command_id(), motor));
+            let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
             return Self::Line(LineChannel::new(Wire::new(
                 bus,
                 routes.collect(),
@@ -44,7 +44,7 @@ impl BusChannel {
                 Sensors::default(),
             )));
         }
-        let routes = motors().map(|(motor, settings)| (settings.host_id, motor));
+        let routes = motors().map(|(motor, settings)| (settings.addresses().replies, motor));
         let (foreign, sensors) = (ForeignCommands::new(settings, index), Sensors::new(settings, index));
         let takes_all = settings.buses[index].takes_turns() || !sensors.is_empty();
         Self::Can(CanChannel::new(Wire::new(bus, routes.collect(), foreign, sensors), takes_all, plan))
@@ -73,7 +73,7 @@ impl BusChannel {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+        judge: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
     ) -> Arrivals {
         match self {
             Self::Can(channel) => channel.begin_read(),

@@ -2,17 +2,18 @@
 
 use super::foreign::ForeignCommands;
 use super::sensors::Sensors;
-use crate::control::{Losses, Reported};
+use crate::control::Losses;
 use crate::drive::Received;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, ErrorFrame, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_bus::{Bus, Content, ErrorFrame, Frame, IdFilter, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_protocol::drive::Reported;
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
 pub(crate) struct Wire {
     bus: Box<dyn Bus>,
-    /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
-    routes: Vec<(FrameId, usize)>,
+    /// Ids of the arrivals of a motor, and the motor, in the order of the configuration.
+    routes: Vec<(IdFilter, usize)>,
     foreign: ForeignCommands,
     sensors: Sensors,
     /// One slot for each motor of the bus, and those for its IMUs. The first hold the batch: one frame for each of `senders`,
@@ -49,7 +50,7 @@ impl Wire {
     /// Allocates; nothing after it does.
     pub(super) fn new(
         bus: Box<dyn Bus>,
-        routes: Vec<(FrameId, usize)>,
+        routes: Vec<(IdFilter, usize)>,
         mut foreign: ForeignCommands,
         sensors: Sensors,
     ) -> Self {
@@ -193,13 +194,12 @@ impl Wire {
         self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY
     }
 
-    /// Reads once, and gives every frame to the motor that it is from: its payload, or `None` for a request that the
-    /// motor refused. Bounded by the inbox times the motors of the bus; one system call.
+    /// Reads once, and gives every frame to the motor that it is from, or `None` for a request that the motor refused. Bounded by the inbox times the motors of the bus; one system call.
     #[inline]
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+        mut judge: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -208,8 +208,8 @@ impl Wire {
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
         let (mut answers, mut unasked) = (0, 0);
         for arrival in inbox.arrivals() {
-            let (id, payload) = match &arrival.content {
-                Content::Frame(frame) => (frame.id(), Some(frame.payload())),
+            let (id, frame) = match &arrival.content {
+                Content::Frame(frame) => (frame.id(), Some(frame)),
                 Content::Refused(id) => (*id, None),
                 Content::Unsupported(_) => {
                     count(&mut counters.malformed);
@@ -221,10 +221,10 @@ impl Wire {
                     continue;
                 }
             };
-            let route = routes.iter().find(|(routed, _)| *routed == id);
-            let received = match (route, &arrival.content) {
-                (Some(&(_, motor)), _) => judge(motor, payload, arrival.at),
-                (None, Content::Frame(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
+            let route = routes.iter().find(|(filter, _)| filter.matches(id));
+            let received = match (route, frame) {
+                (Some(&(_, motor)), _) => judge(motor, frame, arrival.at),
+                (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
                     None => Received::UnexpectedId,
                     // A reply to a request of an earlier batch is not awaited.
                     Some(is_answer) => {
@@ -235,7 +235,7 @@ impl Wire {
                         continue;
                     }
                 },
-                (None, _) => Received::UnexpectedId,
+                (None, None) => Received::UnexpectedId,
             };
             if let Received::Reply(reported) = &received {
                 self.replied_at = arrival.at;

@@ -2,7 +2,7 @@
 //!
 //! An MIT reply does not name its request: a state and a fault report look alike, and a late reply
 //! looks like a timely one (docs/adr/0005). A motor therefore has at most one open request. A reply
-//! is judged by the open request, by its shape as the dialect ([`Payload`]) classifies it, and by
+//! is judged by the open request, by its [`Shape`], as the dialect classifies it, and by
 //! its time.
 //!
 //! Pure: a transition depends on state, payload and time only. Constant time; no allocation, no
@@ -15,8 +15,9 @@ mod tests;
 
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
+use motord_protocol::drive::{Question, Shape};
 use reports::{Reports, UNREPORTED_MAX};
-pub(super) use role::{Payload, Question, Role};
+pub(super) use role::Role;
 
 /// No reply arrives later than this.
 pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
@@ -152,14 +153,14 @@ impl Correlator {
 
     /// Judges a payload that arrived at `at`.
     #[inline(always)]
-    pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Role {
+    pub(super) fn receive(&mut self, shape: Shape, at: Instant) -> Role {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
-        match payload {
-            Payload::OtherId => Role::UnexpectedId,
-            Payload::Register if !self.awaits_register(at) => self.unasked_register(),
-            Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
+        match shape {
+            Shape::OtherId => Role::UnexpectedId,
+            Shape::Register if !self.awaits_register(at) => self.unasked_register(),
+            Shape::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
             _ => match self.open {
-                Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
+                Some(open) if self.may_answer(open, at) => self.judge(open, shape, at),
                 _ => self.unasked(),
             },
         }
@@ -190,15 +191,15 @@ impl Correlator {
 
     /// Judges a payload that may answer the open request.
     #[inline(always)]
-    fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Role {
-        match (open.question, payload) {
-            (Question::State, Payload::Report) if self.owed > 0 => self.late_report(),
-            (_, Payload::Unreadable) | (Question::State, Payload::Report) => Role::Malformed,
-            (Question::Register, Payload::Report | Payload::Continuation | Payload::Plain) => self.unasked(),
-            (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
+    fn judge(&mut self, open: Request, shape: Shape, at: Instant) -> Role {
+        match (open.question, shape) {
+            (Question::State, Shape::Report) if self.owed > 0 => self.late_report(),
+            (_, Shape::Unreadable) | (Question::State, Shape::Report) => Role::Malformed,
+            (Question::Register, Shape::Report | Shape::Continuation | Shape::Plain) => self.unasked(),
+            (Question::Fault, Shape::Continuation | Shape::Plain) if self.is_rather_a_state(shape) => {
                 self.late()
             }
-            (Question::Fault, Payload::Report) => {
+            (Question::Fault, Shape::Report) => {
                 self.reports = Reports::Seen(0);
                 self.answer(open, at)
             }
@@ -252,11 +253,11 @@ impl Correlator {
     }
 
     /// Returns whether an answer to a fault request is certainly, or more likely, a late state.
-    const fn is_rather_a_state(&self, payload: Payload) -> bool {
+    const fn is_rather_a_state(&self, shape: Shape) -> bool {
         match self.reports {
             Reports::Seen(_) => true,
             Reports::Unseen(unreported) => {
-                matches!(payload, Payload::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
+                matches!(shape, Shape::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
             }
         }
     }

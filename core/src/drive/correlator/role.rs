@@ -1,37 +1,7 @@
-//! The words of the correlation: what a request asks for, what a payload looks like, and which role it has.
+//! The role of a reply: judged by its shape and by the requests that were sent before it.
 
 use motord_bus::Duration;
-
-/// The content that a request asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Question {
-    /// The state: every command but the next two. A GIM motor may confirm such a command without a
-    /// state.
-    State,
-    /// The fault bits.
-    Fault,
-    /// The value of a register.
-    Register,
-    /// The confirmation that the motor received the request to clear its fault.
-    Clear,
-}
-
-/// The kind of a payload, judged by its bytes alone.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Payload {
-    /// It has the id of another motor.
-    OtherId,
-    /// It is no reply, or it names another request than the open one.
-    Unreadable,
-    /// The answer to an access to a register, of this program or of another one.
-    Register,
-    /// An unambiguous fault report: no state has its shape.
-    Report,
-    /// Read as a state, it continues the last state. It may be an ambiguous fault report.
-    Continuation,
-    /// Any other reply.
-    Plain,
-}
+use motord_protocol::drive::Question;
 
 /// The role of a payload, judged by its bytes and by the requests that were sent before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use super::reports::DOUBTED_AFTER;
 use super::*;
-use Payload::{Continuation, OtherId, Plain, Report, Unreadable};
 use Question::{Clear, Fault, State};
+use Shape::{Continuation, OtherId, Plain, Report, Unreadable};
 
 fn asked(mut state: Correlator, question: Question, at: Instant) -> Correlator {
     state.request(question, at);
@@ -11,8 +11,8 @@ fn asked(mut state: Correlator, question: Question, at: Instant) -> Correlator {
 }
 
 /// The state and the role after a payload.
-fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Role) {
-    let role = state.receive(payload, at);
+fn received(mut state: Correlator, shape: Shape, at: Instant) -> (Correlator, Role) {
+    let role = state.receive(shape, at);
     (state, role)
 }
 
@@ -59,7 +59,7 @@ type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static
 const ANY: &[Reports] = &[FEW, MANY, SEEN];
 const ANY_OWED: &[u32] = &[0, 1, 2];
 const ANY_TIME: &[Time] = &[Soon, Timely];
-const PAYLOADS: [Payload; 5] = [Unreadable, Report, Continuation, Plain, Payload::Register];
+const PAYLOADS: [Shape; 5] = [Unreadable, Report, Continuation, Plain, Shape::Register];
 #[rustfmt::skip]
 const TABLE: [Row; 25] = [
     // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain, register
@@ -153,9 +153,9 @@ fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, R
 }
 
 /// The value of `reports` after the payload.
-fn expected_reports(outcome: Outcome, before: Correlator, payload: Payload) -> Reports {
+fn expected_reports(outcome: Outcome, before: Correlator, shape: Shape) -> Reports {
     let answers_fault = before.open.is_some_and(|open| open.question == Fault);
-    match (outcome, payload) {
+    match (outcome, shape) {
         (Rep, _) => SEEN,
         (Ans | Giv, Report) if answers_fault => SEEN,
         _ => before.reports,

@@ -223,8 +223,10 @@ impl Motor<'_> {
             let offset = if bus.is_serial() { SERIAL_REPLY_OFFSET } else { profile.ids.reply_offset.into() };
             let _infallible = writeln!(text, "host-id = {:#x}", offset + id);
         }
-        // MIT is spoken over CAN only.
-        let protocol = if bus.is_serial() { MotorProtocol::Gim } else { protocol };
+        let can_be =
+            |protocol: &MotorProtocol| !bus.is_serial() || protocol.family().answers_on_line.is_some();
+        let others = MotorProtocol::ALL.iter().map(|(_, protocol)| *protocol);
+        let protocol = [protocol].into_iter().chain(others).find(can_be).unwrap_or(protocol);
         // Half of the rated torque, rounded down to 0.1 N·m, and 0.1 N·m at least.
         let torque = (model.rated_torque * 5.0).floor().max(1.0) / 10.0;
         let velocity = model.max_velocity.min(5.0);

@@ -54,11 +54,7 @@ impl Options {
             legs,
             joints: if self.joints.is_empty() { names } else { self.joints.clone() },
             model: self.model.clone().unwrap_or_else(|| "GIM8108-8".into()),
-            protocol: if self.protocol.as_deref() == Some("gim") {
-                MotorProtocol::Gim
-            } else {
-                MotorProtocol::Mit
-            },
+            protocol: self.protocol.as_deref().and_then(MotorProtocol::by_name).unwrap_or_default(),
             place,
         };
         let is_complete =

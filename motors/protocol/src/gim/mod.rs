@@ -21,6 +21,9 @@
 
 mod command;
 mod configuration;
+#[cfg(feature = "drive")]
+mod drive;
+mod family;
 mod indicator;
 mod parameter;
 mod reply;
@@ -32,6 +35,9 @@ pub use command::{Calibration, Command, CommandCode, decode_command};
 pub use configuration::{
     Access, CONFIGURATION, ConfigurationItem, ConfigurationKey, Effective, single_turn_position,
 };
+#[cfg(feature = "drive")]
+pub use drive::Gim;
+pub use family::FAMILY;
 pub use indicator::{INDICATORS, Indicator, RPM};
 pub use parameter::{PARAMETERS, Parameter};
 pub use reply::{Pending, Reply, State, decode_reply, repeats};

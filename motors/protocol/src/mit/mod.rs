@@ -20,8 +20,18 @@
 //!   documented.
 
 mod command;
+#[cfg(feature = "drive")]
+mod drive;
+mod family;
+#[cfg(feature = "drive")]
+mod feedback;
 mod reply;
 
 pub use crate::error::{DecodeError, EncodeError};
 pub use command::{Command, CommandCodes, ControlCodes, Impedance, decode_command};
+#[cfg(feature = "drive")]
+pub use drive::Mit;
+pub use family::FAMILY;
+#[cfg(feature = "drive")]
+pub use feedback::Feedback;
 pub use reply::{Asked, Reply, State};

@@ -14,7 +14,7 @@ mod decode;
 mod robstride;
 mod steadywin;
 
-pub use capabilities::{Capabilities, MotorProtocol};
+pub use capabilities::Capabilities;
 pub use damiao::DAMIAO;
 pub use robstride::ROBSTRIDE;
 pub use steadywin::STEADYWIN;

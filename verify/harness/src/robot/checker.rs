@@ -7,7 +7,6 @@ use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
 use motord_checker::vendor::Vendor;
-use motord_protocol::MotorProtocol;
 use motord_settings::settings::{self, MotorSettings, Settings};
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation,
@@ -111,11 +110,9 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
 }
 
 fn protocol(settings: &MotorSettings) -> Protocol {
-    match settings.protocol {
-        MotorProtocol::Mit => {
-            Protocol::Mit { ranges: ranges(settings), reply: Vendor::named(settings.profile.name).reply }
-        }
-        MotorProtocol::Gim => Protocol::Native,
+    match settings.protocol.name() {
+        "gim" => Protocol::Native,
+        _ => Protocol::Mit { ranges: ranges(settings), reply: Vendor::named(settings.profile.name).reply },
     }
 }
 

@@ -2,18 +2,20 @@
 //!
 //! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
 
-use super::correlator::{Payload, Question};
-use crate::control::{Command, Reported, Status};
+use super::feedback::Feedback;
+use super::{Asked, ControlCodes, Reply, State};
+use crate::drive::{
+    Command, Dialect, DriveSettings, Impedance, Measured, MotorSide, Question, Reported, Shape, Status,
+    Transmission,
+};
+use crate::{Faults, Field, Profile, Scales, register};
 use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{Faults, Field, Profile, Scales, register};
-use motord_settings::feedback::Feedback;
-use motord_settings::joint::{Impedance, Measured, MotorSide, Transmission};
-use motord_settings::settings::{BeyondRange, MotorSettings};
 
+/// The dialect of one motor in MIT mode.
 #[derive(Debug)]
-pub(super) struct Mit {
+pub struct Mit {
     id: u8,
+    command_id: FrameId,
     profile: &'static Profile,
     scales: Scales,
     transmission: Transmission,
@@ -89,56 +91,23 @@ impl Unwrap {
 }
 
 impl Mit {
-    pub(super) fn new(settings: &MotorSettings, error_feedback: bool) -> Self {
-        let scales = settings.scales;
-        let limits = [settings.limits.velocity, settings.limits.torque];
+    /// Does not allocate.
+    #[must_use]
+    pub fn new(settings: &DriveSettings) -> Self {
+        let DriveSettings { id, profile, scales, transmission, limits, .. } = *settings;
         Self {
-            id: settings.id,
-            profile: settings.profile,
+            id,
+            command_id: FrameId::from(id),
+            profile,
             scales,
-            transmission: settings.transmission,
-            feedback: error_feedback.then(|| Feedback::within(limits, &scales)),
-            unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
+            transmission,
+            feedback: settings.error_feedback.then(|| Feedback::within(limits, &scales)),
+            unwrap: settings.wraps.then(|| Unwrap::new(scales.position)),
             limits,
             last: None,
             has_status: false,
             ambiguous: None,
         }
-    }
-
-    /// Writes the frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
-    #[inline(always)]
-    pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
-        let command = match command {
-            Command::Nothing => {
-                self.forget_turns();
-                // It may return with another firmware.
-                self.has_status = false;
-                return None;
-            }
-            Command::Wait | Command::GetIndicator(_) => return None,
-            Command::GetRegister(number) => return self.read_register(*number, frame),
-            Command::Stop => mit::Command::Stop,
-            Command::Start => mit::Command::Start,
-            Command::SetZero => {
-                self.forget_turns();
-                mit::Command::SetZero
-            }
-            Command::GetFault if self.answers_fault_question() => mit::Command::GetFault,
-            // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
-            Command::GetFault => mit::Command::Stop,
-            Command::ClearFault => mit::Command::ClearFault,
-            Command::Neutral | Command::Control(_) => {
-                let wanted = self.wanted(command);
-                frame.set(id, self.codes(&wanted)?.pack());
-                return Some(());
-            }
-        };
-        if let Some(feedback) = &mut self.feedback {
-            feedback.forget();
-        }
-        frame.set(id, command.encode(&self.scales).ok()?);
-        Some(())
     }
 
     /// Writes the request for the register with this number; `None` where the motor has none.
@@ -149,23 +118,9 @@ impl Mit {
         Some(())
     }
 
-    /// Uses these ends of the codes from now on.
-    pub(super) fn use_ends(&mut self, ends: [f32; 3]) {
-        let scales = self.scales.with_ends(ends);
-        if scales == self.scales {
-            return;
-        }
-        self.scales = scales;
-        self.last = None;
-        if let Some(feedback) = &mut self.feedback {
-            *feedback = Feedback::within(self.limits, &scales);
-        }
-        self.forget_turns();
-    }
-
     /// Returns whether the motor answers a question for its faults. Otherwise its states contain
     /// them.
-    pub(super) const fn answers_fault_question(&self) -> bool {
+    const fn answers_fault_question(&self) -> bool {
         self.profile.is_asked_for_faults()
     }
 
@@ -191,7 +146,7 @@ impl Mit {
         // of zero, is no GIM command, if this motor has left MIT mode (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
         let Impedance { velocity, kp, kd, torque, .. } = *wanted;
-        let (wanted, scales) = (mit::Impedance { position, velocity, kp, kd, torque }, &self.scales);
+        let (wanted, scales) = (super::Impedance { position, velocity, kp, kd, torque }, &self.scales);
         let codes = match &mut self.feedback {
             Some(feedback) => {
                 ControlCodes::nearest_with(&wanted, scales, |wanted| feedback.quantise(wanted, scales))
@@ -246,75 +201,6 @@ impl Mit {
         runs.or(is_off.then_some(false))
     }
 
-    #[inline(always)]
-    pub(super) fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
-        if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
-            return Payload::OtherId;
-        }
-        if self.profile.has_registers && register::is_answer(self.id, payload) {
-            return Payload::Register;
-        }
-        if self.profile.is_fault_report(payload) {
-            return Payload::Report;
-        }
-        if !self.profile.fits_state(payload) {
-            return Payload::Unreadable;
-        }
-        match open == Some(Question::Fault) && self.may_continue(payload, at) {
-            true => Payload::Continuation,
-            false => Payload::Plain,
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn accept(
-        &mut self,
-        payload: &[u8],
-        question: Question,
-        at: Instant,
-        latency: Duration,
-    ) -> Reported {
-        match question {
-            Question::State => match self.profile.decode_state(payload, &self.scales) {
-                Ok(state) => self.state(&state, at, latency),
-                Err(_) => Reported::Alive,
-            },
-            Question::Fault => {
-                self.refute();
-                self.faults_in(payload).map_or(Reported::Alive, Reported::Fault)
-            }
-            Question::Register => match register::end_of(self.id, payload) {
-                Some((number, value)) => Reported::Register(number as u8, value),
-                None => Reported::Alive,
-            },
-            Question::Clear => Reported::Cleared,
-        }
-    }
-
-    /// Takes a register that answers an earlier question: it names its number.
-    pub(super) fn accept_late_register(&self, payload: &[u8]) -> Reported {
-        let value = register::end_of(self.id, payload);
-        value.map_or(Reported::Late, |(number, value)| Reported::LateRegister(number as u8, value))
-    }
-
-    /// Takes an answer to a fault request that may be a late state: the second one with the same
-    /// faults counts.
-    pub(super) fn accept_ambiguous(&mut self, payload: &[u8], at: Instant) -> Reported {
-        let Some(faults) = self.faults_in(payload) else { return Reported::Alive };
-        if self.ambiguous.take().is_some_and(|before| before.faults == faults) {
-            return Reported::Fault(faults);
-        }
-        let state = self.profile.decode_state(payload, &self.scales).ok();
-        let state = state.map(|state| Last::of(&state, at));
-        self.ambiguous = Some(Ambiguous { faults, state });
-        Reported::Ambiguous(faults)
-    }
-
-    /// Forgets an ambiguous answer.
-    pub(super) const fn refute(&mut self) {
-        self.ambiguous = None;
-    }
-
     /// Forgets an ambiguous answer that `state` continues: it was a state.
     #[cold]
     fn compare_ambiguous(&mut self, state: Last) {
@@ -333,10 +219,136 @@ impl Mit {
     }
 }
 
+impl Dialect for Mit {
+    #[inline(always)]
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
+        let command = match command {
+            Command::Nothing => {
+                self.forget_turns();
+                // It may return with another firmware.
+                self.has_status = false;
+                return None;
+            }
+            Command::Wait | Command::GetIndicator(_) => return None,
+            Command::GetRegister(number) => return self.read_register(*number, frame),
+            Command::Stop => super::Command::Stop,
+            Command::Start => super::Command::Start,
+            Command::SetZero => {
+                self.forget_turns();
+                super::Command::SetZero
+            }
+            Command::GetFault if self.answers_fault_question() => super::Command::GetFault,
+            // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
+            Command::GetFault => super::Command::Stop,
+            Command::ClearFault => super::Command::ClearFault,
+            Command::Neutral | Command::Control(_) => {
+                let wanted = self.wanted(command);
+                let codes = self.codes(&wanted)?;
+                frame.set(self.command_id, codes.pack());
+                return Some(());
+            }
+        };
+        if let Some(feedback) = &mut self.feedback {
+            feedback.forget();
+        }
+        frame.set(self.command_id, command.encode(&self.scales).ok()?);
+        Some(())
+    }
+
+    #[inline(always)]
+    fn question(&self, command: &Command) -> Question {
+        match command {
+            Command::GetFault if self.answers_fault_question() => Question::Fault,
+            Command::GetRegister(_) => Question::Register,
+            Command::ClearFault => Question::Clear,
+            _ => Question::State,
+        }
+    }
+
+    #[inline(always)]
+    fn classify(&self, frame: &Frame, at: Instant, open: Option<Question>) -> Shape {
+        let payload = frame.payload();
+        if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
+            return Shape::OtherId;
+        }
+        if self.profile.has_registers && register::is_answer(self.id, payload) {
+            return Shape::Register;
+        }
+        if self.profile.is_fault_report(payload) {
+            return Shape::Report;
+        }
+        if !self.profile.fits_state(payload) {
+            return Shape::Unreadable;
+        }
+        match open == Some(Question::Fault) && self.may_continue(payload, at) {
+            true => Shape::Continuation,
+            false => Shape::Plain,
+        }
+    }
+
+    #[inline(always)]
+    fn accept(&mut self, frame: &Frame, question: Question, at: Instant, latency: Duration) -> Reported {
+        let payload = frame.payload();
+        match question {
+            Question::State => match self.profile.decode_state(payload, &self.scales) {
+                Ok(state) => self.state(&state, at, latency),
+                Err(_) => Reported::Alive,
+            },
+            Question::Fault => {
+                self.refute();
+                self.faults_in(payload).map_or(Reported::Alive, Reported::Fault)
+            }
+            Question::Register => match register::end_of(self.id, payload) {
+                Some((number, value)) => Reported::Register(number as u8, value),
+                None => Reported::Alive,
+            },
+            Question::Clear => Reported::Cleared,
+        }
+    }
+
+    fn accept_ambiguous(&mut self, frame: &Frame, at: Instant) -> Reported {
+        let payload = frame.payload();
+        let Some(faults) = self.faults_in(payload) else { return Reported::Alive };
+        if self.ambiguous.take().is_some_and(|before| before.faults == faults) {
+            return Reported::Fault(faults);
+        }
+        let state = self.profile.decode_state(payload, &self.scales).ok();
+        let state = state.map(|state| Last::of(&state, at));
+        self.ambiguous = Some(Ambiguous { faults, state });
+        Reported::Ambiguous(faults)
+    }
+
+    fn accept_late_register(&mut self, frame: &Frame) -> Reported {
+        self.refute();
+        let value = register::end_of(self.id, frame.payload());
+        value.map_or(Reported::Late, |(number, value)| Reported::LateRegister(number as u8, value))
+    }
+
+    fn refute(&mut self) {
+        self.ambiguous = None;
+    }
+
+    fn use_ends(&mut self, ends: [f32; 3]) {
+        let scales = self.scales.with_ends(ends);
+        if scales == self.scales {
+            return;
+        }
+        self.scales = scales;
+        self.last = None;
+        if let Some(feedback) = &mut self.feedback {
+            *feedback = Feedback::within(self.limits, &scales);
+        }
+        self.forget_turns();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_settings::joint::{JointSide, Setpoint};
+    use crate::drive::{JointSide, Setpoint};
+    use crate::gim::ExecutionTime;
+    use crate::mit::decode_command;
+    use crate::profile::STEADYWIN;
 
     /// Of the GIM8108-8, by the MIT document 1.1.
     fn scales() -> Scales {
@@ -347,18 +359,24 @@ mod tests {
     /// Method: the mean torque of 1 000 frames of a GIM8108-8 at rest, by the law of the drive.
     #[test]
     fn damping_at_rest_has_no_mean_torque() {
-        let text = "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\n\
-                    protocol = 'mit'\nmodel = 'GIM8108-8'\nlimits = { position-rad = [-1.0, 1.0] }\n";
-        let settings = motord_harness::robot::settings(text);
-        let motor = &settings.motors[0];
-        let mut drive = Mit::new(motor, settings.safety.error_feedback);
+        let settings = DriveSettings {
+            id: 1,
+            profile: &STEADYWIN,
+            scales: scales(),
+            transmission: Transmission::new(1.0, 0.0),
+            limits: [12.0, 8.0],
+            wraps: false,
+            duration: ExecutionTime::MAX,
+            error_feedback: true,
+        };
+        let mut drive = Mit::new(&settings);
         for velocity in [0.0, 0.7, -3.3] {
             let damping = Setpoint::impedance(Impedance::<JointSide>::new(0.0, velocity, 0.0, 2.0, 0.0));
             let mut sum = 0.0;
             for _ in 0..1000 {
                 let mut frame = Frame::classic(FrameId::new(1).unwrap(), [0; 8]);
-                drive.encode(&Command::Control(damping), FrameId::new(1).unwrap(), &mut frame).unwrap();
-                let Ok(mit::Command::Control(sent)) = mit::decode_command(frame.payload(), &motor.scales)
+                drive.encode(&Command::Control(damping), &mut frame).unwrap();
+                let Ok(crate::mit::Command::Control(sent)) = decode_command(frame.payload(), &scales())
                 else {
                     panic!("{frame:?} is no control frame");
                 };

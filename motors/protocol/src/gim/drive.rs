@@ -6,13 +6,13 @@
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
-use super::correlator::Payload;
-use crate::control::{Command, Reported, Status};
+use super::{ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
+use crate::Scales;
+use crate::drive::{
+    Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported, Shape,
+    Status, Transmission,
+};
 use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_protocol::Scales;
-use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
-use motord_settings::joint::{Impedance, JointSide, Measured, MotorSide, Transmission};
-use motord_settings::settings::MotorSettings;
 use motord_shared::SetpointMode;
 
 /// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, the next
@@ -44,13 +44,15 @@ impl Confirmed {
     }
 }
 
+/// The dialect of one motor in GIM mode.
 #[derive(Debug)]
-pub(super) struct Gim {
+pub struct Gim {
+    command_id: FrameId,
     scales: Scales,
     transmission: Transmission,
     /// Sent with every control command.
     duration: ExecutionTime,
-    asked: gim::Command,
+    asked: super::Command,
     /// The last request is for an indicator of telemetry, not for a part of the state.
     asks_indicator: bool,
     turn: u32,
@@ -64,14 +66,17 @@ pub(super) struct Gim {
 }
 
 impl Gim {
-    pub(super) fn new(settings: &MotorSettings) -> Self {
+    /// Does not allocate.
+    #[must_use]
+    pub fn new(settings: &DriveSettings) -> Self {
         let state = Measured::new(0.0, 0.0, 0.0, None);
-        let MotorSettings { scales, transmission, duration, .. } = *settings;
+        let DriveSettings { id, scales, transmission, duration, .. } = *settings;
         Self {
+            command_id: FrameId::from(id),
             scales,
             transmission,
             duration,
-            asked: gim::Command::StopMotor,
+            asked: super::Command::StopMotor,
             asks_indicator: false,
             turn: 0,
             confirmed: Confirmed::Nothing,
@@ -81,8 +86,55 @@ impl Gim {
         }
     }
 
-    /// Writes the frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
-    pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
+    /// Returns the next command of the round to a stopped motor.
+    fn stopped(&mut self) -> super::Command {
+        let turn = self.turn;
+        self.turn = (turn + 1) % ROUND;
+        match turn {
+            0 => super::Command::StopMotor,
+            turn if self.confirmed != Confirmed::Stop && turn % 2 == 1 => super::Command::StopMotor,
+            2 => super::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
+            _ => self.state_question(),
+        }
+    }
+
+    /// Returns the question for the angle, or first for an old velocity.
+    const fn state_question(&self) -> super::Command {
+        let old = self.is_velocity_old;
+        let ind_id = if old { Indicator::SHAFT_SPEED } else { Indicator::SHAFT_ANGLE };
+        super::Command::RetrieveIndicator { ind_id }
+    }
+
+    const fn tell_velocity(&mut self, velocity: f32, at: Instant) {
+        self.state.velocity = velocity;
+        (self.velocity_at, self.is_velocity_old) = (at, false);
+    }
+
+    fn control(&self, joint: &Impedance<JointSide>, mode: SetpointMode) -> Option<super::Command> {
+        let wanted = self.transmission.to_motor(joint);
+        let duration = self.duration;
+        Some(match mode {
+            SetpointMode::Speed => {
+                super::Command::SpeedControl { speed_rpm: Finite::new(wanted.velocity * RPM)?, duration }
+            }
+            SetpointMode::Position => {
+                super::Command::PositionControl { position: Finite::new(wanted.position)?, duration }
+            }
+            // Control has converted each impedance to a torque.
+            SetpointMode::Torque | SetpointMode::Impedance => {
+                super::Command::TorqueControl { torque: Finite::new(wanted.torque)?, duration }
+            }
+        })
+    }
+
+    /// Returns the last accepted state, joint side.
+    fn reported(&self, latency: Duration) -> Reported {
+        Reported::State(self.transmission.to_joint(&self.state), latency, Status::default())
+    }
+}
+
+impl Dialect for Gim {
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
         if !matches!(
             command,
             Command::Stop
@@ -97,79 +149,41 @@ impl Gim {
         self.asked = match command {
             Command::Nothing | Command::Wait | Command::GetRegister(_) => return None,
             Command::Stop => self.stopped(),
-            Command::Start => gim::Command::StartMotor,
-            Command::GetFault => gim::Command::GetFault,
-            Command::GetIndicator(ind_id) => gim::Command::RetrieveIndicator { ind_id: *ind_id },
-            Command::ClearFault => gim::Command::AcknowledgeFault,
+            Command::Start => super::Command::StartMotor,
+            Command::GetFault => super::Command::GetFault,
+            Command::GetIndicator(ind_id) => super::Command::RetrieveIndicator { ind_id: *ind_id },
+            Command::ClearFault => super::Command::AcknowledgeFault,
             // The zero of a GIM motor is a configuration item (ConfID 0x14), which the cycle does
             // not write.
-            Command::SetZero => gim::Command::StopMotor,
+            Command::SetZero => super::Command::StopMotor,
             Command::Neutral if self.confirmed != Confirmed::Start => self.state_question(),
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
         self.asks_indicator = matches!(command, Command::GetIndicator(_));
-        frame.set(id, self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()));
+        frame.set(self.command_id, self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()));
         Some(())
     }
 
-    /// Returns the next command of the round to a stopped motor.
-    fn stopped(&mut self) -> gim::Command {
-        let turn = self.turn;
-        self.turn = (turn + 1) % ROUND;
-        match turn {
-            0 => gim::Command::StopMotor,
-            turn if self.confirmed != Confirmed::Stop && turn % 2 == 1 => gim::Command::StopMotor,
-            2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
-            _ => self.state_question(),
+    fn question(&self, command: &Command) -> Question {
+        match command {
+            Command::GetFault => Question::Fault,
+            Command::ClearFault => Question::Clear,
+            _ => Question::State,
         }
     }
 
-    /// Returns the question for the angle, or first for an old velocity.
-    const fn state_question(&self) -> gim::Command {
-        let old = self.is_velocity_old;
-        let ind_id = if old { Indicator::SHAFT_SPEED } else { Indicator::SHAFT_ANGLE };
-        gim::Command::RetrieveIndicator { ind_id }
-    }
-
-    const fn tell_velocity(&mut self, velocity: f32, at: Instant) {
-        self.state.velocity = velocity;
-        (self.velocity_at, self.is_velocity_old) = (at, false);
-    }
-
-    fn control(&self, joint: &Impedance<JointSide>, mode: SetpointMode) -> Option<gim::Command> {
-        let wanted = self.transmission.to_motor(joint);
-        let duration = self.duration;
-        Some(match mode {
-            SetpointMode::Speed => {
-                gim::Command::SpeedControl { speed_rpm: Finite::new(wanted.velocity * RPM)?, duration }
-            }
-            SetpointMode::Position => {
-                gim::Command::PositionControl { position: Finite::new(wanted.position)?, duration }
-            }
-            // Control has converted each impedance to a torque.
-            SetpointMode::Torque | SetpointMode::Impedance => {
-                gim::Command::TorqueControl { torque: Finite::new(wanted.torque)?, duration }
-            }
-        })
-    }
-
-    /// Returns the last accepted state, joint side.
-    fn reported(&self, latency: Duration) -> Reported {
-        Reported::State(self.transmission.to_joint(&self.state), latency, Status::default())
-    }
-
-    pub(super) fn classify(&self, payload: &[u8]) -> Payload {
-        match gim::decode_reply(payload, Pending::Other, &self.scales) {
+    fn classify(&self, frame: &Frame, _at: Instant, _open: Option<Question>) -> Shape {
+        match super::decode_reply(frame.payload(), Pending::Other, &self.scales) {
             // A reply names its command, so a report cannot be a state.
-            Ok(reply @ Reply::Fault(_)) if reply.answers(&self.asked) => Payload::Report,
-            Ok(reply) if reply.answers(&self.asked) => Payload::Plain,
-            Ok(_) | Err(_) => Payload::Unreadable,
+            Ok(reply @ Reply::Fault(_)) if reply.answers(&self.asked) => Shape::Report,
+            Ok(reply) if reply.answers(&self.asked) => Shape::Plain,
+            Ok(_) | Err(_) => Shape::Unreadable,
         }
     }
 
-    pub(super) fn accept(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Reported {
-        let Ok(reply) = gim::decode_reply(payload, Pending::Other, &self.scales) else {
+    fn accept(&mut self, frame: &Frame, _question: Question, at: Instant, latency: Duration) -> Reported {
+        let Ok(reply) = super::decode_reply(frame.payload(), Pending::Other, &self.scales) else {
             return Reported::Refused;
         };
         match reply {
@@ -197,15 +211,15 @@ impl Gim {
             }
             Reply::Fault(Ok(fault)) => Reported::Fault(fault.faults()),
             Reply::Done { outcome: Ok(()), .. } => match self.asked {
-                gim::Command::AcknowledgeFault => Reported::Cleared,
-                gim::Command::StopMotor => {
+                super::Command::AcknowledgeFault => Reported::Cleared,
+                super::Command::StopMotor => {
                     // No later answer of a stopped motor contains its torque or its temperature.
                     (self.state.torque, self.state.temperature) = (0.0, None);
                     self.confirmed = Confirmed::Stop;
                     Reported::Stopped
                 }
                 _ => {
-                    if self.asked == gim::Command::StartMotor {
+                    if self.asked == super::Command::StartMotor {
                         self.confirmed = Confirmed::Start;
                     }
                     Reported::Alive

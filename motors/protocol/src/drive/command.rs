@@ -1,8 +1,8 @@
-//! The two ends of control: commands to the motors, and reports from them.
+//! The commands to a motor, and its reports.
 
+use super::{JointSide, Measured, Setpoint};
+use crate::Faults;
 use motord_bus::Duration;
-use motord_protocol::Faults;
-use motord_settings::joint::{JointSide, Measured, Setpoint};
 
 /// The command of one motor in a cycle, joint side.
 #[derive(Debug, Clone, Copy, PartialEq)]

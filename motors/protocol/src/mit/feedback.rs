@@ -6,8 +6,8 @@
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
-use motord_protocol::mit::Impedance;
-use motord_protocol::{Field, Scales};
+use super::Impedance;
+use crate::{Field, Scales};
 
 /// Carries the rounding errors of velocity and torque from frame to frame.
 #[derive(Debug)]

@@ -4,13 +4,13 @@
 //! between them:
 //!
 //! ```compile_fail
-//! # use motord_settings::joint::{Impedance, JointSide, MotorSide};
+//! # use motord_protocol::drive::{Impedance, JointSide, MotorSide};
 //! let wanted: Impedance<JointSide> = Impedance::NEUTRAL;
 //! let sent: Impedance<MotorSide> = wanted;
 //! ```
 //!
 //! ```
-//! # use motord_settings::joint::{Impedance, MotorSide, Transmission};
+//! # use motord_protocol::drive::{Impedance, MotorSide, Transmission};
 //! let sent: Impedance<MotorSide> = Transmission::new(-1.0, 0.5).to_motor(&Impedance::NEUTRAL);
 //! ```
 

@@ -1,0 +1,121 @@
+//! The interface between a family and the drive of one motor.
+
+use super::{Command, Question, Reported, Shape, Transmission};
+use crate::gim::ExecutionTime;
+use crate::profile::Profile;
+use crate::scale::Scales;
+use motord_bus::{Duration, Frame, Instant};
+
+/// The settings of a motor that its dialect uses.
+#[derive(Debug, Clone, Copy)]
+pub struct DriveSettings {
+    /// Its id, at least 1.
+    pub id: u8,
+    /// The facts of its vendor.
+    pub profile: &'static Profile,
+    /// The scales of its codes.
+    pub scales: Scales,
+    /// Direction and offset of the joint on its motor.
+    pub transmission: Transmission,
+    /// Largest velocity of the joint, rad/s, and its largest torque, N·m.
+    pub limits: [f32; 2],
+    /// The code of its position wraps round at the ends.
+    pub wraps: bool,
+    /// Duration of each control command, where commands have one.
+    pub duration: ExecutionTime,
+    /// Carry the rounding errors of torque and velocity from frame to frame.
+    pub error_feedback: bool,
+}
+
+/// One motor in the words of its family. No method allocates, blocks or loops.
+pub trait Dialect {
+    /// Writes the frame for `command`; `None` where the motor is sent none.
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()>;
+
+    /// Returns what a reply to the frame for `command` contains.
+    fn question(&self, command: &Command) -> Question;
+
+    /// Returns the shape of a frame that arrived at `at`, while `open` is open. It may be late. Distinguishes a continuation of
+    /// the motion from a plain reply only while a fault request is open.
+    fn classify(&self, frame: &Frame, at: Instant, open: Option<Question>) -> Shape;
+
+    /// Takes a frame of a known shape as the answer to `question`, `latency` after that was sent.
+    fn accept(&mut self, frame: &Frame, question: Question, at: Instant, latency: Duration) -> Reported;
+
+    /// Takes a frame that may be a fault report or a late state.
+    fn accept_ambiguous(&mut self, _frame: &Frame, _at: Instant) -> Reported {
+        Reported::Alive
+    }
+
+    /// Takes a register that answers an earlier question.
+    fn accept_late_register(&mut self, _frame: &Frame) -> Reported {
+        Reported::Late
+    }
+
+    /// Forgets an ambiguous report: replies are late, so it was probably one of them.
+    fn refute(&mut self) {}
+
+    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m. Only for a stopped motor.
+    fn use_ends(&mut self, _ends: [f32; 3]) {}
+}
+
+/// The methods of [`Dialect`] for an enum with one dialect in each variant.
+macro_rules! dispatch {
+    ($any:ident { $($family:ident),+ }) => {
+        #[inline(always)]
+        fn encode(&mut self, command: &$crate::drive::Command, frame: &mut motord_bus::Frame) -> Option<()> {
+            match self { $($any::$family(dialect) => dialect.encode(command, frame)),+ }
+        }
+
+        #[inline(always)]
+        fn question(&self, command: &$crate::drive::Command) -> $crate::drive::Question {
+            match self { $($any::$family(dialect) => dialect.question(command)),+ }
+        }
+
+        #[inline(always)]
+        fn classify(
+            &self,
+            frame: &motord_bus::Frame,
+            at: motord_bus::Instant,
+            open: Option<$crate::drive::Question>,
+        ) -> $crate::drive::Shape {
+            match self { $($any::$family(dialect) => dialect.classify(frame, at, open)),+ }
+        }
+
+        #[inline(always)]
+        fn accept(
+            &mut self,
+            frame: &motord_bus::Frame,
+            question: $crate::drive::Question,
+            at: motord_bus::Instant,
+            latency: motord_bus::Duration,
+        ) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept(frame, question, at, latency)),+ }
+        }
+
+        #[cold]
+        fn accept_ambiguous(
+            &mut self,
+            frame: &motord_bus::Frame,
+            at: motord_bus::Instant,
+        ) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept_ambiguous(frame, at)),+ }
+        }
+
+        #[cold]
+        fn accept_late_register(&mut self, frame: &motord_bus::Frame) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept_late_register(frame)),+ }
+        }
+
+        #[cold]
+        fn refute(&mut self) {
+            match self { $($any::$family(dialect) => dialect.refute()),+ }
+        }
+
+        fn use_ends(&mut self, ends: [f32; 3]) {
+            match self { $($any::$family(dialect) => dialect.use_ends(ends)),+ }
+        }
+    };
+}
+
+pub(crate) use dispatch;

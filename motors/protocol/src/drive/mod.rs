@@ -1,0 +1,25 @@
+//! Driving a motor in a cycle, for every family.
+//!
+//! - [`Command`] and [`Reported`]: the words between a controller and a drive, on the joint's side.
+//! - [`Transmission`]: converts between the sides of joint and motor.
+//! - [`Dialect`]: one family's frames for commands, and what it reads from replies. [`AnyDialect`](crate::AnyDialect) has
+//!   every family.
+//!
+//! Which request a reply answers is not decided here: a [`Dialect`] tells the [`Shape`] of a reply, and whoever knows the open
+//! [`Question`] decides.
+//!
+//! Real-time: after [`AnyDialect::new`](crate::AnyDialect::new) nothing here allocates, blocks, loops or calls the system.
+
+mod addresses;
+mod command;
+mod dialect;
+mod joint;
+mod question;
+
+pub use addresses::Addresses;
+pub use command::{Command, Reported, Status};
+pub use dialect::{Dialect, DriveSettings};
+pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
+pub use question::{Question, Shape};
+
+pub(crate) use dialect::dispatch;

@@ -1,0 +1,27 @@
+//! The facts of a family of motors.
+
+use crate::profile::{Capabilities, Profile};
+use crate::scale::Scales;
+
+/// The facts of a family that the rest of motord asks for.
+#[derive(Debug)]
+pub struct Family {
+    /// Its name in configurations and on command lines.
+    pub name: &'static str,
+    /// Returns whether a reply can answer a request on a serial line, by their payloads alone. `None`: its motors are on CAN
+    /// only.
+    pub answers_on_line: Option<fn(&[u8], &[u8]) -> bool>,
+    /// Positions and velocities are codes with ends, which the configuration must know. Otherwise they are floats.
+    pub has_codes: bool,
+    /// Each control command ends by itself after a duration.
+    pub has_durations: bool,
+    /// Its motors report configuration items, and a request for one is harmless to them.
+    pub has_items: bool,
+    /// Returns whether the motors of a vendor speak it.
+    pub is_spoken_by: fn(&Profile) -> bool,
+    /// Returns the abilities of a vendor's motor with these codes.
+    pub capabilities: fn(&Profile, &Scales) -> Capabilities,
+    /// Returns the ids on the bus of a motor with this id and host id.
+    #[cfg(feature = "drive")]
+    pub addresses: fn(u8, motord_bus::FrameId) -> crate::drive::Addresses,
+}

@@ -1,0 +1,34 @@
+//! The facts of SteadyWin's native family.
+
+use super::{INDICATORS, repeats};
+use crate::family::Family;
+use crate::profile::{Capabilities, Profile};
+use crate::scale::Scales;
+
+/// SteadyWin's GIM protocol, over CAN, RS485 or RS232.
+pub const FAMILY: Family = Family {
+    name: "gim",
+    answers_on_line: Some(repeats),
+    has_codes: false,
+    has_durations: true,
+    has_items: true,
+    is_spoken_by: |profile| profile.speaks_gim,
+    capabilities,
+    #[cfg(feature = "drive")]
+    addresses: crate::drive::Addresses::by_id,
+};
+
+/// Sources: GIM document 3.2.12 (a stop is answered by a separate message) and table 2 (the bytes of a reply).
+const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
+    Capabilities {
+        impedance: false,
+        position_end: None,
+        velocity_end: None,
+        answers_fault_question: true,
+        indicators: INDICATORS.len() as u8,
+        registers: 0,
+        scales_by_registers: false,
+        state_confirms_stop: false,
+        reply_bytes: 8,
+    }
+}

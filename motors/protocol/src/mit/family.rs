@@ -1,0 +1,33 @@
+//! The facts of the MIT family that do not depend on a vendor.
+
+use crate::family::Family;
+use crate::profile::{Capabilities, Profile};
+use crate::register::ENDS;
+use crate::scale::Scales;
+
+/// MIT over CAN.
+pub const FAMILY: Family = Family {
+    name: "mit",
+    answers_on_line: None,
+    has_codes: true,
+    has_durations: false,
+    has_items: false,
+    is_spoken_by: |_| true,
+    capabilities,
+    #[cfg(feature = "drive")]
+    addresses: crate::drive::Addresses::by_id,
+};
+
+const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
+    Capabilities {
+        impedance: true,
+        position_end: Some(scales.position.max() as f32),
+        velocity_end: Some(scales.velocity.max() as f32),
+        answers_fault_question: profile.is_asked_for_faults(),
+        indicators: 0,
+        registers: if profile.has_registers { ENDS.len() as u8 } else { 0 },
+        scales_by_registers: profile.has_registers,
+        state_confirms_stop: true,
+        reply_bytes: profile.reply.lengths[0] as u32,
+    }
+}
