@@ -10,7 +10,7 @@ use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::{MotorProtocol, Profile, mit};
+use motord_protocol::{Profile, mit};
 use motord_settings::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
     LimitSettings, MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
@@ -151,7 +151,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         bus: 0,
         id,
         host_id: FrameId::new(0x100 + u16::from(id)).expect("eleven bits"),
-        protocol: MotorProtocol::default(),
+        protocol: Default::default(),
         model: model.name.into(),
         profile,
         scales,

@@ -6,8 +6,8 @@
 //! first answer and after each silence (`core/src/control/motor/registers.rs`).
 
 use motord_bus::{Bus, Duration, Monotonic};
-use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
+use motord_protocol::commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
 use motord_settings::settings::{BusKind, MotorSettings, Settings};
 use std::path::Path;
 

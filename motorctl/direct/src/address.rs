@@ -6,7 +6,7 @@ use crate::memory::{outcome_of, text};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
-use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
+use motord_protocol::commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
 use motord_protocol::gim::{ConfigurationItem, Value};
 use motord_terminal::json;
 use serde::Serialize;

@@ -2,8 +2,8 @@
 
 use motord_bus::socketcan::OpenError;
 use motord_bus::{LockError, serial};
-use motord_commissioning::Error;
 use motord_configuration::ConfigError;
+use motord_protocol::commissioning::Error;
 use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;

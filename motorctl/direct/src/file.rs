@@ -6,10 +6,10 @@ use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
 use crate::output::print_line;
 use crate::target::{Session, Target};
-use motord_commissioning::{
+use motord_configuration::Wrong;
+use motord_protocol::commissioning::{
     Apply, Change, Error, Failed, Family, Native, changes, check_value, identify, is_taken,
 };
-use motord_configuration::Wrong;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::{Deserialize, Serialize};

@@ -4,7 +4,7 @@ use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{self, OpenLine, Target};
 use motord_bus::FrameId;
-use motord_commissioning::{Error, Family, Found, Progress, Report, Scan, Unprompted, scan};
+use motord_protocol::commissioning::{Error, Family, Found, Progress, Report, Scan, Unprompted, scan};
 use motord_terminal::{Cell, Interrupt, Palette, Table, json};
 use serde::Serialize;
 use std::io::{self, IsTerminal};

@@ -1,6 +1,6 @@
 //! A motor that is stopped when its command ends, however it ends.
 
-use motord_commissioning::{Error, Native};
+use motord_protocol::commissioning::{Error, Native};
 use std::ops::{Deref, DerefMut};
 
 /// A motor that can be stopped.

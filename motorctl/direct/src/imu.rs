@@ -171,7 +171,7 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
         started.into_iter().filter_map(|thread| thread.join().ok()).collect()
     });
     if interrupt.came() {
-        return Err(motord_commissioning::Error::Interrupted.into());
+        return Err(motord_protocol::commissioning::Error::Interrupted.into());
     }
     let mut found = Found { imus: Vec::new(), notes: Vec::new() };
     for bus in &arguments.buses {

@@ -83,7 +83,7 @@ pub(crate) fn listen(interface: &str, interrupt: &Interrupt) -> Result<Vec<Node>
     loop {
         let now = clock::monotonic();
         if interrupt.came() {
-            return Err(motord_commissioning::Error::Interrupted.into());
+            return Err(motord_protocol::commissioning::Error::Interrupted.into());
         }
         if now >= end {
             return Ok(nodes.devices());

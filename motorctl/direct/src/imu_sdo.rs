@@ -142,7 +142,7 @@ impl Device<'_> {
         for _ in 0..TRIES {
             let sent = self.bus.send(clock::monotonic(), &[frame]);
             if let Some(refusal) = sent.refusal {
-                return Err(motord_commissioning::Error::Bus(refusal).into());
+                return Err(motord_protocol::commissioning::Error::Bus(refusal).into());
             }
             match self.answer(request) {
                 Some(Answer::Refused(code)) => {

@@ -5,7 +5,7 @@ use crate::imu::{Heard, PROBE, SAMPLES, bauds, listen};
 use crate::imu_values::{Set, Values};
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{BusLock, Duration, clock, wait};
-use motord_commissioning::Error;
+use motord_protocol::commissioning::Error;
 use motord_protocol::imu::xsens::command::{Answer, Answers};
 use motord_protocol::imu::{BITS_PER_BYTE, SerialProtocol, hipnuc, xsens};
 use motord_terminal::Interrupt;

@@ -1,7 +1,7 @@
 //! The journal of `motorctl config apply`. Each write to a motor is on disk before it is sent.
 
 use crate::failure::DirectFailure;
-use motord_commissioning::{Change, Confirmation, Event};
+use motord_protocol::commissioning::{Change, Confirmation, Event};
 use motord_terminal::{InputError, InputFile};
 use serde_json::{Value as Json, json};
 use std::fs::{File, OpenOptions};

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Target, number};
-use motord_commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
+use motord_protocol::commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
 use motord_protocol::gim::{
     Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
     ValueType,

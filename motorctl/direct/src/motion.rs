@@ -9,8 +9,8 @@ use crate::failure::DirectFailure;
 use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
-use motord_commissioning::{Error, Native};
 use motord_protocol::Scales;
+use motord_protocol::commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::Feedback;
 use motord_protocol::mit::{self, Impedance};
@@ -281,8 +281,8 @@ impl Stop for Jogged<'_> {
 mod tests {
     use super::*;
     use motord_bus::{Instant as BusInstant, VirtualClock};
-    use motord_commissioning::Link;
     use motord_protocol::Field;
+    use motord_protocol::commissioning::Link;
     use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
 
     /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Target, parse_id};
-use motord_commissioning::CALIBRATION_MAX;
+use motord_protocol::commissioning::CALIBRATION_MAX;
 use motord_protocol::gim::Calibration;
 use motord_terminal::Interrupt;
 

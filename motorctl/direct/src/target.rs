@@ -4,8 +4,10 @@ use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
-use motord_commissioning::{Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify};
 use motord_configuration as config;
+use motord_protocol::commissioning::{
+    Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify,
+};
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Scales, gim, mit};
 use motord_settings::settings::{BusKind, MotorSettings};

@@ -154,8 +154,7 @@ impl Frame {
         Self::with_format(id, Format::Classic, payload)
     }
 
-    /// Returns a frame of any format. `None` when a frame of this format cannot have the length of
-    /// `payload`.
+    /// Returns a frame of any format. `None` when no such frame has the length of `payload`.
     #[must_use]
     pub fn with_format(id: FrameId, format: Format, payload: &[u8]) -> Option<Self> {
         if !format.fits(payload.len()) {
@@ -184,10 +183,10 @@ impl Frame {
         self.set_padded(id, N as u8, data);
     }
 
-    /// Makes this a classic frame with the first `len` bytes of `data`. Returns `false`, and changes
-    /// nothing, when `len` is more than 8.
+    /// Makes this a classic frame with the first `len` bytes of `data`. Returns `false`, unchanged, above 8.
     #[must_use]
     #[inline]
+    #[cfg(any(feature = "linux", test))]
     pub(crate) fn set_cut(&mut self, id: FrameId, len: u8, data: [u8; Self::CLASSIC_LEN_MAX]) -> bool {
         let kept = match len {
             0 => 0,
@@ -208,6 +207,7 @@ impl Frame {
 
     /// Returns the bytes of a classic frame, and zeros up to the eighth byte.
     #[inline]
+    #[cfg(feature = "linux")]
     pub(crate) fn padded(&self) -> [u8; Self::CLASSIC_LEN_MAX] {
         self.data.first_chunk().copied().unwrap_or_default()
     }

@@ -1,11 +1,12 @@
 //! The families of motors: one row for each protocol that a motor may be configured for.
 //!
 //! A family is one folder of this crate. It holds the codec, the [`Family`] with the facts that other crates ask for and,
-//! with the feature `drive`, the dialect that a cycle speaks.
+//! with the features `drive` and `commissioning`, the dialect that a cycle speaks and the transactions.
 
 #[cfg(feature = "drive")]
 use crate::drive::{Dialect, DriveSettings, dispatch};
 use crate::family::Family;
+use core::str::FromStr;
 
 /// Defines the protocols, and dispatches to the folder of each. A row has the documentation, the name in Rust, the folder,
 /// and the dialect in it.
@@ -58,9 +59,9 @@ macro_rules! families {
 
 families! {
     /// MIT over CAN.
-    Mit = mit::Mit,
+    Mit = mit::MitDialect,
     /// SteadyWin's GIM protocol, over CAN, RS485 or RS232.
-    Gim = gim::Gim,
+    Gim = gim::GimDialect,
 }
 
 impl Default for MotorProtocol {
@@ -70,17 +71,19 @@ impl Default for MotorProtocol {
     }
 }
 
+impl FromStr for MotorProtocol {
+    type Err = ();
+
+    fn from_str(name: &str) -> Result<Self, ()> {
+        Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, protocol)| *protocol).ok_or(())
+    }
+}
+
 impl MotorProtocol {
     /// Returns its name in configurations and on command lines.
     #[must_use]
     pub const fn name(self) -> &'static str {
         self.family().name
-    }
-
-    /// Returns the protocol with this name.
-    #[must_use]
-    pub fn by_name(name: &str) -> Option<Self> {
-        Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, protocol)| *protocol)
     }
 }
 

@@ -13,6 +13,7 @@
 //! - [`Family`]: one row of facts for each protocol of motors, and [`MotorProtocol`], its name in code.
 //! - `drive`, with the feature of this name: commands and reports of a motor in a cycle, for every family. It uses the standard
 //!   library.
+//! - `commissioning`, with the feature of this name: transactions with motors, one at a time.
 //! - [`mit`]: impedance control over CAN, with requests of 8 bytes and replies of 6 to 8.
 //! - [`profile`]: the differences between vendors, as data.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
@@ -28,9 +29,11 @@
 //! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes of a
 //! frame or by a table's length.
 
-#![cfg_attr(not(feature = "drive"), no_std)]
+#![cfg_attr(not(any(feature = "drive", feature = "commissioning")), no_std)]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "commissioning")]
+pub mod commissioning;
 #[cfg(feature = "drive")]
 pub mod drive;
 pub mod error;

@@ -52,7 +52,6 @@ const DAEMON: Rows = &[
 const VENDORS_ALLOWED: &[&str] = &[
     // Judges the frames of every vendor, with a separate codec.
     "verify/checker/src",
-    "motors/commissioning/src",
     "core/configuration/src",
     "motorctl/frame/src",
     // One target per protocol.

@@ -6,7 +6,7 @@
 mod finding;
 
 pub use finding::{Finding, Verdict, end_findings, end_lines, findings, mismatches};
-pub use motord_commissioning::{ReportedMotor, ReportedProtocol};
+pub use motord_protocol::commissioning::{ReportedMotor, ReportedProtocol};
 
 use crate::file::read;
 use crate::problem::Wrong;

@@ -4,7 +4,7 @@ use motord_bus::{Duration, FrameId};
 use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{Ids, STEADYWIN};
-use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales, register};
+use motord_protocol::{DriveConstants, Model, Profile, Scales, register};
 use motord_settings::settings::{
     BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
 };
@@ -116,14 +116,15 @@ fn address(
     let bus = findings.find(keys.bus.at, (keys.bus.value.as_deref()?, "bus"), names, Wrong::UnknownBus)?;
     let settings = buses[bus].as_ref()?;
     let is_serial = settings.is_line();
-    let family = keys.protocol.value.map(MotorProtocol::family);
-    if is_serial && family.is_some_and(|family| family.answers_on_line.is_none()) {
-        findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
-    }
     let named = keys.model.value.as_deref().and_then(Profile::of_model);
     let profile = named.map_or(&STEADYWIN, |(profile, _)| profile);
-    if family.is_some_and(|family| !(family.is_spoken_by)(profile)) {
-        findings.error(keys.protocol.at, Wrong::NoGim { motors: profile.motors });
+    if let Some(protocol) = keys.protocol.value {
+        if is_serial && protocol.family().answers_on_line.is_none() {
+            findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
+        }
+        if !(protocol.family().is_spoken_by)(profile) {
+            findings.error(keys.protocol.at, Wrong::NoGim { motors: profile.motors });
+        }
     }
     let ids = &profile.ids;
     let id = at_most(&keys.id, keys.id.value?, ids.largest.into(), 1, findings)?;

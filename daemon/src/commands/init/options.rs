@@ -1,7 +1,6 @@
 //! The options of `motord init`.
 
 use super::{Configuration, Draft, InitError, MotorPlace, questions};
-use motord_protocol::MotorProtocol;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
@@ -54,7 +53,7 @@ impl Options {
             legs,
             joints: if self.joints.is_empty() { names } else { self.joints.clone() },
             model: self.model.clone().unwrap_or_else(|| "GIM8108-8".into()),
-            protocol: self.protocol.as_deref().and_then(MotorProtocol::by_name).unwrap_or_default(),
+            protocol: self.protocol.as_deref().and_then(|name| name.parse().ok()).unwrap_or_default(),
             place,
         };
         let is_complete =

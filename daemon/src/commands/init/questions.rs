@@ -61,13 +61,13 @@ fn ask_model(default: String) -> Result<String, InitError> {
 /// A vendor whose motors have one protocol is not asked about.
 fn ask_protocol(default: MotorProtocol, model: &str) -> Result<MotorProtocol, InitError> {
     if Profile::of_model(model).is_none_or(|(profile, _)| profile.name != "steadywin") {
-        return Ok(MotorProtocol::default());
+        return Ok(Default::default());
     }
-    let is_known = |text: &String| MotorProtocol::by_name(text).map(|_| ()).ok_or("`mit` or `gim`");
+    let is_known = |text: &String| text.parse::<MotorProtocol>().map(|_| ()).map_err(|()| "`mit` or `gim`");
     let question = "Protocol that they are set to, mit or gim (native)";
     let asked = Input::new().with_prompt(question).default(default.name().into()).validate_with(is_known);
     let text: String = asked.interact_text().map_err(unanswered)?;
-    Ok(MotorProtocol::by_name(&text).unwrap_or(default))
+    Ok(text.parse().unwrap_or(default))
 }
 
 /// Buses from a text: their names with spaces or commas between them, or `simulated`.

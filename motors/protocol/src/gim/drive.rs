@@ -46,7 +46,7 @@ impl Confirmed {
 
 /// The dialect of one motor in GIM mode.
 #[derive(Debug)]
-pub struct Gim {
+pub struct GimDialect {
     command_id: FrameId,
     scales: Scales,
     transmission: Transmission,
@@ -65,7 +65,7 @@ pub struct Gim {
     is_velocity_old: bool,
 }
 
-impl Gim {
+impl GimDialect {
     /// Does not allocate.
     #[must_use]
     pub fn new(settings: &DriveSettings) -> Self {
@@ -133,7 +133,7 @@ impl Gim {
     }
 }
 
-impl Dialect for Gim {
+impl Dialect for GimDialect {
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
         if !matches!(
             command,

@@ -19,7 +19,11 @@
 //! - A reply identifies neither the motor nor, over CAN, the request. The host keeps one request
 //!   open and compares the command and the number in it ([`Reply::answers`]).
 
+#[cfg(feature = "commissioning")]
+pub(crate) mod apply;
 mod command;
+#[cfg(feature = "commissioning")]
+pub(crate) mod commissioning;
 mod configuration;
 #[cfg(feature = "drive")]
 mod drive;
@@ -36,7 +40,7 @@ pub use configuration::{
     Access, CONFIGURATION, ConfigurationItem, ConfigurationKey, Effective, single_turn_position,
 };
 #[cfg(feature = "drive")]
-pub use drive::Gim;
+pub use drive::GimDialect;
 pub use family::FAMILY;
 pub use indicator::{INDICATORS, Indicator, RPM};
 pub use parameter::{PARAMETERS, Parameter};

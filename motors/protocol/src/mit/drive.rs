@@ -1,6 +1,6 @@
 //! A drive in MIT mode. Source: MIT document.
 //!
-//! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
+//! Real-time: after [`MitDialect::new`] nothing here allocates, blocks or loops.
 
 use super::feedback::Feedback;
 use super::{Asked, ControlCodes, Reply, State};
@@ -13,7 +13,7 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 
 /// The dialect of one motor in MIT mode.
 #[derive(Debug)]
-pub struct Mit {
+pub struct MitDialect {
     id: u8,
     command_id: FrameId,
     profile: &'static Profile,
@@ -90,7 +90,7 @@ impl Unwrap {
     }
 }
 
-impl Mit {
+impl MitDialect {
     /// Does not allocate.
     #[must_use]
     pub fn new(settings: &DriveSettings) -> Self {
@@ -219,7 +219,7 @@ impl Mit {
     }
 }
 
-impl Dialect for Mit {
+impl Dialect for MitDialect {
     #[inline(always)]
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
         let command = match command {
@@ -369,7 +369,7 @@ mod tests {
             duration: ExecutionTime::MAX,
             error_feedback: true,
         };
-        let mut drive = Mit::new(&settings);
+        let mut drive = MitDialect::new(&settings);
         for velocity in [0.0, 0.7, -3.3] {
             let damping = Setpoint::impedance(Impedance::<JointSide>::new(0.0, velocity, 0.0, 2.0, 0.0));
             let mut sum = 0.0;

@@ -20,8 +20,12 @@
 //!   documented.
 
 mod command;
+#[cfg(feature = "commissioning")]
+pub(crate) mod commissioning;
 #[cfg(feature = "drive")]
 mod drive;
+#[cfg(feature = "commissioning")]
+pub(crate) mod ends;
 mod family;
 #[cfg(feature = "drive")]
 mod feedback;
@@ -30,7 +34,7 @@ mod reply;
 pub use crate::error::{DecodeError, EncodeError};
 pub use command::{Command, CommandCodes, ControlCodes, Impedance, decode_command};
 #[cfg(feature = "drive")]
-pub use drive::Mit;
+pub use drive::MitDialect;
 pub use family::FAMILY;
 #[cfg(feature = "drive")]
 pub use feedback::Feedback;

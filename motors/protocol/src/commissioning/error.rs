@@ -1,7 +1,7 @@
 //! Errors of transactions.
 
+use crate::gim::{ConfigurationItem, Refusal, Value};
 use motord_bus::FrameId;
-use motord_protocol::gim::{ConfigurationItem, Refusal, Value};
 
 /// Reason for which a transaction failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

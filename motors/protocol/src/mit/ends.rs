@@ -1,9 +1,9 @@
 //! The ends of a motor's codes, as the motor itself reports them.
 
-use crate::error::Error;
-use crate::link::{Heard, Link};
+use crate::commissioning::error::Error;
+use crate::commissioning::link::{Heard, Link};
+use crate::register::{PMAX, REQUEST_ID, TMAX, VMAX, read, value};
 use motord_bus::{Frame, FrameId};
-use motord_protocol::register::{PMAX, REQUEST_ID, TMAX, VMAX, read, value};
 
 /// Requests of one register before it counts as unanswered.
 const TRIES: usize = 2;

@@ -1,14 +1,14 @@
 //! The native commands, with types. Source: GIM document 3.2.
 
-use crate::error::Error;
-use crate::link::{Heard, Link, Wire};
-use crate::mit::Mit;
-use motord_bus::{Duration, FrameId};
-use motord_protocol::gim::{
+use crate::commissioning::error::Error;
+use crate::commissioning::link::{Heard, Link, Wire};
+use crate::gim::{
     Calibration, Command, ConfigurationItem, ConfigurationKey, ExecutionTime, Finite, Outcome, Pending,
     Refusal, Reply, State, Value, decode_command, decode_reply,
 };
-use motord_protocol::{FaultBits, Scales};
+use crate::mit::commissioning::Mit;
+use crate::{FaultBits, Scales};
+use motord_bus::{Duration, FrameId};
 
 /// Values of the bytes that a command leaves free, for two purposes:
 /// - A motor in MIT mode reads kp 0, kd 0 and the middle torque code, where the command's own
@@ -28,7 +28,7 @@ const SETTLE: Duration = Duration::from_millis(100);
 
 /// A motor in native mode. A motor in MIT mode reads most of these frames as control frames without
 /// torque. It reads the writes and the control commands as a torque: verify the mode first
-/// ([`identify`](crate::identify)).
+/// ([`identify`](crate::commissioning::identify)).
 pub struct Native<'l> {
     link: &'l mut Link,
     id: u8,
@@ -506,8 +506,8 @@ pub(crate) fn same(key: ConfigurationKey, a: Value, b: Value) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_protocol::gim::CommandCode;
-    use motord_protocol::mit::ControlCodes;
+    use crate::gim::CommandCode;
+    use crate::mit::ControlCodes;
 
     /// The result has index 1. It has index 2 where the reply repeats a number of the request, and
     /// 3 where it repeats two (GIM document 3.2).

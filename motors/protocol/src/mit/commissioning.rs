@@ -1,11 +1,11 @@
 //! The MIT commands, with types. Source: MIT document, and those of the profiles.
 
-use crate::error::Error;
-use crate::link::{Heard, Link};
+use crate::commissioning::error::Error;
+use crate::commissioning::link::{Heard, Link};
+use crate::mit::{Asked, Command, Impedance, Reply, State};
+use crate::profile::STEADYWIN;
+use crate::{Faults, Profile, Scales, register};
 use motord_bus::{Duration, FrameId};
-use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
-use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Faults, Profile, Scales, register};
 
 /// Attempts for a request that may be repeated.
 const ATTEMPTS: usize = 3;

@@ -1,6 +1,6 @@
 //! The entries of the lock file: a motor's reports about itself.
 
-use motord_protocol::{MotorProtocol, Profile};
+use crate::{MotorProtocol, Profile};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

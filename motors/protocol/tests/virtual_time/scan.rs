@@ -5,7 +5,7 @@ use motord_bus::{
     Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, Unsupported, VirtualClock,
 };
 use motord_checker::codec::{Meaning, Ranges};
-use motord_commissioning::{
+use motord_protocol::commissioning::{
     Error, Family, Formats, LASTING, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
 };
 use motord_simulator::{Behaviour, Dialect, Direction, InFault, Medium, MotorSettings, SharedBus};

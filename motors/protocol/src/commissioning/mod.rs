@@ -8,7 +8,7 @@
 //! Rules of every transaction:
 //! - One request is open. Frames that arrived before it are dropped.
 //! - A native answer repeats the command and the number of the request
-//!   ([`Reply::answers`](motord_protocol::gim::Reply::answers)), and has the motor's host id where
+//!   ([`Reply::answers`](crate::gim::Reply::answers)), and has the motor's host id where
 //!   that is known. A frame that equals the request is its echo, never an answer.
 //! - A request is repeated only where repeating is harmless: reads, stops, and storing. Each native
 //!   retry waits twice as long as the one before.
@@ -20,7 +20,7 @@
 //!
 //! ```
 //! use motord_bus::{Instant, VirtualClock};
-//! use motord_commissioning::{Link, Native};
+//! use motord_protocol::commissioning::{Link, Native};
 //! use motord_simulator::{BusSettings, Dialect, MotorSettings, SimulatedBus};
 //!
 //! let knee = MotorSettings { id: 3, host_id: 0x103, dialect: Dialect::Gim, ..Default::default() };
@@ -28,30 +28,24 @@
 //! let mut link = Link::can(bus, VirtualClock::new(Instant::ZERO));
 //! let mut motor = Native::new(&mut link, 3, None);
 //! assert_eq!(motor.version()?, 0x0001_0203);
-//! # Ok::<(), motord_commissioning::Error>(())
+//! # Ok::<(), motord_protocol::commissioning::Error>(())
 //! ```
 
-#![forbid(unsafe_code)]
-
-mod apply;
-mod ends;
-mod error;
+pub(crate) mod error;
 mod format;
-mod link;
-mod mit;
-mod native;
+pub(crate) mod link;
 mod reported;
-mod scan;
+pub(crate) mod scan;
 mod survey;
 mod unprompted;
 
-pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
-pub use ends::ends;
+pub use crate::gim::apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
+pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
+pub use crate::mit::commissioning::Mit;
+pub use crate::mit::ends::ends;
 pub use error::Error;
 pub use format::Formats;
 pub use link::{Heard, Link, Wire};
-pub use mit::Mit;
-pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use reported::{ReportedMotor, ReportedProtocol};
 pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};

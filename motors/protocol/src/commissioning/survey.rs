@@ -1,13 +1,13 @@
 //! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
 //! nothing.
 
-use crate::error::Error;
-use crate::link::{Link, Wire};
-use crate::native::Native;
-use crate::reported::{ReportedMotor, ReportedProtocol};
-use crate::scan::{Family, Found, identify, identify_in_mit};
+use crate::commissioning::error::Error;
+use crate::commissioning::link::{Link, Wire};
+use crate::commissioning::reported::{ReportedMotor, ReportedProtocol};
+use crate::commissioning::scan::{Family, Found, identify, identify_in_mit};
+use crate::gim::commissioning::Native;
+use crate::gim::{ConfigurationItem, Value};
 use motord_bus::FrameId;
-use motord_protocol::gim::{ConfigurationItem, Value};
 
 /// Returns the configuration items that determine torque and angle.
 pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {

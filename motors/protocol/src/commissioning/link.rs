@@ -1,8 +1,8 @@
 //! A bus with one open request.
 
-use crate::error::Error;
-use crate::format::Formats;
-use crate::unprompted::{Unprompted, reporting_motor};
+use crate::commissioning::error::Error;
+use crate::commissioning::format::Formats;
+use crate::commissioning::unprompted::{Unprompted, reporting_motor};
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
 /// The kind of wire.

@@ -2,7 +2,7 @@
 
 use crate::{SECOND, bus, inject, link, mode, motor, on_both_wires};
 use motord_bus::{Duration, FrameId};
-use motord_commissioning::{
+use motord_protocol::commissioning::{
     CALIBRATION_MAX, Confirmation, Error, Family, Mit, Native, ends, identify, is_taken,
 };
 use motord_protocol::gim::{

@@ -5,7 +5,7 @@ use crate::{START, inject, on_both_wires};
 use motord_bus::{
     Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, VirtualClock,
 };
-use motord_commissioning::{Apply, Error, Event, Failed, Link, Native, changes, identify};
+use motord_protocol::commissioning::{Apply, Error, Event, Failed, Link, Native, changes, identify};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, ExecutionTime, Finite, Refusal, Value};
 
 /// Goal: no difference remains after a dump, a reset of the configuration, and an application of
@@ -39,7 +39,7 @@ fn configuration_survives_factory_reset_on_both_wires() {
         inject(bus, link, "knee power-cycle");
         link.pause(Duration::from_secs(1));
         let after = self::dump(&mut Native::new(link, 3, None));
-        assert_eq!(motord_commissioning::changes(&after, &dump), []);
+        assert_eq!(motord_protocol::commissioning::changes(&after, &dump), []);
     });
 }
 
@@ -77,7 +77,7 @@ fn refusal_ends_writing_and_journal_shows_progress() {
         assert!(matches!(journal.last(), Some(Event::Writing(change)) if change.item.name == "gear-ratio"));
         let after = dump(&mut knee);
         let differing: Vec<_> =
-            motord_commissioning::changes(&before, &after).iter().map(|c| c.item.name).collect();
+            motord_protocol::commissioning::changes(&before, &after).iter().map(|c| c.item.name).collect();
         assert_eq!(differing, ["pole-pairs"]);
     });
 }

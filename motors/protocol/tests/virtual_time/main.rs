@@ -7,7 +7,7 @@ mod scan;
 mod transactions;
 
 use motord_bus::{Instant, VirtualClock};
-use motord_commissioning::Link;
+use motord_protocol::commissioning::Link;
 use motord_protocol::gim::ExecutionTime;
 use motord_simulator::{
     BusSettings, Dialect, FaultVerb, Medium, Mode, MotorSettings, SharedBus, SimulatedBus,

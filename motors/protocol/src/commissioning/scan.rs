@@ -15,16 +15,14 @@
 //!   their reports. A silent one is not recognised: the frames with lasting effect on one with a factory id are not sent either
 //!   ([`LASTING`]).
 
-use crate::error::Error;
-use crate::format::Formats;
-use crate::link::{Heard, Link, Wire};
-use crate::native::Native;
-use crate::unprompted::{LASTING, Unprompted};
+use crate::commissioning::error::Error;
+use crate::commissioning::format::Formats;
+use crate::commissioning::link::{Heard, Link, Wire};
+use crate::commissioning::unprompted::{LASTING, Unprompted};
+use crate::gim::commissioning::Native;
+use crate::gim::{Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply};
+use crate::{Scales, mit};
 use motord_bus::{Duration, Frame, FrameId};
-use motord_protocol::gim::{
-    Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply,
-};
-use motord_protocol::{Scales, mit};
 use std::ops::RangeInclusive;
 
 /// Longer than the usual periods of heartbeats, at most 1 s.

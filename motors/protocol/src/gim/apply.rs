@@ -1,10 +1,10 @@
 //! Writes a configuration, item by item.
 
-use crate::error::Error;
-use crate::link::Wire;
-use crate::native::{Confirmation, Native, same};
-use crate::scan::is_taken;
-use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Value};
+use crate::commissioning::error::Error;
+use crate::commissioning::link::Wire;
+use crate::commissioning::scan::is_taken;
+use crate::gim::commissioning::{Confirmation, Native, same};
+use crate::gim::{Access, CONFIGURATION, ConfigurationItem, Value};
 
 /// An item to change.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,13 +245,13 @@ impl Apply<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_protocol::gim::Finite;
+    use crate::gim::Finite;
 
     fn change(name: &str, from: f32, to: f32) -> Change {
         let item = ConfigurationItem::by_name(name).unwrap();
         let value = |value: f32| match item.value_type {
-            motord_protocol::gim::ValueType::Integer => Value::Integer(value as i32),
-            motord_protocol::gim::ValueType::Float => Value::Float(Finite::new(value).unwrap()),
+            crate::gim::ValueType::Integer => Value::Integer(value as i32),
+            crate::gim::ValueType::Float => Value::Float(Finite::new(value).unwrap()),
         };
         Change { item, from: value(from), to: value(to) }
     }
