@@ -5,6 +5,7 @@
 //!
 //! - [`control`]: one command per motor and cycle, as pure decisions on (state, inputs, now).
 //! - [`drive`]: converts commands to frames, and payloads to replies.
+//! - `sensor`: the sensors of a CAN bus, their frames and readings.
 //! - [`stopper`]: damps and stops the motors when no cycle controls them.
 //! - [`cycle`]: wake, decide, transmit, collect, publish. [`clock`]: the time of the cycle.
 //!
@@ -17,4 +18,5 @@ pub mod clock;
 pub mod control;
 pub mod cycle;
 pub mod drive;
+mod sensor;
 pub mod stopper;

@@ -33,7 +33,7 @@ mod time_base;
 mod wake;
 
 pub use event::{Event, Events, Losses};
-pub use imu::ImuReading;
+pub use imu::{ImuReading, Reading};
 pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
 pub use wake::Wake;
@@ -210,9 +210,11 @@ impl Control {
         }
     }
 
-    /// Takes what the reader of an IMU knows. Constant time.
-    pub fn receive_imu(&mut self, imu: usize, reading: &ImuReading) {
-        self.imus.receive(imu, reading, &mut self.context);
+    /// Takes the reading of a sensor. Constant time.
+    pub fn receive_reading(&mut self, reading: Reading<'_>) {
+        match reading {
+            Reading::Imu(imu, reading) => self.imus.receive(imu, reading, &mut self.context),
+        }
     }
 
     /// Records that the bus did not accept the command of this joint in this cycle.

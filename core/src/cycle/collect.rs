@@ -3,6 +3,7 @@
 use super::Cycle;
 use super::channel::{Batch, CanChannel};
 use super::link::Polled;
+use super::pass_condition;
 use crate::drive::Received;
 use motord_bus::{Duration, Frame, Instant, Readiness, Ready};
 use motord_protocol::drive::Reported;
@@ -240,10 +241,7 @@ impl Cycle {
         if losses.any() {
             control.frames_lost(bus, losses, now);
         }
-        if control.bus_changed(bus, channel.wire().condition()) {
-            channel.wire_mut().sensors().disconnect();
-        }
-        channel.wire_mut().sensors().take_news(|imu, reading| control.receive_imu(imu, reading));
+        pass_condition(bus, channel, control);
     }
 
     /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is not `open`, and if request

@@ -17,7 +17,7 @@
 use super::emergency::{AskedStops, EmergencyStops};
 use super::history::{History, Queue, history};
 use super::replacement::{Indexed, Replacements, Supply, replacements};
-use crate::control::{Event, ImuReading, Wake};
+use crate::control::{Event, ImuReading, Reading, Wake};
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Duration, Instant};
 use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, IMUS_MAX, JOINTS_MAX};
@@ -313,11 +313,11 @@ impl RealTimeEnd {
         }
     }
 
-    /// Passes the readings of the IMUs that are new. Wait-free; bounded by IMUs.
-    pub(super) fn newest_imus(&mut self, mut take: impl FnMut(usize, &ImuReading)) {
+    /// Passes the readings of other threads that are new. Wait-free; bounded by sensors.
+    pub(super) fn newest_readings(&mut self, mut take: impl FnMut(Reading<'_>)) {
         for (index, imu) in self.imus.iter_mut().enumerate() {
             if imu.update() {
-                take(index, imu.output_buffer());
+                take(Reading::Imu(index, imu.output_buffer()));
             }
         }
     }

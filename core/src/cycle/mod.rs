@@ -221,13 +221,14 @@ impl Cycle {
         self.link.beat(wake.cycle);
         self.replace_buses();
         self.read_early();
+        self.take_bus_readings();
         self.serve(wake.begun);
         let sent = self.transmit(wake);
         let transmitted = self.clock.now();
         self.polled = Polled::default();
         let polls = !self.timing.busy_poll.is_zero() && self.backoff.attempts();
         let open = self.collect(transmitted, sent + self.timing.reply_deadline, polls);
-        self.take_imus();
+        self.take_readings();
         self.control.end_cycle();
         self.publish(wake, transmitted);
         self.control.published();
@@ -237,10 +238,21 @@ impl Cycle {
         }
     }
 
-    /// Takes the newest samples of the IMUs. Wait-free; no system call; bounded by IMUs.
-    fn take_imus(&mut self) {
+    /// Passes to control the readings that changed: first those of the sensors on buses, then those of other threads.
+    /// Wait-free; no system call; bounded by sensors.
+    fn take_readings(&mut self) {
+        self.take_bus_readings();
         let Self { link, control, .. } = self;
-        link.newest_imus(|imu, reading| control.receive_imu(imu, reading));
+        link.newest_readings(|reading| control.receive_reading(reading));
+    }
+
+    /// Passes to control the readings of sensors on buses that changed. After an early read, the decisions need them. No
+    /// system call; bounded by sensors and buses.
+    fn take_bus_readings(&mut self) {
+        let Self { channels, control, .. } = self;
+        for channel in channels {
+            channel.wire_mut().sensors().take_readings(|reading| control.receive_reading(reading));
+        }
     }
 
     /// Takes at most one reopened bus. Its motors stay offline until they answer. Does not block:
@@ -292,6 +304,15 @@ impl Cycle {
         }
         control.events().for_each(|event| link.push(wake.cycle, event));
         link.lose(control.clear_events());
+    }
+}
+
+/// Passes the condition of a bus to control. While the bus is off or gone, its sensors are disconnected. No system call;
+/// bounded by sensors.
+#[inline]
+fn pass_condition(bus: usize, channel: &mut BusChannel, control: &mut Control) {
+    if control.bus_changed(bus, channel.wire().condition()) {
+        channel.wire_mut().sensors().disconnect();
     }
 }
 

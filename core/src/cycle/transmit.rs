@@ -2,6 +2,7 @@
 
 use super::Cycle;
 use super::channel::BusChannel;
+use super::pass_condition;
 use crate::control::Wake;
 use motord_bus::{Frame, Instant};
 
@@ -37,7 +38,7 @@ impl Cycle {
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
         } else if !channel.wire_mut().sensors().is_empty() {
-            channel.wire_mut().queue_requests(wake.cycle, now);
+            channel.wire_mut().queue_sensors(wake.cycle, now);
         }
         let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];
@@ -52,10 +53,7 @@ impl Cycle {
         if !channel.wire().is_idle() {
             control.bus_took(bus, took_all);
         }
-        if control.bus_changed(bus, channel.wire().condition()) {
-            channel.wire_mut().sensors().disconnect();
-        }
-        channel.wire_mut().sensors().take_news(|imu, reading| control.receive_imu(imu, reading));
+        pass_condition(bus, channel, control);
         now
     }
 

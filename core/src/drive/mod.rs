@@ -6,11 +6,9 @@
 //! Real-time: after [`Drive::new`] nothing here allocates, blocks, loops or calls the system.
 
 mod correlator;
-mod imu;
 
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Role};
-pub(crate) use imu::ImuDrive;
 use motord_bus::{Duration, Frame, Instant, serial};
 use motord_protocol::AnyDialect;
 use motord_protocol::drive::{Command, Dialect, Impedance, Question, Reported, Setpoint};

@@ -12,8 +12,9 @@ type Rows = &'static [(&'static str, &'static [&'static str])];
 const CORE: Rows = &[
     ("clock", &[]),
     ("control", &[]),
-    ("cycle", &["control", "drive", "stopper"]),
-    ("drive", &["control"]),
+    ("cycle", &["control", "drive", "sensor", "stopper"]),
+    ("drive", &[]),
+    ("sensor", &["control"]),
     ("stopper", &["drive"]),
 ];
 

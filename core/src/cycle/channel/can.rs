@@ -8,7 +8,7 @@ use motord_settings::plan::BusPlan;
 /// A CAN bus.
 pub(crate) struct CanChannel {
     pub(crate) wire: Wire,
-    /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or an IMU sends frames.
+    /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or a sensor sends frames.
     takes_all: bool,
     /// Requests of the last batch that are not answered.
     awaited: usize,
@@ -32,7 +32,7 @@ pub(crate) struct CanChannel {
 /// The kind of frames that are sent together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Batch {
-    /// At most one command per motor, and requests to IMUs. Most are answered.
+    /// At most one command per motor, and requests to sensors. Most are answered.
     Commands,
     /// A question to one motor, for its faults or an indicator.
     Question,

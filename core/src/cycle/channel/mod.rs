@@ -6,17 +6,16 @@
 mod can;
 mod foreign;
 mod line;
-mod sensors;
 mod wire;
 
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
-use sensors::Sensors;
 use wire::Arrivals;
 pub(super) use wire::Wire;
 
 use crate::drive::Received;
+use crate::sensor::Sensors;
 use crate::stopper::Outlet;
 use motord_bus::{Bus, Frame, IdFilter, Instant, Refusal};
 use motord_settings::plan::BusPlan;

@@ -1,9 +1,9 @@
 //! The part of a bus that CAN interfaces and serial lines have in common.
 
 use super::foreign::ForeignCommands;
-use super::sensors::Sensors;
 use crate::control::Losses;
 use crate::drive::Received;
+use crate::sensor::Sensors;
 use motord_bus::frame::ControllerState;
 use motord_bus::{Bus, Content, ErrorFrame, Frame, IdFilter, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_protocol::drive::Reported;
@@ -16,11 +16,10 @@ pub(crate) struct Wire {
     routes: Vec<(IdFilter, usize)>,
     foreign: ForeignCommands,
     sensors: Sensors,
-    /// One slot for each motor of the bus, and those for its IMUs. The first hold the batch: one frame for each of `senders`,
-    /// then `requests` to IMUs.
+    /// One slot for each motor of the bus, and those for its sensors. The first hold the batch: one frame for each of
+    /// `senders`, then those to sensors.
     frames: Vec<Frame>,
     senders: Vec<usize>,
-    requests: usize,
     inbox: Inbox,
     counters: BusState,
     condition: BusCondition,
@@ -40,7 +39,7 @@ pub(super) struct Accepted {
 /// The outcome of a read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Arrivals {
-    /// The number of arrivals, without frames that IMUs sent by themselves.
+    /// The number of arrivals, without frames that sensors sent by themselves.
     pub(super) all: usize,
     /// Those of them that answer a request which was open.
     pub(super) answers: usize,
@@ -60,7 +59,6 @@ impl Wire {
             bus,
             frames,
             senders: Vec::with_capacity(routes.len()),
-            requests: 0,
             sensors,
             routes,
             foreign,
@@ -83,29 +81,29 @@ impl Wire {
     #[inline]
     pub(super) fn clear(&mut self) {
         self.senders.clear();
-        self.requests = 0;
+        self.sensors.clear();
     }
 
     /// Returns the number of frames of each possible [`batch`](Self::batch).
     pub(super) fn batches(&self) -> impl Iterator<Item = usize> {
         let motors = self.routes.len();
         (0..=self.frames.len() - motors)
-            .flat_map(move |requests| (0..=motors).map(move |sent| requests + sent))
+            .flat_map(move |to_sensors| (0..=motors).map(move |to_motors| to_sensors + to_motors))
     }
 
-    /// Returns the number of the batch among all that differ in their numbers of motors or requests; 0 without a frame.
+    /// Returns the number of the batch among all that differ in their frames to motors or to sensors; 0 without a frame.
     #[inline]
     pub(super) fn batch(&self) -> usize {
-        self.senders.len() + self.requests * (self.routes.len() + 1)
+        self.senders.len() + self.sensors.queued() * (self.routes.len() + 1)
     }
 
-    /// Queues the requests to the IMUs in the cycle with this number, after the frames of the motors. Bounded by IMUs.
-    pub(crate) fn queue_requests(&mut self, cycle: u64, now: Instant) {
+    /// Queues the requests to the sensors in the cycle with this number, after the frames of the motors. Bounded by sensors.
+    pub(crate) fn queue_sensors(&mut self, cycle: u64, now: Instant) {
         if matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive) {
             self.sensors.reconnect();
         }
         let Self { frames, senders, sensors, .. } = self;
-        self.requests = sensors.ask(cycle, now, &mut frames[senders.len()..]);
+        sensors.queue(cycle, now, &mut frames[senders.len()..]);
     }
 
     /// Queues a frame for each motor that `write` writes one for.
@@ -139,7 +137,7 @@ impl Wire {
                 Sent { accepted: 0, refusal: None }
             }
             _ => {
-                let sent = self.bus.send(now, &self.frames[..self.senders.len() + self.requests]);
+                let sent = self.bus.send(now, &self.frames[..self.senders.len() + self.sensors.queued()]);
                 self.foreign.keep_batch(&mut self.frames);
                 sent
             }
@@ -161,15 +159,17 @@ impl Wire {
 
     #[inline]
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> Accepted {
-        let (motors, total) = (self.senders.len(), self.senders.len() + self.requests);
+        let (motors, total) = (self.senders.len(), self.senders.len() + self.sensors.queued());
         let accepted = accepted.min(total);
         let dropped = total - accepted;
         let of_motors = accepted.min(motors);
         self.senders[of_motors..].iter().for_each(|&motor| unsent(motor));
-        let of_imus = if self.requests > 0 { self.sensors.accepted(accepted - of_motors) } else { 0 };
+        if total > motors {
+            self.sensors.accepted(accepted - of_motors);
+        }
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
-        Accepted { awaited: of_motors + of_imus, took_all: dropped == 0 }
+        Accepted { awaited: of_motors + self.sensors.open(), took_all: dropped == 0 }
     }
 
     /// Discards what has arrived, then sends `frames` whose replies are not read. At most two system calls.
@@ -204,7 +204,7 @@ impl Wire {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
         self.losses.by_kernel = self.losses.by_kernel.saturating_add(self.inbox.lost);
-        let Self { inbox, routes, foreign, sensors, requests, counters, condition, losses, .. } = self;
+        let Self { inbox, routes, foreign, sensors, counters, condition, losses, .. } = self;
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
         let (mut answers, mut unasked) = (0, 0);
         for arrival in inbox.arrivals() {
@@ -226,12 +226,12 @@ impl Wire {
                 (Some(&(_, motor)), _) => judge(motor, frame, arrival.at),
                 (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
                     None => Received::UnexpectedId,
-                    // A reply to a request of an earlier batch is not awaited.
-                    Some(is_answer) => {
-                        match is_answer && *requests > 0 {
-                            true => (self.replied_at, answers) = (arrival.at, answers + 1),
-                            false => unasked += 1,
-                        }
+                    Some(true) => {
+                        (self.replied_at, answers) = (arrival.at, answers + 1);
+                        continue;
+                    }
+                    Some(false) => {
+                        unasked += 1;
                         continue;
                     }
                 },
@@ -259,21 +259,21 @@ impl Wire {
         &mut self.foreign
     }
 
-    /// Returns the IMUs of the bus.
+    /// Returns the sensors of the bus.
     #[inline]
     pub(crate) const fn sensors(&mut self) -> &mut Sensors {
         &mut self.sensors
     }
 
-    /// Returns the number of open requests to IMUs in the last batch.
+    /// Returns the number of open requests to sensors in the last batch.
     pub(super) fn open_requests(&self) -> usize {
-        if self.requests > 0 { self.sensors.open() } else { 0 }
+        self.sensors.open()
     }
 
     /// Returns whether no frame is queued.
     #[inline]
     pub(crate) fn is_idle(&self) -> bool {
-        self.senders.is_empty() && self.requests == 0
+        self.senders.is_empty() && self.sensors.queued() == 0
     }
 
     /// Returns the motors of the last batch, in the order of its frames.
@@ -312,7 +312,7 @@ impl Wire {
     }
 }
 
-/// Takes a frame that is from no motor: from an IMU, as [`Sensors::receive`] does, or a command of another program.
+/// Takes a frame that is from no motor: from a sensor, as [`Sensors::receive`] does, or a command of another program.
 #[cold]
 fn unrouted(
     sensors: &mut Sensors,

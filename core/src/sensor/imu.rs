@@ -1,8 +1,9 @@
 //! An IMU on a CAN bus: the requests to it, and the samples in its frames.
 //!
-//! Real-time: after [`ImuDrive::new`] nothing here allocates, blocks or calls the system.
+//! Real-time: after [`on_bus`] nothing here allocates, blocks or calls the system.
 
-use crate::control::{ImuReading, Repetition};
+use super::device::Sensor;
+use crate::control::{ImuReading, Reading, Repetition};
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::imu::{CanDecoder, Sample, SampleError};
@@ -17,7 +18,7 @@ const PROBE_PERIOD: Duration = Duration::from_millis(100);
 
 /// An IMU on a CAN bus.
 #[derive(Debug)]
-pub(crate) struct ImuDrive {
+struct CanImu {
     /// Its index in the configuration.
     imu: usize,
     can: ImuCan,
@@ -52,18 +53,16 @@ pub(crate) struct ImuDrive {
     is_cut: bool,
 }
 
-impl ImuDrive {
-    /// Returns the IMUs of `bus`. Allocates.
-    pub(crate) fn on_bus(settings: &Settings, bus: usize) -> Vec<Self> {
-        let imus = settings.imus.iter().enumerate();
-        let on_bus = imus.filter_map(|(index, imu)| Some((index, imu, imu.source.can()?)));
-        let has_motors = settings.motors.iter().any(|motor| motor.bus == bus);
-        on_bus
-            .filter(|(_, _, can)| can.bus == bus)
-            .map(|(index, imu, can)| Self::new((index, imu), can, settings, has_motors))
-            .collect()
-    }
+/// Returns the IMUs of `bus`. Allocates.
+pub(super) fn on_bus(settings: &Settings, bus: usize) -> Vec<Box<dyn Sensor>> {
+    let imus = settings.imus.iter().enumerate();
+    let on_bus = imus.filter_map(|(index, imu)| Some((index, imu, imu.source.can()?)));
+    let has_motors = settings.motors.iter().any(|motor| motor.bus == bus);
+    let new = |(index, imu, can)| Box::new(CanImu::new((index, imu), can, settings, has_motors));
+    on_bus.filter(|(_, _, can)| can.bus == bus).map(|imu| new(imu) as Box<dyn Sensor>).collect()
+}
 
+impl CanImu {
     fn new((index, imu): (usize, &ImuSettings), can: &ImuCan, settings: &Settings, has_motors: bool) -> Self {
         let period = Duration::from_secs_f64(1.0 / imu.rate_hz);
         let cycle_hz = settings.cycle.rate_hz;
@@ -93,28 +92,6 @@ impl ImuDrive {
         }
     }
 
-    /// Returns the most frames that it is sent in a cycle.
-    pub(crate) fn requests_max(&self) -> usize {
-        self.requests.len() + self.start.iter().len()
-    }
-
-    /// Returns the frames for it in the cycle with this number, which are sent at `now`. Constant time.
-    pub(crate) fn ask(&mut self, cycle: u64, now: Instant) -> &[Frame] {
-        if cycle < self.due {
-            return &[];
-        }
-        if self.requests.is_empty() {
-            let is_silent = self.last.is_none_or(|last| now.since(last) > PROBE_PERIOD);
-            self.due = cycle + self.probe_every;
-            return if is_silent { self.start.as_slice() } else { &[] };
-        }
-        self.end_sample();
-        let is_silent = self.silent >= SILENT_MAX;
-        self.due = cycle + if is_silent { self.probe_every.max(self.every) } else { self.every };
-        (self.open, self.sent_at, self.is_awaited) = ((1 << self.requests.len()) - 1, now, true);
-        &self.requests
-    }
-
     /// Gives up the sample that was asked for, if it has not arrived.
     fn end_sample(&mut self) {
         if core::mem::take(&mut self.is_awaited) {
@@ -127,39 +104,6 @@ impl ImuDrive {
     fn miss(&mut self, samples: u32) {
         self.reading.missing = self.reading.missing.wrapping_add(samples);
         self.is_new = true;
-    }
-
-    /// Records that the bus accepted this number of the frames of this cycle. What was not sent is not awaited.
-    pub(crate) const fn accepted(&mut self, frames: usize) {
-        self.is_cut &= frames == 0;
-        self.open &= (1_u32 << if frames < 8 { frames } else { 8 }).wrapping_sub(1) as u8;
-        self.is_awaited &= frames > 0;
-    }
-
-    /// Returns the number of requests whose replies may arrive.
-    pub(crate) const fn open(&self) -> usize {
-        self.open.count_ones() as usize
-    }
-
-    /// Takes a frame of the bus that arrived at `at`. `None` when it is not from this device; otherwise whether it is the reply
-    /// to an open request. Constant time.
-    pub(crate) fn receive(&mut self, frame: &Frame, at: Instant) -> Option<bool> {
-        let id = frame.id();
-        if !self.ids.contains(&id) {
-            return None;
-        }
-        if self.is_cut {
-            return Some(false);
-        }
-        let request = self.can.device.answered(frame.payload());
-        let is_answer = request.is_some_and(|number| self.answers(number, at));
-        match request {
-            // Answers an earlier request, which was given up.
-            Some(_) if !is_answer && (at < self.sent_at || self.open != 0) => {}
-            Some(_) if !is_answer => self.reject(at),
-            _ => self.take(id, frame.payload(), at),
-        }
-        Some(is_answer)
     }
 
     /// Closes the request with this number, if it is the next that the device answers: it answers in the order of the requests.
@@ -217,23 +161,72 @@ impl ImuDrive {
             self.miss((periods.round() as u32).saturating_sub(1));
         }
     }
+}
 
-    /// Records that the bus is off or its interface is gone: the device is disconnected.
-    pub(crate) fn disconnect(&mut self) {
+impl Sensor for CanImu {
+    fn frames_max(&self) -> usize {
+        self.requests.len() + self.start.iter().len()
+    }
+
+    fn requests(&mut self, cycle: u64, now: Instant) -> &[Frame] {
+        if cycle < self.due {
+            return &[];
+        }
+        if self.requests.is_empty() {
+            let is_silent = self.last.is_none_or(|last| now.since(last) > PROBE_PERIOD);
+            self.due = cycle + self.probe_every;
+            return if is_silent { self.start.as_slice() } else { &[] };
+        }
+        self.end_sample();
+        let is_silent = self.silent >= SILENT_MAX;
+        self.due = cycle + if is_silent { self.probe_every.max(self.every) } else { self.every };
+        (self.open, self.sent_at, self.is_awaited) = ((1 << self.requests.len()) - 1, now, true);
+        &self.requests
+    }
+
+    fn accepted(&mut self, frames: usize) {
+        // What was not sent is not awaited.
+        self.is_cut &= frames == 0;
+        self.open &= (1_u32 << if frames < 8 { frames } else { 8 }).wrapping_sub(1) as u8;
+        self.is_awaited &= frames > 0;
+    }
+
+    fn open(&self) -> usize {
+        self.open.count_ones() as usize
+    }
+
+    fn receive(&mut self, frame: &Frame, at: Instant) -> Option<bool> {
+        let id = frame.id();
+        if !self.ids.contains(&id) {
+            return None;
+        }
+        if self.is_cut {
+            return Some(false);
+        }
+        let request = self.can.device.answered(frame.payload());
+        let is_answer = request.is_some_and(|number| self.answers(number, at));
+        match request {
+            // Answers an earlier request, which was given up.
+            Some(_) if !is_answer && (at < self.sent_at || self.open != 0) => {}
+            Some(_) if !is_answer => self.reject(at),
+            _ => self.take(id, frame.payload(), at),
+        }
+        Some(is_answer)
+    }
+
+    fn disconnect(&mut self) {
         self.decoder.drop_sample();
         (self.open, self.is_awaited, self.silent, self.last) = (0, false, 0, None);
         self.reading.is_connected = false;
         (self.is_new, self.is_cut) = (true, true);
     }
 
-    /// Records that the bus can receive frames.
-    pub(crate) const fn reconnect(&mut self) {
+    fn reconnect(&mut self) {
         self.is_cut = false;
     }
 
-    /// Returns the index and the knowledge of the IMU, if that has changed since the last call.
-    pub(crate) const fn news(&mut self) -> Option<(usize, &ImuReading)> {
-        if core::mem::replace(&mut self.is_new, false) { Some((self.imu, &self.reading)) } else { None }
+    fn take_reading(&mut self) -> Option<Reading<'_>> {
+        core::mem::take(&mut self.is_new).then_some(Reading::Imu(self.imu, &self.reading))
     }
 }
 
