@@ -11,7 +11,7 @@ pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Role};
 use motord_bus::{Duration, Frame, Instant, serial};
 use motord_protocol::AnyDialect;
-use motord_protocol::drive::{Command, Dialect, Impedance, Question, Reported, Setpoint};
+use motord_protocol::drive::{Arrived, Command, Dialect, Impedance, Question, Reported, Setpoint};
 use motord_settings::settings::{BusKind, MotorSettings, Settings};
 
 /// The meaning of a received frame.
@@ -91,11 +91,11 @@ impl Drive {
     /// As [`request`](Self::request), but writes into `frame`. Returns whether there is a frame.
     #[inline(always)]
     pub fn write_request(&mut self, command: &Command, now: Instant, frame: &mut Frame) -> bool {
-        let is_written = self.dialect.encode(command, frame).is_some();
-        if is_written {
-            self.correlator.request(self.dialect.question(command), now);
+        let question = self.dialect.encode(command, frame);
+        if let Some(question) = question {
+            self.correlator.request(question, now);
         }
-        is_written
+        question.is_some()
     }
 
     /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m. Only for a stopped motor.
@@ -129,12 +129,13 @@ impl Drive {
     #[inline(always)]
     pub fn receive(&mut self, frame: &Frame, at: Instant) -> Received {
         let Self { dialect, correlator } = self;
-        let shape = dialect.classify(frame, at, correlator.question());
+        let arrived = Arrived::new(frame, at);
+        let shape = dialect.classify(arrived, correlator.question());
         let (question, latency) = match correlator.receive(shape, at) {
             Role::Answer(question, latency) => (question, latency),
             Role::LateReport => (Question::Fault, Duration::ZERO),
-            Role::LateRegister => return Received::Reply(dialect.accept_late_register(frame)),
-            Role::Ambiguous => return Received::Reply(dialect.accept_ambiguous(frame, at)),
+            Role::LateRegister => return Received::Reply(dialect.accept_late_register(arrived)),
+            Role::Ambiguous => return Received::Reply(dialect.accept_ambiguous(arrived)),
             Role::Late => {
                 dialect.refute();
                 return Received::Reply(Reported::Late);
@@ -146,6 +147,6 @@ impl Drive {
             Role::UnexpectedId => return Received::UnexpectedId,
             Role::Malformed => return Received::Malformed,
         };
-        Received::Reply(dialect.accept(frame, question, at, latency))
+        Received::Reply(dialect.accept(arrived, question, latency))
     }
 }

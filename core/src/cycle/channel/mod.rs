@@ -6,11 +6,13 @@
 mod can;
 mod foreign;
 mod line;
+mod routes;
 mod wire;
 
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
+use routes::Routes;
 use wire::Arrivals;
 pub(super) use wire::Wire;
 
@@ -38,7 +40,7 @@ impl BusChannel {
             let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
             return Self::Line(LineChannel::new(Wire::new(
                 bus,
-                routes.collect(),
+                Routes::new(routes),
                 ForeignCommands::none(),
                 Sensors::default(),
             )));
@@ -46,7 +48,7 @@ impl BusChannel {
         let routes = motors().map(|(motor, settings)| (settings.addresses().replies, motor));
         let (foreign, sensors) = (ForeignCommands::new(settings, index), Sensors::new(settings, index));
         let takes_all = settings.buses[index].takes_turns() || !sensors.is_empty();
-        Self::Can(CanChannel::new(Wire::new(bus, routes.collect(), foreign, sensors), takes_all, plan))
+        Self::Can(CanChannel::new(Wire::new(bus, Routes::new(routes), foreign, sensors), takes_all, plan))
     }
 
     /// Returns the channel of a CAN bus.

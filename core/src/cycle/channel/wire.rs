@@ -1,19 +1,19 @@
 //! The part of a bus that CAN interfaces and serial lines have in common.
 
 use super::foreign::ForeignCommands;
+use super::routes::Routes;
 use crate::control::Losses;
 use crate::drive::Received;
 use crate::sensor::Sensors;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, ErrorFrame, Frame, IdFilter, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_bus::{Bus, Content, ErrorFrame, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_protocol::drive::Reported;
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
 pub(crate) struct Wire {
     bus: Box<dyn Bus>,
-    /// Ids of the arrivals of a motor, and the motor, in the order of the configuration.
-    routes: Vec<(IdFilter, usize)>,
+    routes: Routes,
     foreign: ForeignCommands,
     sensors: Sensors,
     /// One slot for each motor of the bus, and those for its sensors. The first hold the batch: one frame for each of
@@ -49,7 +49,7 @@ impl Wire {
     /// Allocates; nothing after it does.
     pub(super) fn new(
         bus: Box<dyn Bus>,
-        routes: Vec<(IdFilter, usize)>,
+        routes: Routes,
         mut foreign: ForeignCommands,
         sensors: Sensors,
     ) -> Self {
@@ -110,7 +110,7 @@ impl Wire {
     #[inline]
     pub(crate) fn queue_each(&mut self, mut write: impl FnMut(usize, &mut Frame) -> bool) {
         let Self { routes, frames, senders, .. } = self;
-        for &(_, motor) in routes.iter() {
+        for motor in routes.motors() {
             if frames.get_mut(senders.len()).is_some_and(|frame| write(motor, frame)) {
                 senders.push(motor);
             }
@@ -221,9 +221,8 @@ impl Wire {
                     continue;
                 }
             };
-            let route = routes.iter().find(|(filter, _)| filter.matches(id));
-            let received = match (route, frame) {
-                (Some(&(_, motor)), _) => judge(motor, frame, arrival.at),
+            let received = match (routes.motor(id), frame) {
+                (Some(motor), _) => judge(motor, frame, arrival.at),
                 (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
                     None => Received::UnexpectedId,
                     Some(true) => {
@@ -283,8 +282,8 @@ impl Wire {
 
     /// Returns the motors of the bus without a frame in the last batch.
     pub(super) fn others(&self) -> impl Iterator<Item = usize> {
-        let others = self.routes.iter().filter(|_| self.senders.len() < self.routes.len());
-        others.map(|(_, motor)| *motor).filter(|motor| !self.senders.contains(motor))
+        let others = self.routes.motors().filter(|_| self.senders.len() < self.routes.len());
+        others.filter(|motor| !self.senders.contains(motor))
     }
 
     /// Returns the arrival of the last reply; the time of the last sending where none has arrived

@@ -4,7 +4,7 @@ use super::{Command, Question, Reported, Shape, Transmission};
 use crate::gim::ExecutionTime;
 use crate::profile::Profile;
 use crate::scale::Scales;
-use motord_bus::{Duration, Frame, Instant};
+use motord_bus::{Duration, Format, Frame, FrameId, Instant};
 
 /// The settings of a motor that its dialect uses.
 #[derive(Debug, Clone, Copy)]
@@ -27,28 +27,47 @@ pub struct DriveSettings {
     pub error_feedback: bool,
 }
 
+/// A frame that arrived from a motor.
+#[derive(Debug, Clone, Copy)]
+pub struct Arrived<'f> {
+    /// Its id, of 11 or 29 bits.
+    pub id: FrameId,
+    /// Classic, or CAN FD.
+    pub format: Format,
+    /// Its payload.
+    pub payload: &'f [u8],
+    /// When it was complete.
+    pub at: Instant,
+}
+
+impl<'f> Arrived<'f> {
+    /// The frame that arrived `at` this time.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(frame: &'f Frame, at: Instant) -> Self {
+        Self { id: frame.id(), format: frame.format(), payload: frame.payload(), at }
+    }
+}
+
 /// One motor in the words of its family. No method allocates, blocks or loops.
 pub trait Dialect {
-    /// Writes the frame for `command`; `None` where the motor is sent none.
-    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()>;
+    /// Writes the frame for `command`, and returns what the reply to it contains; `None` where the motor is sent no frame.
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question>;
 
-    /// Returns what a reply to the frame for `command` contains.
-    fn question(&self, command: &Command) -> Question;
-
-    /// Returns the shape of a frame that arrived at `at`, while `open` is open. It may be late. Distinguishes a continuation of
-    /// the motion from a plain reply only while a fault request is open.
-    fn classify(&self, frame: &Frame, at: Instant, open: Option<Question>) -> Shape;
+    /// Returns the shape of a frame that arrived while `open` is open. It may be late. Distinguishes a continuation of the motion
+    /// from a plain reply only while a fault request is open.
+    fn classify(&self, arrived: Arrived<'_>, open: Option<Question>) -> Shape;
 
     /// Takes a frame of a known shape as the answer to `question`, `latency` after that was sent.
-    fn accept(&mut self, frame: &Frame, question: Question, at: Instant, latency: Duration) -> Reported;
+    fn accept(&mut self, arrived: Arrived<'_>, question: Question, latency: Duration) -> Reported;
 
     /// Takes a frame that may be a fault report or a late state.
-    fn accept_ambiguous(&mut self, _frame: &Frame, _at: Instant) -> Reported {
+    fn accept_ambiguous(&mut self, _arrived: Arrived<'_>) -> Reported {
         Reported::Alive
     }
 
     /// Takes a register that answers an earlier question.
-    fn accept_late_register(&mut self, _frame: &Frame) -> Reported {
+    fn accept_late_register(&mut self, _arrived: Arrived<'_>) -> Reported {
         Reported::Late
     }
 
@@ -63,48 +82,41 @@ pub trait Dialect {
 macro_rules! dispatch {
     ($any:ident { $($family:ident),+ }) => {
         #[inline(always)]
-        fn encode(&mut self, command: &$crate::drive::Command, frame: &mut motord_bus::Frame) -> Option<()> {
+        fn encode(
+            &mut self,
+            command: &$crate::drive::Command,
+            frame: &mut motord_bus::Frame,
+        ) -> Option<$crate::drive::Question> {
             match self { $($any::$family(dialect) => dialect.encode(command, frame)),+ }
-        }
-
-        #[inline(always)]
-        fn question(&self, command: &$crate::drive::Command) -> $crate::drive::Question {
-            match self { $($any::$family(dialect) => dialect.question(command)),+ }
         }
 
         #[inline(always)]
         fn classify(
             &self,
-            frame: &motord_bus::Frame,
-            at: motord_bus::Instant,
+            arrived: $crate::drive::Arrived<'_>,
             open: Option<$crate::drive::Question>,
         ) -> $crate::drive::Shape {
-            match self { $($any::$family(dialect) => dialect.classify(frame, at, open)),+ }
+            match self { $($any::$family(dialect) => dialect.classify(arrived, open)),+ }
         }
 
         #[inline(always)]
         fn accept(
             &mut self,
-            frame: &motord_bus::Frame,
+            arrived: $crate::drive::Arrived<'_>,
             question: $crate::drive::Question,
-            at: motord_bus::Instant,
             latency: motord_bus::Duration,
         ) -> $crate::drive::Reported {
-            match self { $($any::$family(dialect) => dialect.accept(frame, question, at, latency)),+ }
+            match self { $($any::$family(dialect) => dialect.accept(arrived, question, latency)),+ }
         }
 
         #[cold]
-        fn accept_ambiguous(
-            &mut self,
-            frame: &motord_bus::Frame,
-            at: motord_bus::Instant,
-        ) -> $crate::drive::Reported {
-            match self { $($any::$family(dialect) => dialect.accept_ambiguous(frame, at)),+ }
+        fn accept_ambiguous(&mut self, arrived: $crate::drive::Arrived<'_>) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept_ambiguous(arrived)),+ }
         }
 
         #[cold]
-        fn accept_late_register(&mut self, frame: &motord_bus::Frame) -> $crate::drive::Reported {
-            match self { $($any::$family(dialect) => dialect.accept_late_register(frame)),+ }
+        fn accept_late_register(&mut self, arrived: $crate::drive::Arrived<'_>) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept_late_register(arrived)),+ }
         }
 
         #[cold]

@@ -18,7 +18,7 @@ mod question;
 
 pub use addresses::Addresses;
 pub use command::{Command, Reported, Status};
-pub use dialect::{Dialect, DriveSettings};
+pub use dialect::{Arrived, Dialect, DriveSettings};
 pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
 pub use question::{Question, Shape};
 

@@ -9,8 +9,8 @@
 use super::{ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use crate::Scales;
 use crate::drive::{
-    Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported, Shape,
-    Status, Transmission,
+    Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
+    Shape, Status, Transmission,
 };
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_shared::SetpointMode;
@@ -134,7 +134,7 @@ impl GimDialect {
 }
 
 impl Dialect for GimDialect {
-    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
         if !matches!(
             command,
             Command::Stop
@@ -162,19 +162,15 @@ impl Dialect for GimDialect {
         };
         self.asks_indicator = matches!(command, Command::GetIndicator(_));
         frame.set(self.command_id, self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()));
-        Some(())
-    }
-
-    fn question(&self, command: &Command) -> Question {
-        match command {
+        Some(match command {
             Command::GetFault => Question::Fault,
             Command::ClearFault => Question::Clear,
             _ => Question::State,
-        }
+        })
     }
 
-    fn classify(&self, frame: &Frame, _at: Instant, _open: Option<Question>) -> Shape {
-        match super::decode_reply(frame.payload(), Pending::Other, &self.scales) {
+    fn classify(&self, arrived: Arrived<'_>, _open: Option<Question>) -> Shape {
+        match super::decode_reply(arrived.payload, Pending::Other, &self.scales) {
             // A reply names its command, so a report cannot be a state.
             Ok(reply @ Reply::Fault(_)) if reply.answers(&self.asked) => Shape::Report,
             Ok(reply) if reply.answers(&self.asked) => Shape::Plain,
@@ -182,8 +178,9 @@ impl Dialect for GimDialect {
         }
     }
 
-    fn accept(&mut self, frame: &Frame, _question: Question, at: Instant, latency: Duration) -> Reported {
-        let Ok(reply) = super::decode_reply(frame.payload(), Pending::Other, &self.scales) else {
+    fn accept(&mut self, arrived: Arrived<'_>, _question: Question, latency: Duration) -> Reported {
+        let Arrived { payload, at, .. } = arrived;
+        let Ok(reply) = super::decode_reply(payload, Pending::Other, &self.scales) else {
             return Reported::Refused;
         };
         match reply {

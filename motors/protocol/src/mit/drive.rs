@@ -5,8 +5,8 @@
 use super::feedback::Feedback;
 use super::{Asked, ControlCodes, Reply, State};
 use crate::drive::{
-    Command, Dialect, DriveSettings, Impedance, Measured, MotorSide, Question, Reported, Shape, Status,
-    Transmission,
+    Arrived, Command, Dialect, DriveSettings, Impedance, Measured, MotorSide, Question, Reported, Shape,
+    Status, Transmission,
 };
 use crate::{Faults, Field, Profile, Scales, register};
 use motord_bus::{Duration, Frame, FrameId, Instant};
@@ -112,10 +112,10 @@ impl MitDialect {
 
     /// Writes the request for the register with this number; `None` where the motor has none.
     #[cold]
-    fn read_register(&self, number: u8, frame: &mut Frame) -> Option<()> {
+    fn read_register(&self, number: u8, frame: &mut Frame) -> Option<Question> {
         let register = register::ENDS.get(usize::from(number)).filter(|_| self.profile.has_registers)?;
         frame.set(FrameId::new(register::REQUEST_ID)?, register::read(self.id, *register));
-        Some(())
+        Some(Question::Register)
     }
 
     /// Returns whether the motor answers a question for its faults. Otherwise its states contain
@@ -132,6 +132,7 @@ impl MitDialect {
     }
 
     /// The impedance of a command that has one; neutral for any other command.
+    #[inline(always)]
     fn wanted(&self, command: &Command) -> Impedance<MotorSide> {
         match command {
             Command::Control(setpoint) => self.transmission.to_motor(&setpoint.values),
@@ -221,8 +222,8 @@ impl MitDialect {
 
 impl Dialect for MitDialect {
     #[inline(always)]
-    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<()> {
-        let command = match command {
+    fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
+        let (command, question) = match command {
             Command::Nothing => {
                 self.forget_turns();
                 // It may return with another firmware.
@@ -231,43 +232,33 @@ impl Dialect for MitDialect {
             }
             Command::Wait | Command::GetIndicator(_) => return None,
             Command::GetRegister(number) => return self.read_register(*number, frame),
-            Command::Stop => super::Command::Stop,
-            Command::Start => super::Command::Start,
+            Command::Stop => (super::Command::Stop, Question::State),
+            Command::Start => (super::Command::Start, Question::State),
             Command::SetZero => {
                 self.forget_turns();
-                super::Command::SetZero
+                (super::Command::SetZero, Question::State)
             }
-            Command::GetFault if self.answers_fault_question() => super::Command::GetFault,
+            Command::GetFault if self.answers_fault_question() => (super::Command::GetFault, Question::Fault),
             // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
-            Command::GetFault => super::Command::Stop,
-            Command::ClearFault => super::Command::ClearFault,
+            Command::GetFault => (super::Command::Stop, Question::State),
+            Command::ClearFault => (super::Command::ClearFault, Question::Clear),
             Command::Neutral | Command::Control(_) => {
                 let wanted = self.wanted(command);
                 let codes = self.codes(&wanted)?;
                 frame.set(self.command_id, codes.pack());
-                return Some(());
+                return Some(Question::State);
             }
         };
         if let Some(feedback) = &mut self.feedback {
             feedback.forget();
         }
         frame.set(self.command_id, command.encode(&self.scales).ok()?);
-        Some(())
+        Some(question)
     }
 
     #[inline(always)]
-    fn question(&self, command: &Command) -> Question {
-        match command {
-            Command::GetFault if self.answers_fault_question() => Question::Fault,
-            Command::GetRegister(_) => Question::Register,
-            Command::ClearFault => Question::Clear,
-            _ => Question::State,
-        }
-    }
-
-    #[inline(always)]
-    fn classify(&self, frame: &Frame, at: Instant, open: Option<Question>) -> Shape {
-        let payload = frame.payload();
+    fn classify(&self, arrived: Arrived<'_>, open: Option<Question>) -> Shape {
+        let Arrived { payload, at, .. } = arrived;
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Shape::OtherId;
         }
@@ -287,8 +278,8 @@ impl Dialect for MitDialect {
     }
 
     #[inline(always)]
-    fn accept(&mut self, frame: &Frame, question: Question, at: Instant, latency: Duration) -> Reported {
-        let payload = frame.payload();
+    fn accept(&mut self, arrived: Arrived<'_>, question: Question, latency: Duration) -> Reported {
+        let Arrived { payload, at, .. } = arrived;
         match question {
             Question::State => match self.profile.decode_state(payload, &self.scales) {
                 Ok(state) => self.state(&state, at, latency),
@@ -306,8 +297,8 @@ impl Dialect for MitDialect {
         }
     }
 
-    fn accept_ambiguous(&mut self, frame: &Frame, at: Instant) -> Reported {
-        let payload = frame.payload();
+    fn accept_ambiguous(&mut self, arrived: Arrived<'_>) -> Reported {
+        let Arrived { payload, at, .. } = arrived;
         let Some(faults) = self.faults_in(payload) else { return Reported::Alive };
         if self.ambiguous.take().is_some_and(|before| before.faults == faults) {
             return Reported::Fault(faults);
@@ -318,9 +309,9 @@ impl Dialect for MitDialect {
         Reported::Ambiguous(faults)
     }
 
-    fn accept_late_register(&mut self, frame: &Frame) -> Reported {
+    fn accept_late_register(&mut self, arrived: Arrived<'_>) -> Reported {
         self.refute();
-        let value = register::end_of(self.id, frame.payload());
+        let value = register::end_of(self.id, arrived.payload);
         value.map_or(Reported::Late, |(number, value)| Reported::LateRegister(number as u8, value))
     }
 
