@@ -37,6 +37,7 @@ pub mod commissioning;
 #[cfg(feature = "drive")]
 pub mod drive;
 pub mod error;
+mod execution_time;
 mod families;
 mod family;
 pub mod fault;

@@ -1,7 +1,7 @@
 //! The interface between a family and the drive of one motor.
 
 use super::{Command, Question, Reported, Shape, Transmission};
-use crate::gim::ExecutionTime;
+use crate::execution_time::ExecutionTime;
 use crate::profile::Profile;
 use crate::scale::Scales;
 use motord_bus::{Duration, Format, Frame, FrameId, Instant};

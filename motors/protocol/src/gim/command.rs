@@ -1,8 +1,9 @@
 //! Host to motor. Source: GIM document Table 4 and sections 3.2.1 to 3.2.19.
 
 use crate::error::DecodeError;
+use crate::execution_time::ExecutionTime;
 use crate::gim::configuration::ConfigurationKey;
-use crate::gim::value::{ExecutionTime, Finite, Value};
+use crate::gim::value::{Finite, Value};
 use crate::mit::ControlCodes;
 
 /// The first byte of a frame. Source: GIM document Table 4, and 3.2.18 for calibration, which the table lacks.

@@ -35,6 +35,7 @@ mod result;
 mod value;
 
 pub use crate::error::DecodeError;
+pub use crate::execution_time::ExecutionTime;
 pub use command::{Calibration, Command, CommandCode, decode_command};
 pub use configuration::{
     Access, CONFIGURATION, ConfigurationItem, ConfigurationKey, Effective, single_turn_position,
@@ -46,4 +47,4 @@ pub use indicator::{INDICATORS, Indicator, RPM};
 pub use parameter::{PARAMETERS, Parameter};
 pub use reply::{Pending, Reply, State, decode_reply, repeats};
 pub use result::{Outcome, Refusal};
-pub use value::{ExecutionTime, Finite, Value, ValueType};
+pub use value::{Finite, Value, ValueType};

@@ -22,6 +22,7 @@
 mod command;
 #[cfg(feature = "commissioning")]
 pub(crate) mod commissioning;
+mod decode;
 #[cfg(feature = "drive")]
 mod drive;
 #[cfg(feature = "commissioning")]

@@ -10,7 +10,6 @@
 
 mod capabilities;
 mod damiao;
-mod decode;
 mod robstride;
 mod steadywin;
 

@@ -1,15 +1,15 @@
 //! Decoding and encoding of replies by a profile.
 
-use super::{FaultReply, FaultReport, Profile, Temperature};
+use super::{Asked, Reply, State};
 use crate::error::DecodeError;
 use crate::fault::Faults;
-use crate::mit::{Asked, Reply, State};
+use crate::profile::{FaultReply, FaultReport, Profile, Temperature};
 use crate::scale::Scales;
 use crate::state::StateCodes;
 
 /// Status of a reply without one.
 const NO_STATUS: u8 = 0;
-/// Number of bits below the four of a status of newer firmware ([`Flags`](super::Flags)).
+/// Number of bits below the four of a status of newer firmware ([`Flags`](crate::profile::Flags)).
 const FLAGS_SHIFT: u32 = 4;
 
 impl Profile {
