@@ -1,10 +1,7 @@
 //! The error of a command: a sentence for operators and an exit status for scripts.
 
 use crate::confirmation;
-use crate::demo::error::DemoError;
 use crate::exit_status;
-use crate::hold::failure::HoldFailure;
-use crate::identify::failure::IdentifyFailure;
 use motord_client::{Error, FaultError};
 use motord_direct::DirectFailure;
 use motord_doctor::DoctorFailure;
@@ -12,6 +9,17 @@ use motord_frame::FrameFailure;
 use motord_latency::LatencyFailure;
 use motord_record::RecorderFailure;
 use std::io;
+
+/// An error of one command, which only its module knows.
+pub(crate) trait CommandFailure: std::error::Error {
+    /// Returns the exit status.
+    fn status(&self) -> u8;
+
+    /// Returns true when standard output has the reason.
+    fn is_printed(&self) -> bool {
+        false
+    }
+}
 
 /// The error of a command.
 #[derive(Debug, thiserror::Error)]
@@ -34,15 +42,9 @@ pub(crate) enum Failure {
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
-    /// The demo failed.
-    #[error(transparent)]
-    Demo(#[from] DemoError),
-    /// Nothing was held.
-    #[error(transparent)]
-    Hold(#[from] HoldFailure),
-    /// A joint was not identified.
-    #[error(transparent)]
-    Identify(#[from] IdentifyFailure),
+    /// One command failed in a way of its own.
+    #[error("{0}")]
+    Command(Box<dyn CommandFailure>),
     /// The computer is not fit for a real-time cycle, or the checks failed.
     #[error(transparent)]
     Doctor(#[from] DoctorFailure),
@@ -88,6 +90,12 @@ pub(crate) enum Failure {
     Interrupted,
 }
 
+impl<F: CommandFailure + 'static> From<F> for Failure {
+    fn from(failure: F) -> Self {
+        Self::Command(Box::new(failure))
+    }
+}
+
 impl Failure {
     /// Returns the exit status.
     pub(crate) fn status(&self) -> u8 {
@@ -98,10 +106,7 @@ impl Failure {
             Self::NotAllStopped(_) => exit_status::NOT_STOPPED,
             Self::NotHeard(_) => exit_status::NOT_HEARD,
             Self::Output(_) => exit_status::IO,
-            Self::Demo(error) => error.status(),
-            Self::Hold(failure) if failure.is_refusal() => 1,
-            Self::Hold(_) => exit_status::USAGE,
-            Self::Identify(failure) => failure.status(),
+            Self::Command(failure) => failure.status(),
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Latency(failure) => failure.status(),
@@ -119,13 +124,13 @@ impl Failure {
     /// Returns true when no message is needed: the reason is on standard output, or a signal ended
     /// the command.
     pub(crate) fn is_printed(&self) -> bool {
-        matches!(
-            self,
+        match self {
+            Self::Command(failure) => failure.is_printed(),
             Self::Interrupted
-                | Self::Troubled
-                | Self::Demo(DemoError::Printed(_))
-                | Self::Doctor(DoctorFailure::Unfit | DoctorFailure::Interrupted)
-        )
+            | Self::Troubled
+            | Self::Doctor(DoctorFailure::Unfit | DoctorFailure::Interrupted) => true,
+            _ => false,
+        }
     }
 
     /// Returns true when no daemon of this name runs. Others may run.

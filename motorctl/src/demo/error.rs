@@ -3,6 +3,7 @@
 use crate::demo::gait::GROUP;
 use crate::demo::report::{Shortfall, failures};
 use crate::exit_status;
+use crate::failure::CommandFailure;
 use motord_client::{Cause, Error};
 use std::io;
 use std::path::PathBuf;
@@ -91,9 +92,8 @@ pub(crate) enum DemoError {
     Interrupted,
 }
 
-impl DemoError {
-    /// The exit status.
-    pub(crate) fn status(&self) -> u8 {
+impl CommandFailure for DemoError {
+    fn status(&self) -> u8 {
         match self {
             Self::NoDaemon(_) => exit_status::UNAVAILABLE,
             Self::Interrupted => exit_status::INTERRUPTED,
@@ -103,6 +103,12 @@ impl DemoError {
         }
     }
 
+    fn is_printed(&self) -> bool {
+        matches!(self, Self::Printed(_))
+    }
+}
+
+impl DemoError {
     /// Returns a function that names the failed action of an `io::Error`.
     pub(crate) fn system(doing: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::System { doing, source }

@@ -22,6 +22,7 @@ mod work_directory;
 pub(crate) use child::guard;
 pub(crate) use controller::run as control;
 
+use crate::failure::CommandFailure;
 use child::Child;
 use controller::ControllerMessage;
 use daemon::Daemon;

@@ -1,5 +1,8 @@
 //! The errors of `motorctl hold`.
 
+use crate::exit_status;
+use crate::failure::CommandFailure;
+
 /// Why nothing was held.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum HoldFailure {
@@ -87,9 +90,12 @@ pub(crate) enum HoldFailure {
     },
 }
 
-impl HoldFailure {
-    /// Returns true when the state of the robot is the reason, not the options.
-    pub(crate) const fn is_refusal(&self) -> bool {
-        matches!(self, Self::Stopped { .. } | Self::Owned { .. } | Self::Excluded { .. })
+impl CommandFailure for HoldFailure {
+    fn status(&self) -> u8 {
+        match self {
+            // The state of the robot is the reason, not the options.
+            Self::Stopped { .. } | Self::Owned { .. } | Self::Excluded { .. } => 1,
+            _ => exit_status::USAGE,
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! The errors of `motorctl identify`.
 
+use crate::failure::CommandFailure;
 use motord_identify::PlanError;
 use std::io;
 use std::path::PathBuf;
@@ -70,9 +71,8 @@ pub(crate) enum IdentifyFailure {
     },
 }
 
-impl IdentifyFailure {
-    /// Returns the exit status.
-    pub(crate) const fn status(&self) -> u8 {
+impl CommandFailure for IdentifyFailure {
+    fn status(&self) -> u8 {
         use crate::exit_status::{DATA, INTERRUPTED, IO, USAGE};
         match self {
             Self::Native(_) | Self::Plan { reason: PlanError::Narrow { .. }, .. } => USAGE,
