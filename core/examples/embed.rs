@@ -5,8 +5,7 @@
 //! ```
 
 use core::num::NonZero;
-use motord_bus::{Bus, Duration, FrameId, Instant};
-use motord_core::clock::{Clock, VirtualClock};
+use motord_bus::{Bus, Clock, Duration, FrameId, Instant, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;

@@ -1,4 +1,4 @@
-//! The robot's side of motord, over any [`Bus`](motord_bus::Bus) and any [`Clock`](clock::Clock).
+//! The robot's side of motord, over any [`Bus`](motord_bus::Bus) and any [`Clock`](motord_bus::Clock).
 //!
 //! No socket, no thread, no file and no wall clock: time is an argument, and buses are a trait.
 //! The daemon runs this crate on the machine; tests and other programs run it on virtual time.
@@ -7,14 +7,13 @@
 //! - [`drive`]: converts commands to frames, and payloads to replies.
 //! - `sensor`: the sensors of a CAN bus, their frames and readings.
 //! - [`stopper`]: damps and stops the motors when no cycle controls them.
-//! - [`cycle`]: wake, decide, transmit, collect, publish. [`clock`]: the time of the cycle.
+//! - [`cycle`]: wake, decide, transmit, collect, publish.
 //!
 //! The checked configuration, the plan of the buses and the two sides of a joint are in
 //! [`motord_settings`].
 
 #![forbid(unsafe_code)]
 
-pub mod clock;
 pub mod control;
 pub mod cycle;
 pub mod drive;

@@ -3,8 +3,7 @@
 #![expect(clippy::disallowed_types, reason = "the buses of a test share a log")]
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_bus::{Duration, Frame, FrameId, Instant, Readiness, Ready, Refusal};
-use motord_core::clock::Clock;
+use motord_bus::{Clock, Duration, Frame, FrameId, Instant, Readiness, Ready, Refusal};
 use motord_core::stopper::{BusFrames, Outlet, PATIENCE, Stopper};
 use motord_harness::robot;
 use motord_protocol::Ends;

@@ -2,10 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_configuration::lock::{
-    Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, end_lines, findings, mismatches,
-};
+use motord_configuration::lock::{Lock, Verdict, end_findings, end_lines, findings, mismatches};
 use motord_configuration::{Machine, parse};
+use motord_protocol::commissioning::{ReportedMotor, ReportedProtocol};
 use motord_settings::settings::Settings;
 use std::fs;
 use std::os::unix::fs::symlink;

@@ -1,8 +1,7 @@
 //! Creates a cycle from settings, and the ends for other threads.
 
 use super::{Cycle, Ends, link};
-use crate::clock::Clock;
-use motord_bus::Bus;
+use motord_bus::{Bus, Clock};
 use motord_settings::plan::BusPlan;
 use motord_settings::settings::Settings;
 

@@ -35,13 +35,12 @@ pub use replacement::Supply;
 pub use run::Order;
 pub use timing::Tick;
 
-use crate::clock::Clock;
 use crate::control::{Control, Wake};
 use crate::drive::Drive;
 use crate::stopper::{BusFrames, Stopper};
 use channel::BusChannel;
 use motord_bus::time::nanos;
-use motord_bus::{Backoff, Bus, Duration, Instant, Lateness};
+use motord_bus::{Backoff, Bus, Clock, Duration, Instant, Lateness};
 use motord_settings::plan::BusPlan;
 use motord_settings::settings::{BusKind, Settings};
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};

@@ -16,8 +16,7 @@ mod frames;
 
 pub use frames::{BusFrames, LineRound};
 
-use crate::clock::Clock;
-use motord_bus::{Duration, Frame, Instant, Refusal};
+use motord_bus::{Clock, Duration, Frame, Instant, Refusal};
 use schedule::{SafeFrame, Schedule};
 
 /// Time after the damping during which [`Stopper::run`] serves a bus that refuses frames.

@@ -2,8 +2,7 @@
 
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
-use motord_bus::{Bus, BusLock, Duration, Frame, Holder, Instant, Refusal};
-use motord_core::clock::Clock;
+use motord_bus::{Bus, BusLock, Clock, Duration, Frame, Holder, Instant, Refusal};
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
 use nix::unistd::geteuid;
 

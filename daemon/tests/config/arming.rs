@@ -4,8 +4,9 @@
 
 use motord::{arming, buses};
 use motord_bus::Bus;
-use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol};
+use motord_configuration::lock::Lock;
 use motord_configuration::{Machine, parse};
+use motord_protocol::commissioning::{ReportedMotor, ReportedProtocol};
 use motord_settings::settings::Settings;
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 use std::path::Path;

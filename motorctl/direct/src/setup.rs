@@ -6,10 +6,10 @@ use crate::memory::outcome_of;
 use crate::output::print_line;
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_configuration as config;
-use motord_configuration::lock::{
-    Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, end_findings, end_lines, findings,
+use motord_configuration::lock::{Finding, Lock, Verdict, end_findings, end_lines, findings};
+use motord_protocol::commissioning::{
+    Error, LISTEN, Native, Question, ReportedMotor, ReportedProtocol, ends, survey,
 };
-use motord_protocol::commissioning::{Error, LISTEN, Native, Question, ends, survey};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_settings::settings::{BusKind, MotorSettings, Settings};
 use motord_terminal::{Cell, Colour, Interrupt, Palette, Table, json};

@@ -2,10 +2,9 @@
 //! answer every frame immediately, with the state of a motor at rest.
 
 use motord_bus::frame::{Arrival, Content, Frame, FrameId};
-use motord_bus::{Bus, Inbox, Instant, Readiness, Sent as Accepted};
+use motord_bus::{Bus, Clock, Inbox, Instant, Readiness, Sent as Accepted, VirtualClock};
 use motord_checker::codec::{Meaning, Ranges};
 use motord_configuration::Machine;
-use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage};

@@ -10,7 +10,6 @@ type Rows = &'static [(&'static str, &'static [&'static str])];
 
 /// `control` decides by capabilities, `drive` makes frames, `cycle` sends them.
 const CORE: Rows = &[
-    ("clock", &[]),
     ("control", &[]),
     ("cycle", &["control", "drive", "sensor", "stopper"]),
     ("drive", &[]),

@@ -1,6 +1,7 @@
 //! Compares what a motor reports about itself with its configuration.
 
-use super::{Lock, ReportedMotor, ReportedProtocol};
+use super::Lock;
+use motord_protocol::commissioning::{ReportedMotor, ReportedProtocol};
 use motord_protocol::register::{self, END_NAMES};
 use motord_protocol::{DriveConstants, Ends};
 use motord_settings::settings::{MotorSettings, Settings};

@@ -6,11 +6,11 @@
 mod finding;
 
 pub use finding::{Finding, Verdict, end_findings, end_lines, findings, mismatches};
-pub use motord_protocol::commissioning::{ReportedMotor, ReportedProtocol};
 
 use crate::file::read;
 use crate::problem::Wrong;
 
+use motord_protocol::commissioning::ReportedMotor;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, Write};

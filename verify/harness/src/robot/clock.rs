@@ -1,7 +1,6 @@
 //! The clock of a robot, which moves only when the cycle sleeps or waits.
 
-use motord_bus::{Duration, Instant, Readiness, Ready};
-use motord_core::clock::Clock;
+use motord_bus::{Clock, Duration, Instant, Readiness, Ready};
 use std::sync::{Arc, Mutex};
 
 /// A value that a test shares with the cycle.
