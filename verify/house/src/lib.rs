@@ -13,6 +13,7 @@ mod links;
 mod paths;
 mod programs;
 mod rooms;
+mod seams;
 mod sizes;
 mod sources;
 mod unsafe_code;
