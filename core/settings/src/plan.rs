@@ -10,15 +10,10 @@
 //! cycles: the reply is read when a cycle begins.
 
 use motord_bus::Duration;
-use motord_bus::arithmetic::{
-    IdWidth, SERIAL_FRAME_BITS, Transaction, expected_bits, utilisation, wire_time,
-};
+use motord_bus::arithmetic::{FdBits, FrameLength, SERIAL_FRAME_BITS, utilisation, wire_time};
 
 use crate::imu_load::ImuFrames;
 use crate::settings::{BusKind, MotorSettings, Settings};
-
-/// The payload of a command (MIT document 1.1, GIM document table 2).
-const COMMAND_BYTES: u32 = 8;
 
 /// Time of the host in a reply time: from the time stamp of the commands to their first bit, and
 /// from the end of the last reply to its time stamp.
@@ -75,7 +70,7 @@ impl BusPlan {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
         let turn = |(place, (index, motor)): (usize, (usize, &MotorSettings))| {
             let answering = settings.simulation.get(index).map_or(ANSWERING_TIME, |it| it.reply_latency);
-            (settings.first_turn(bus, place), TransactionBits::of(motor, answering))
+            (settings.first_turn(bus, place), TransactionBits::of(motor, answering, [bitrate; 2]))
         };
         let turns: Vec<_> = motors.enumerate().map(turn).collect();
         let cycle = &settings.cycle;
@@ -172,8 +167,7 @@ impl BusPlan {
 /// replies, each when its motor has it ready. Requests to IMUs follow the commands. Zero for a cycle without a request.
 fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: &ImuFrames) -> Duration {
     let asked = turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
-    let command = expected_bits(IdWidth::Standard, COMMAND_BYTES);
-    let motors = asked.map(|transaction| (command, transaction.reply, transaction.answering));
+    let motors = asked.map(|transaction| (transaction.command, transaction.reply, transaction.answering));
     let sensors = imus.asked.iter().map(|[request, reply]| (*request, *reply, ANSWERING_TIME));
     let requests: Vec<_> = motors.chain(sensors).collect();
     if requests.is_empty() {
@@ -192,6 +186,8 @@ fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: 
 struct TransactionBits {
     worst_case: u32,
     unstuffed: u32,
+    /// Of the command alone, as expected.
+    command: u32,
     /// Of the reply alone, as expected.
     reply: u32,
     /// Time that the motor needs from the end of a command to the beginning of its reply.
@@ -199,12 +195,18 @@ struct TransactionBits {
 }
 
 impl TransactionBits {
-    fn of(motor: &MotorSettings, answering: Duration) -> Self {
-        let transaction = Transaction { command: COMMAND_BYTES, reply: motor.capabilities.reply_bytes };
+    /// `bitrates` are those of arbitration and of the payloads of CAN FD, bit/s.
+    fn of(motor: &MotorSettings, answering: Duration, bitrates: [u32; 2]) -> Self {
+        let frames = motor.frame_lengths();
+        let bits = |length: fn(FrameLength) -> FdBits| {
+            frames.map(|frame| length(frame).at(bitrates[0], bitrates[1]))
+        };
+        let [command, reply] = bits(FrameLength::expected);
         Self {
-            worst_case: transaction.worst_case_bits(),
-            unstuffed: transaction.unstuffed_bits(),
-            reply: expected_bits(IdWidth::Standard, transaction.reply),
+            worst_case: bits(FrameLength::worst_case).iter().sum(),
+            unstuffed: bits(FrameLength::unstuffed).iter().sum(),
+            command,
+            reply,
             answering,
         }
     }
@@ -216,7 +218,7 @@ mod tests {
 
     const fn mit(cycle: u32) -> (u32, TransactionBits) {
         let answering = Duration::from_micros(50);
-        (cycle, TransactionBits { worst_case: 250, unstuffed: 206, reply: 110, answering })
+        (cycle, TransactionBits { worst_case: 250, unstuffed: 206, command: 129, reply: 110, answering })
     }
 
     #[test]

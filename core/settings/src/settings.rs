@@ -2,6 +2,7 @@
 
 use crate::imu::ImuSettings;
 use core::num::NonZero;
+use motord_bus::arithmetic::FrameLength;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::drive::{Addresses, DriveSettings, Transmission};
 use motord_protocol::gim::ExecutionTime;
@@ -316,6 +317,12 @@ impl MotorSettings {
     #[must_use]
     pub fn addresses(&self) -> Addresses {
         (self.protocol.family().addresses)(self.id, self.host_id)
+    }
+
+    /// Returns the lengths of a command to it and of its shortest reply with a state.
+    #[must_use]
+    pub fn frame_lengths(&self) -> [FrameLength; 2] {
+        (self.protocol.family().frame_lengths)(self.profile)
     }
 
     /// Returns what its dialect knows. `error_feedback` is the setting of the robot.

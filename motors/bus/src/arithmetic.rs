@@ -18,6 +18,7 @@
 //! Sources: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
 //! revised" (2007); ISO 11898-1:2015, 10.4.2 and 10.5.
 
+use crate::frame::Format;
 use crate::time::Duration;
 
 /// The width of an arbitration id.
@@ -63,7 +64,8 @@ const fn stuffable_bits(width: IdWidth, bytes: u32) -> u32 {
     header + CLASSIC_END.0 + 8 * bytes
 }
 
-/// Bits of a CAN FD frame, including the interframe space, by the bit rate at which they are sent.
+/// Bits of a frame, including the interframe space, by the bit rate at which they are sent. Those of a classic frame are all
+/// nominal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FdBits {
     /// At the bit rate of arbitration.
@@ -92,6 +94,12 @@ impl FdBits {
         Self { nominal: nominal + in_header, data: data + stuff_bits - in_header }
     }
 
+    /// Returns the bits at the bit rate of arbitration that take as long, rounded up.
+    #[must_use]
+    pub const fn at(self, bitrate: u32, data_bitrate: u32) -> u32 {
+        self.nominal + (self.data as u64 * bitrate as u64).div_ceil(data_bitrate as u64) as u32
+    }
+
     /// Returns the time of the frame, rounded up to a nanosecond. A frame without BRS has one bit
     /// rate for both parts.
     #[must_use]
@@ -113,26 +121,50 @@ impl FdBits {
     }
 }
 
-/// One command and its reply as classic frames with standard ids, by their payload lengths in bytes.
+/// The length of a data frame: everything that decides its bits besides their values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Transaction {
-    /// Payload of the command.
-    pub command: u32,
-    /// Payload of the reply.
-    pub reply: u32,
+pub struct FrameLength {
+    /// Of its id.
+    pub width: IdWidth,
+    /// Classic, or CAN FD.
+    pub format: Format,
+    /// Of its payload.
+    pub bytes: u32,
 }
 
-impl Transaction {
-    /// Returns the bits on a CAN bus without stuff bits.
+impl FrameLength {
+    /// A classic frame with an id of 11 bits.
     #[must_use]
-    pub const fn unstuffed_bits(self) -> u32 {
-        unstuffed_bits(IdWidth::Standard, self.command) + unstuffed_bits(IdWidth::Standard, self.reply)
+    pub const fn classic(bytes: u32) -> Self {
+        Self { width: IdWidth::Standard, format: Format::Classic, bytes }
     }
 
-    /// Returns the bits on a CAN bus with the most stuff bits.
+    /// Returns its bits without stuff bits; in CAN FD with the fixed ones.
     #[must_use]
-    pub const fn worst_case_bits(self) -> u32 {
-        worst_case_bits(IdWidth::Standard, self.command) + worst_case_bits(IdWidth::Standard, self.reply)
+    pub const fn unstuffed(self) -> FdBits {
+        match self.format {
+            Format::Classic => FdBits { nominal: unstuffed_bits(self.width, self.bytes), data: 0 },
+            Format::Fd { .. } => FdBits::unstuffed(self.width, self.bytes),
+        }
+    }
+
+    /// Returns its bits with the most stuff bits.
+    #[must_use]
+    pub const fn worst_case(self) -> FdBits {
+        match self.format {
+            Format::Classic => FdBits { nominal: worst_case_bits(self.width, self.bytes), data: 0 },
+            Format::Fd { .. } => FdBits::worst_case(self.width, self.bytes),
+        }
+    }
+
+    /// Returns its bits with ¾ of the possible stuff bits, as [`expected_bits`] does.
+    #[must_use]
+    pub const fn expected(self) -> FdBits {
+        let (least, most) = (self.unstuffed(), self.worst_case());
+        FdBits {
+            nominal: least.nominal + (most.nominal - least.nominal) * 3 / 4,
+            data: least.data + (most.data - least.data) * 3 / 4,
+        }
     }
 }
 
@@ -156,9 +188,14 @@ pub fn utilisation(bits: u32, rate_hz: f64, bitrate: u32) -> f64 {
 mod tests {
     use super::*;
 
-    /// The lengths of a motor in MIT mode.
-    const SHORT_REPLY: Transaction = Transaction { command: 8, reply: 6 };
-    const LONG_REPLY: Transaction = Transaction { command: 8, reply: 8 };
+    /// Bits of a command with 8 bytes and its reply, without and with stuff bits.
+    const fn transaction(reply: u32) -> (u32, u32) {
+        let [command, reply] = [FrameLength::classic(8), FrameLength::classic(reply)];
+        (
+            command.unstuffed().nominal + reply.unstuffed().nominal,
+            command.worst_case().nominal + reply.worst_case().nominal,
+        )
+    }
 
     #[test]
     fn frame_lengths_are_those_of_the_published_formula() {
@@ -169,8 +206,8 @@ mod tests {
         assert_eq!(classic(IdWidth::Extended, 8), (131, 160));
         // 54 stuffed and 13 others: 67, and 53 / 4 = 13 stuff bits.
         assert_eq!(classic(IdWidth::Extended, 0), (67, 80));
-        assert_eq!((SHORT_REPLY.unstuffed_bits(), SHORT_REPLY.worst_case_bits()), (206, 250));
-        assert_eq!((LONG_REPLY.unstuffed_bits(), LONG_REPLY.worst_case_bits()), (222, 270));
+        assert_eq!(transaction(6), (206, 250));
+        assert_eq!(transaction(8), (222, 270));
     }
 
     #[test]
@@ -194,12 +231,13 @@ mod tests {
         // 33 µs at 1 Mbit/s, and 679 bits of 200 ns.
         let longest = FdBits::worst_case(IdWidth::Standard, 64);
         assert_eq!(longest.wire_time(1_000_000, 5_000_000), Duration::from_nanos(33_000 + 135_800));
+        assert_eq!(longest.at(1_000_000, 5_000_000), 33 + 136);
     }
 
     #[test]
     fn three_motors_at_1_khz_use_three_quarters() {
-        let worst = utilisation(3 * SHORT_REPLY.worst_case_bits(), 1000.0, 1_000_000);
-        let unstuffed = utilisation(3 * SHORT_REPLY.unstuffed_bits(), 1000.0, 1_000_000);
+        let (unstuffed, worst) = transaction(6);
+        let [unstuffed, worst] = [unstuffed, worst].map(|bits| utilisation(3 * bits, 1000.0, 1_000_000));
         assert!((worst - 0.75).abs() < 1e-12 && (unstuffed - 0.618).abs() < 1e-12);
     }
 

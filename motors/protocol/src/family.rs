@@ -21,6 +21,9 @@ pub struct Family {
     pub is_spoken_by: fn(&Profile) -> bool,
     /// Returns the abilities of a vendor's motor with these codes.
     pub capabilities: fn(&Profile, &Scales) -> Capabilities,
+    /// Returns the lengths of a command and of the shortest reply with a state, for the plan of a bus.
+    #[cfg(feature = "drive")]
+    pub frame_lengths: fn(&Profile) -> [motord_bus::arithmetic::FrameLength; 2],
     /// Returns the ids on the bus of a motor with this id and host id.
     #[cfg(feature = "drive")]
     pub addresses: fn(u8, motord_bus::FrameId) -> crate::drive::Addresses,

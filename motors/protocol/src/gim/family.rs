@@ -4,8 +4,10 @@ use super::{INDICATORS, repeats};
 use crate::family::Family;
 use crate::profile::{Capabilities, Profile};
 use crate::scale::Scales;
+#[cfg(feature = "drive")]
+use motord_bus::arithmetic::FrameLength;
 
-/// SteadyWin's GIM protocol, over CAN, RS485 or RS232.
+/// SteadyWin's GIM protocol, over CAN, RS485 or RS232. Frames have 8 bytes (GIM document, table 2).
 pub const FAMILY: Family = Family {
     name: "gim",
     answers_on_line: Some(repeats),
@@ -15,10 +17,12 @@ pub const FAMILY: Family = Family {
     is_spoken_by: |profile| profile.speaks_gim,
     capabilities,
     #[cfg(feature = "drive")]
+    frame_lengths: |_| [FrameLength::classic(8); 2],
+    #[cfg(feature = "drive")]
     addresses: crate::drive::Addresses::by_id,
 };
 
-/// Sources: GIM document 3.2.12 (a stop is answered by a separate message) and table 2 (the bytes of a reply).
+/// Source: GIM document 3.2.12 (a stop is answered by a separate message).
 const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
     Capabilities {
         impedance: false,
@@ -29,6 +33,5 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         registers: 0,
         scales_by_registers: false,
         state_confirms_stop: false,
-        reply_bytes: 8,
     }
 }

@@ -4,6 +4,8 @@ use crate::family::Family;
 use crate::profile::{Capabilities, Profile};
 use crate::register::ENDS;
 use crate::scale::Scales;
+#[cfg(feature = "drive")]
+use motord_bus::arithmetic::FrameLength;
 
 /// MIT over CAN.
 pub const FAMILY: Family = Family {
@@ -14,6 +16,8 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |_| true,
     capabilities,
+    #[cfg(feature = "drive")]
+    frame_lengths: |profile| [8, profile.reply.lengths[0] as u32].map(FrameLength::classic),
     #[cfg(feature = "drive")]
     addresses: crate::drive::Addresses::by_id,
 };
@@ -28,6 +32,5 @@ const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
         registers: if profile.has_registers { ENDS.len() as u8 } else { 0 },
         scales_by_registers: profile.has_registers,
         state_confirms_stop: true,
-        reply_bytes: profile.reply.lengths[0] as u32,
     }
 }

@@ -24,6 +24,4 @@ pub struct Capabilities {
     /// A state that answers a stop confirms the stop, unless the state reports that the motor runs. Otherwise the motor
     /// confirms a stop by a separate message.
     pub state_confirms_stop: bool,
-    /// Fewest bytes of a reply with a state, for the plan of its bus.
-    pub reply_bytes: u32,
 }
