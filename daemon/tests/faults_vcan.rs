@@ -13,7 +13,7 @@ use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord_bus::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
-use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
+use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, IdFilter, Inbox, clock, wait};
 use motord_checker::codec::Ranges;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
@@ -292,7 +292,7 @@ fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
 
 /// Receives the same frames as the motors.
 fn observer(interface: InterfaceName) -> SocketCanBus {
-    let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
+    let ids = (1..=3).map(|id| IdFilter::exact(FrameId::from(id)));
     SocketCanBus::open(&socketcan::Settings {
         interface,
         index: None,

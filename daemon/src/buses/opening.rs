@@ -2,7 +2,7 @@
 
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, LinkNote, SocketCanBus};
-use motord_bus::{Bus, Difference, Duration, FrameId, Identity, LockError};
+use motord_bus::{Bus, Difference, Duration, FrameId, IdFilter, Identity, LockError};
 use motord_core::drive;
 use motord_settings::plan::BusPlan;
 use motord_settings::settings::{BusKind, BusSettings, MotorSettings, Settings};
@@ -135,12 +135,13 @@ fn open_can(
 ) -> Result<Opened, socketcan::OpenError> {
     let expected = expected.and_then(Identity::interface);
     let motors = || settings.motors.iter().filter(|motor| motor.bus == index);
-    let host_ids: Vec<_> = motors().map(|motor| motor.host_id).collect();
+    let host_ids: Vec<_> = motors().map(|motor| motor.addresses().replies).collect();
     let imus = || settings.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == index);
     let requests = imus().map(|can| can.device.requests().count() as u32).sum();
     let of_imus = imus().flat_map(|can| can.device.sent_ids()).filter_map(FrameId::new);
     let commands = motors().map(MotorSettings::command_id);
-    let received: Vec<_> = host_ids.iter().copied().chain(commands).chain(of_imus).collect();
+    let others = commands.chain(of_imus).map(IdFilter::exact);
+    let received: Vec<_> = host_ids.iter().copied().chain(others).collect();
     let wanted = socketcan::Settings { interface, index: expected, bitrate, host_ids, requests };
     let mut bus = SocketCanBus::open(&wanted)?;
     bus.listen(&received)?;

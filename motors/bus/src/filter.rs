@@ -2,7 +2,7 @@
 
 use crate::frame::FrameId;
 
-/// Ids of one width that agree in the bits of a mask, as a `can_filter` of `linux/can.h` does.
+/// Ids of one width that agree in the bits of a mask, like those of a `can_filter` of `linux/can.h`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IdFilter {
     word: u32,
@@ -13,14 +13,27 @@ impl IdFilter {
     /// Only this id.
     #[must_use]
     pub const fn exact(id: FrameId) -> Self {
-        Self { word: id.word(), mask: u32::MAX }
+        Self::masked(id, if id.is_extended() { FrameId::MAX_EXTENDED.raw() } else { FrameId::MAX.raw() })
     }
 
     /// Every id with the width of `id` that agrees with it in the bits of `mask`.
     #[must_use]
     pub const fn masked(id: FrameId, mask: u32) -> Self {
-        let mask = mask | FrameId::MAX_EXTENDED.word() & !FrameId::MAX_EXTENDED.raw();
+        let width = FrameId::MAX_EXTENDED.word() & !FrameId::MAX_EXTENDED.raw();
+        let mask = mask & FrameId::MAX_EXTENDED.raw() | width;
         Self { word: id.word() & mask, mask }
+    }
+
+    /// Returns `true` when its ids have 29 bits.
+    #[cfg(feature = "linux")]
+    pub(crate) const fn is_extended(self) -> bool {
+        self.word > FrameId::MAX_EXTENDED.raw()
+    }
+
+    /// Returns id and mask as the kernel has them, for data frames only.
+    #[cfg(feature = "linux")]
+    pub(crate) const fn words(self) -> (u32, u32) {
+        (self.word, self.mask | libc::CAN_RTR_FLAG)
     }
 
     /// Returns `true` when `id` belongs to them. Constant time.

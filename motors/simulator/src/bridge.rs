@@ -2,7 +2,7 @@
 
 use crate::{FaultVerb, InjectError, SimulatedBus};
 use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
-use motord_bus::{Bus, Content, FrameId, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Content, FrameId, IdFilter, Inbox, Instant, Readiness};
 
 /// Passes the commands that arrive on an interface to a simulated bus, and sends the motors'
 /// answers on the interface.
@@ -32,7 +32,7 @@ impl Bridge {
             interface,
             index: None,
             bitrate,
-            host_ids: listening.clone(),
+            host_ids: exact(&listening),
             requests: 0,
         })?;
         Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
@@ -68,7 +68,7 @@ impl Bridge {
     /// again.
     fn follow(&mut self) {
         let addresses = addresses(&self.simulated);
-        if addresses != self.listening && self.interface.listen(&addresses).is_ok() {
+        if addresses != self.listening && self.interface.listen(&exact(&addresses)).is_ok() {
             self.listening = addresses;
         }
     }
@@ -105,4 +105,8 @@ fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
     addresses.sort_unstable();
     addresses.dedup();
     addresses
+}
+
+fn exact(ids: &[FrameId]) -> Vec<IdFilter> {
+    ids.iter().copied().map(IdFilter::exact).collect()
 }

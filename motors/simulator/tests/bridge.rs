@@ -3,7 +3,7 @@
 
 use motord_bus::frame::ControllerState;
 use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, clock, wait};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, IdFilter, Inbox, Instant, clock, wait};
 use motord_simulator::{Bridge, BusSettings, Dialect, MotorSettings, SimulatedBus};
 
 const BITRATE: u32 = 1_000_000;
@@ -32,7 +32,8 @@ impl Robot {
         };
         let bus = BusSettings { name: "leg".into(), bitrate: BITRATE, ..Default::default() };
         let simulated = SimulatedBus::new(bus, vec![motor("hip", 1), motor("knee", 2)], 7);
-        let host_ids = [0x101, 0x102].map(|raw| FrameId::new(raw).expect("11 bits")).to_vec();
+        let host_ids =
+            [0x101, 0x102].map(|raw| IdFilter::exact(FrameId::new(raw).expect("11 bits"))).to_vec();
         let host =
             SocketCanBus::open(&Settings { interface, index: None, bitrate: BITRATE, host_ids, requests: 0 })
                 .expect("vcan is there");

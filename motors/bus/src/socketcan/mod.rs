@@ -34,7 +34,8 @@ use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
 use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
 
 use crate::clock::{self, RealtimeOffset};
-use crate::frame::{ErrorFrame, Frame, FrameId, Inbox};
+use crate::filter::IdFilter;
+use crate::frame::{ErrorFrame, Frame, Inbox};
 use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES, errno};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
@@ -56,7 +57,7 @@ pub struct Settings {
     /// Bit rate in bit/s.
     pub bitrate: u32,
     /// Ids of the motors' replies, one per motor. The bus receives no other data frame.
-    pub host_ids: Vec<FrameId>,
+    pub host_ids: Vec<IdFilter>,
     /// Frames that are sent in a cycle, without those to motors.
     pub requests: u32,
 }
@@ -83,6 +84,8 @@ pub struct SocketCanBus {
     sent_at: Instant,
     /// The last value of `SO_RXQ_OVFL`.
     dropped: u32,
+    /// Frames with ids of 29 bits are expected. Otherwise they are unsupported.
+    takes_extended: bool,
 }
 
 /// The error reports that the socket receives.
@@ -92,11 +95,6 @@ const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
     | ErrorFrame::NO_ACKNOWLEDGE
     | ErrorFrame::BUS_OFF
     | ErrorFrame::RESTARTED;
-
-/// With this mask, the kernel finds the filter for one standard id by a table lookup.
-const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
-/// The mask of a filter for one extended id.
-const EXACT_EXTENDED: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_EFF_MASK;
 
 /// Bytes of the send buffer per queued frame: `struct sk_buff` and its data block on 64-bit kernels
 /// up to 6.12.
@@ -113,10 +111,11 @@ impl SocketCanBus {
         let interface = settings.interface;
         let (link, before) =
             Link::prepare(interface, settings.index, settings.bitrate, settings.queue_length())?;
-        let filters = exact(&settings.host_ids);
+        let filters = words(&settings.host_ids);
         let configure = |socket: &CanSocket| configure(socket, &filters, settings.queue_length());
         let socket = open_socket(interface, link.index, configure)?;
-        Ok(Self { before, ..Self::new(socket, link) })
+        let takes_extended = settings.host_ids.iter().any(|ids| ids.is_extended());
+        Ok(Self { before, takes_extended, ..Self::new(socket, link) })
     }
 
     /// Opens an interface without changing its settings, and receives every frame of any format:
@@ -149,6 +148,7 @@ impl SocketCanBus {
             latest: clock::monotonic(),
             sent_at: Instant::ZERO,
             dropped: 0,
+            takes_extended: false,
         }
     }
 
@@ -170,8 +170,11 @@ impl SocketCanBus {
     /// # Errors
     ///
     /// [`OpenError::System`]: the kernel rejects the filters. The previous ones stay.
-    pub fn listen(&mut self, host_ids: &[FrameId]) -> Result<(), OpenError> {
-        self.socket.set_filters(&exact(host_ids)).map_err(|error| failed(self.link.interface, &error))
+    pub fn listen(&mut self, ids: &[IdFilter]) -> Result<(), OpenError> {
+        let set = self.socket.set_filters(&words(ids));
+        set.map_err(|error| failed(self.link.interface, &error))?;
+        self.takes_extended = ids.iter().any(|ids| ids.is_extended());
+        Ok(())
     }
 
     /// Sends `error` on a virtual interface, where every other socket receives it as the
@@ -254,10 +257,9 @@ fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> i
     limit_queue(socket, queue_length)
 }
 
-/// Returns one filter for each id.
-fn exact(host_ids: &[FrameId]) -> Vec<(u32, u32)> {
-    let mask = |id: &FrameId| if id.is_extended() { EXACT_EXTENDED } else { EXACT };
-    host_ids.iter().map(|id| (id.word(), mask(id))).collect()
+/// Returns the kernel's filters. It finds one for a single id by a table lookup.
+fn words(ids: &[IdFilter]) -> Vec<(u32, u32)> {
+    ids.iter().map(|ids| ids.words()).collect()
 }
 
 /// Limits the frames that wait for the wire to `frames`.
@@ -282,7 +284,7 @@ impl Bus for SocketCanBus {
         if free == 0 {
             return;
         }
-        let Self { socket, incoming, realtime, latest, sent_at, dropped, .. } = self;
+        let Self { socket, incoming, realtime, latest, sent_at, dropped, takes_extended, .. } = self;
         let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
         realtime.refresh(now);
         for message in incoming.messages(count) {
@@ -295,7 +297,8 @@ impl Bus for SocketCanBus {
                 inbox.lost = inbox.lost.saturating_add(lost.wrapping_sub(*dropped));
                 *dropped = lost;
             }
-            let has_space = wire::deliver(*latest, message.frame_bytes(), message.classic(), inbox);
+            let message = (message.frame_bytes(), message.classic());
+            let has_space = wire::deliver(*latest, message, *takes_extended, inbox);
             assert!(has_space, "no more messages were asked for than fit");
         }
         if count < free {

@@ -4,7 +4,8 @@ use std::os::fd::AsFd;
 
 use socketcan::{CanSocket, SocketOptions};
 
-use super::{EXACT, Link, OpenError, exact, open_socket, wire};
+use super::{Link, OpenError, open_socket, wire};
+use crate::filter::IdFilter;
 use crate::frame::{FrameId, Inbox};
 use crate::kernel::{Batch, FRAME_BYTES, Message};
 
@@ -101,7 +102,8 @@ impl FdReplies {
     ///
     /// [`OpenError::NotCan`] when the interface is unplugged, or [`OpenError::System`].
     pub fn open(link: &Link, host_ids: &[FrameId]) -> Result<Self, OpenError> {
-        Ok(Self { beside: Beside::open(link, &exact(host_ids), &[])?, count: 0 })
+        let filters: Vec<_> = host_ids.iter().map(|id| IdFilter::exact(*id).words()).collect();
+        Ok(Self { beside: Beside::open(link, &filters, &[])?, count: 0 })
     }
 
     /// Returns the number of such frames since opening. Does not block or allocate; at most eight system calls.
@@ -111,6 +113,9 @@ impl FdReplies {
         *count
     }
 }
+
+/// The mask of a filter for one id of 11 bits, which the kernel finds in a table.
+const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
 
 /// Most filters that a socket accepts (`CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;

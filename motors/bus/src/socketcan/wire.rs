@@ -43,11 +43,19 @@ fn lay_out(word: u32, len: u8, data: Data) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// Adds a received message of `len` bytes, which begins with `bytes`. Returns `false` when the
-/// inbox is full.
+/// Adds a received message, by its length and its first bytes. `takes_extended`: a frame with an id of 29 bits is supported.
+/// Returns `false` when the inbox is full.
 #[inline]
-pub(super) fn deliver(at: Instant, len: usize, bytes: [u8; CLASSIC_BYTES], inbox: &mut Inbox) -> bool {
-    let is_frame = inbox.push_frame(at, |frame| data_frame(len, &bytes, frame).is_some());
+pub(super) fn deliver(
+    at: Instant,
+    (len, bytes): (usize, [u8; CLASSIC_BYTES]),
+    takes_extended: bool,
+    inbox: &mut Inbox,
+) -> bool {
+    let is_frame = inbox.push_frame(at, |frame| {
+        let id = standard_id(&bytes).or_else(|| extended_id(&bytes).filter(|_| takes_extended));
+        id.and_then(|id| data_frame(id, len, &bytes, frame)).is_some()
+    });
     is_frame || inbox.push(Arrival { at, content: other_content(len, &bytes) }).is_ok()
 }
 
@@ -56,10 +64,21 @@ pub(super) fn is_extended(bytes: &[u8; CLASSIC_BYTES]) -> bool {
     word(bytes).is_some_and(|word| word & (libc::CAN_EFF_FLAG | libc::CAN_ERR_FLAG) == libc::CAN_EFF_FLAG)
 }
 
-/// Writes a data frame with an id of 11 bits: no flag is set.
+/// Returns an id of 11 bits: no flag is set.
 #[inline]
-fn data_frame(len: usize, bytes: &[u8; CLASSIC_BYTES], frame: &mut Frame) -> Option<()> {
-    let id = FrameId::new(u16::try_from(word(bytes)?).ok()?)?;
+fn standard_id(bytes: &[u8; CLASSIC_BYTES]) -> Option<FrameId> {
+    FrameId::new(u16::try_from(word(bytes)?).ok()?)
+}
+
+/// Returns the id of a data frame with 29 bits: its flag alone is set.
+#[cold]
+fn extended_id(bytes: &[u8; CLASSIC_BYTES]) -> Option<FrameId> {
+    FrameId::extended(word(bytes)? ^ libc::CAN_EFF_FLAG)
+}
+
+/// Writes a data frame.
+#[inline]
+fn data_frame(id: FrameId, len: usize, bytes: &[u8; CLASSIC_BYTES], frame: &mut Frame) -> Option<()> {
     let is_whole = len == CLASSIC_BYTES && !(9..=15).contains(&bytes[field::LEN8_DLC]);
     let data = *bytes[field::DATA].first_chunk()?;
     (is_whole && frame.set_cut(id, bytes[field::LEN], data)).then_some(())
@@ -179,7 +198,7 @@ mod tests {
 
     fn decode_of_length(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
         let mut inbox = Inbox::new();
-        assert!(deliver(Instant::ZERO, len, bytes, &mut inbox));
+        assert!(deliver(Instant::ZERO, (len, bytes), false, &mut inbox));
         inbox.arrivals()[0].content
     }
 
@@ -191,6 +210,9 @@ mod tests {
         }
         let extended = Frame::classic(FrameId::extended(0x101).unwrap(), [1, 2]);
         assert_eq!(encode(&extended)[..5], bytes(0x8000_0101, 2, 0)[..5]);
+        let mut inbox = Inbox::new();
+        assert!(deliver(Instant::ZERO, (CLASSIC_BYTES, encode(&extended)), true, &mut inbox));
+        assert_eq!(inbox.arrivals()[0].content, Content::Frame(extended), "where it is expected");
         let frame = Frame::new(FrameId::MAX, &[1, 2, 3, 4, 5, 6]).unwrap();
         assert_eq!(decode(bytes(0x7FF, 6, 0)), Content::Frame(frame), "bytes beyond the length mean nothing");
         let error = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };

@@ -10,6 +10,7 @@ mod sja1000;
 mod slcan;
 mod vcan;
 
+use motord_bus::IdFilter;
 use motord_bus::conformance::HOST_IDS;
 use motord_bus::socketcan::Settings;
 
@@ -17,5 +18,11 @@ const BITRATE: u32 = 1_000_000;
 
 fn settings(interface: &str) -> Settings {
     let interface = interface.parse().expect("a valid name");
-    Settings { interface, index: None, bitrate: BITRATE, host_ids: HOST_IDS.to_vec(), requests: 0 }
+    Settings {
+        interface,
+        index: None,
+        bitrate: BITRATE,
+        host_ids: HOST_IDS.map(IdFilter::exact).to_vec(),
+        requests: 0,
+    }
 }
