@@ -1,7 +1,7 @@
 //! The types of values: their names, and how they are read.
 
-use motord_protocol::MotorProtocol;
 use motord_protocol::imu::{CanProtocol, SerialProtocol};
+use motord_protocol::{FAMILIES, MotorProtocol};
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Debug;
 use std::net::SocketAddr;
@@ -330,7 +330,7 @@ impl Choice for FaultPolicy {
 }
 
 impl Choice for MotorProtocol {
-    const WORDS: &'static [(&'static str, Self)] = Self::ALL;
+    const WORDS: &'static [(&'static str, Self)] = FAMILIES;
 }
 
 impl Choice for BeyondRange {

@@ -177,11 +177,11 @@ fn of_model(model: &Model, twin: simulator::MotorSettings) -> simulator::MotorSe
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_protocol::MotorProtocol;
+    use motord_protocol::{FAMILIES, MotorProtocol};
 
     #[test]
     fn every_protocol_has_a_simulated_motor() {
-        let unknown = MotorProtocol::ALL.iter().filter(|(name, _)| Dialect::by_name(name).is_none());
+        let unknown = FAMILIES.iter().filter(|(name, _)| Dialect::by_name(name).is_none());
         assert_eq!(unknown.collect::<Vec<_>>(), Vec::<&(&str, MotorProtocol)>::new());
     }
 }

@@ -18,10 +18,11 @@ macro_rules! families {
             $($(#[$doc])* $protocol),+
         }
 
-        impl MotorProtocol {
-            /// Every protocol with its name in configurations and on command lines, the usual one first.
-            pub const ALL: &[(&str, Self)] = &[$((crate::$folder::FAMILY.name, Self::$protocol)),+];
+        /// Every family: its name in configurations and on command lines, and its protocol. The usual one is first.
+        pub const FAMILIES: &[(&str, MotorProtocol)] =
+            &[$((crate::$folder::FAMILY.name, MotorProtocol::$protocol)),+];
 
+        impl MotorProtocol {
             /// Returns the facts of its family.
             #[must_use]
             pub const fn family(self) -> &'static Family {
@@ -67,7 +68,7 @@ families! {
 impl Default for MotorProtocol {
     /// The usual one: most vendors have no other.
     fn default() -> Self {
-        Self::ALL[0].1
+        FAMILIES[0].1
     }
 }
 
@@ -75,7 +76,7 @@ impl FromStr for MotorProtocol {
     type Err = ();
 
     fn from_str(name: &str) -> Result<Self, ()> {
-        Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, protocol)| *protocol).ok_or(())
+        FAMILIES.iter().find(|(known, _)| *known == name).map(|(_, protocol)| *protocol).ok_or(())
     }
 }
 

@@ -54,7 +54,7 @@ pub mod state;
 pub use error::{DecodeError, EncodeError, Quantity};
 #[cfg(feature = "drive")]
 pub use families::AnyDialect;
-pub use families::MotorProtocol;
+pub use families::{FAMILIES, MotorProtocol};
 pub use family::Family;
 pub use fault::{FaultBits, Faults};
 pub use field::Field;

@@ -1,7 +1,7 @@
 //! The text of a first configuration.
 
 use super::InitError;
-use motord_protocol::{Model, MotorProtocol, Profile};
+use motord_protocol::{FAMILIES, Model, MotorProtocol, Profile};
 use std::fmt::Write;
 
 /// A robot of equal legs, or an arm: one leg.
@@ -225,7 +225,7 @@ impl Motor<'_> {
         }
         let can_be =
             |protocol: &MotorProtocol| !bus.is_serial() || protocol.family().answers_on_line.is_some();
-        let others = MotorProtocol::ALL.iter().map(|(_, protocol)| *protocol);
+        let others = FAMILIES.iter().map(|(_, protocol)| *protocol);
         let protocol = [protocol].into_iter().chain(others).find(can_be).unwrap_or(protocol);
         // Half of the rated torque, rounded down to 0.1 N·m, and 0.1 N·m at least.
         let torque = (model.rated_torque * 5.0).floor().max(1.0) / 10.0;
