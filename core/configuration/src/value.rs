@@ -300,15 +300,29 @@ pub(super) enum ImuType {
     External,
 }
 
+impl ImuType {
+    const COUNT: usize = 2 + SerialProtocol::ALL.len() + CanProtocol::ALL.len();
+
+    /// Returns every type and its word: those without a device, then each protocol.
+    const fn words() -> [(&'static str, Self); Self::COUNT] {
+        let mut words = [("simulated", Self::Simulated); Self::COUNT];
+        words[1] = ("external", Self::External);
+        let (mut word, mut index) = (2, 0);
+        while word < Self::COUNT {
+            let serial = SerialProtocol::ALL.len();
+            words[word] = if index < serial {
+                (SerialProtocol::ALL[index].name(), Self::Serial(SerialProtocol::ALL[index]))
+            } else {
+                (CanProtocol::ALL[index - serial].name(), Self::Can(CanProtocol::ALL[index - serial]))
+            };
+            (word, index) = (word + 1, index + 1);
+        }
+        words
+    }
+}
+
 impl Choice for ImuType {
-    const WORDS: &'static [(&'static str, Self)] = &[
-        ("simulated", Self::Simulated),
-        ("external", Self::External),
-        (SerialProtocol::Hipnuc.name(), Self::Serial(SerialProtocol::Hipnuc)),
-        (SerialProtocol::Xsens.name(), Self::Serial(SerialProtocol::Xsens)),
-        (CanProtocol::ALL[0].name(), Self::Can(CanProtocol::ALL[0])),
-        (CanProtocol::ALL[1].name(), Self::Can(CanProtocol::ALL[1])),
-    ];
+    const WORDS: &'static [(&'static str, Self)] = &Self::words();
 }
 
 impl Choice for WhenLost {
