@@ -4,7 +4,7 @@
 //! sensor's heading is zero.
 
 use motord_bus::Duration;
-use motord_protocol::imu::{CanDevice, Quaternion, SerialProtocol};
+use motord_protocol::imu::{CanDevice, Quaternion, Sample, SerialProtocol};
 
 /// `[[imu]]`.
 #[derive(Debug, Clone)]
@@ -153,6 +153,17 @@ impl ImuSample {
         acceleration: [0.0, 0.0, 9.81],
         temperature: None,
     };
+
+    /// Returns the quantities of a device's sample; `None` when one is missing.
+    #[must_use]
+    pub fn of(sample: &Sample) -> Option<Self> {
+        Some(Self {
+            orientation: sample.orientation.map(Quaternion::parts)?,
+            angular_velocity: sample.angular_velocity?,
+            acceleration: sample.acceleration?,
+            temperature: sample.temperature_celsius,
+        })
+    }
 
     /// Returns the sample with an orientation of norm 1. `None` when a value is not finite, or the norm of the orientation
     /// is not 0.99 to 1.01. A temperature that is not finite is left out.

@@ -6,7 +6,7 @@ use super::device::Sensor;
 use crate::control::{ImuReading, Reading, Repetition};
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_protocol::imu::{CanDecoder, Sample, SampleError};
+use motord_protocol::imu::{CanDecoder, SampleError};
 use motord_settings::imu::{ImuCan, ImuSample, ImuSettings, Mount};
 use motord_settings::settings::Settings;
 
@@ -119,7 +119,7 @@ impl CanImu {
     fn take(&mut self, id: FrameId, payload: &[u8], at: Instant) {
         match self.decoder.push(id.raw() as u16, payload, at.as_nanos() / 1000) {
             Ok(None) | Err(SampleError::Incomplete { .. }) => {}
-            Ok(Some(sample)) => match converted(&sample).and_then(|sample| sample.checked()) {
+            Ok(Some(sample)) => match ImuSample::of(&sample).and_then(|sample| sample.checked()) {
                 Some(sound) if !self.repetition.is_stuck(&sound, at) => self.deliver(&sound, at),
                 Some(_) | None => self.reject(at),
             },
@@ -232,14 +232,4 @@ impl Sensor for CanImu {
 
 fn frame(id: u16, payload: &[u8]) -> Option<Frame> {
     Frame::with_format(FrameId::new(id)?, motord_bus::Format::Classic, payload)
-}
-
-/// Returns the values of a sample; `None` when one is missing, which no decoder here leaves out.
-fn converted(sample: &Sample) -> Option<ImuSample> {
-    Some(ImuSample {
-        orientation: sample.orientation?.parts(),
-        angular_velocity: sample.angular_velocity?,
-        acceleration: sample.acceleration?,
-        temperature: sample.temperature_celsius,
-    })
 }

@@ -1,8 +1,8 @@
 //! External IMUs: other processes publish their samples.
 
-use super::line_limit::LineLimit;
+use super::log::{ImuLog, Remark};
 use super::writer::Writer;
-use motord_bus::{Duration, Instant, clock};
+use motord_bus::{Duration, Instant};
 use motord_core::control::Repetition;
 use motord_ports::clock::other_clock;
 use motord_settings::imu::{ImuSample, ImuSettings};
@@ -23,7 +23,6 @@ const OLD_MAX: u32 = 10;
 pub(super) struct Source {
     /// Its index in the configuration.
     index: usize,
-    name: String,
     writer: Writer,
     lost_after: Duration,
     repetition: Repetition,
@@ -31,7 +30,9 @@ pub(super) struct Source {
     used: Option<Used>,
     /// Samples in a row that were too old.
     old: u32,
-    remarks: Remarks,
+    log: ImuLog,
+    /// The publisher of the last rejected sample.
+    rejected_publisher: u64,
 }
 
 /// The reason why a sample is rejected.
@@ -47,14 +48,6 @@ enum Rejected {
     Stuck,
 }
 
-/// Reasons that were logged about a publisher, each once.
-struct Remarks {
-    publisher: u64,
-    clock: bool,
-    stuck: bool,
-    log_limit: LineLimit,
-}
-
 /// A sample that was used.
 #[derive(Clone, Copy)]
 struct Used {
@@ -67,16 +60,15 @@ struct Used {
 
 impl Source {
     pub(super) fn new(index: usize, imu: &ImuSettings, writer: Writer) -> Self {
-        let log_limit = LineLimit::new(clock::monotonic());
         Self {
             index,
-            name: imu.name.clone(),
             writer,
             lost_after: imu.lost_after,
             repetition: Repetition::default(),
             used: None,
             old: 0,
-            remarks: Remarks { publisher: 0, clock: false, stuck: false, log_limit },
+            log: ImuLog::new(&imu.name),
+            rejected_publisher: 0,
         }
     }
 
@@ -125,51 +117,40 @@ impl Source {
 
     /// Logs a reason once, until a sample of another publisher is rejected.
     fn remark(&mut self, message: &ImuMessage, reason: Rejected, now: Instant) {
-        if self.remarks.publisher != message.publisher {
-            (self.remarks.publisher, self.remarks.clock, self.remarks.stuck) =
-                (message.publisher, false, false);
+        if core::mem::replace(&mut self.rejected_publisher, message.publisher) != message.publisher {
+            self.log.restart();
             self.old = 0;
         }
         self.old = if reason == Rejected::Old { self.old.saturating_add(1) } else { 0 };
-        let remarked = match reason {
+        let remark = match reason {
             Rejected::Other => return,
             Rejected::Old if self.old < OLD_MAX => return,
-            Rejected::Future | Rejected::Old => &mut self.remarks.clock,
-            Rejected::Stuck => &mut self.remarks.stuck,
+            Rejected::Future | Rejected::Old => Remark::Clock,
+            Rejected::Stuck => Remark::Stuck,
         };
-        if core::mem::replace(remarked, true) || !self.remarks.log_limit.permits(now) {
-            return;
-        }
-        match reason {
-            Rejected::Stuck => self.warn_stuck(message),
-            _ => self.warn_clock(message, now),
+        if self.log.is_first(remark) && self.log.permits(now) {
+            self.warn(message, remark, now);
         }
     }
 
     #[cold]
-    fn warn_stuck(&self, message: &ImuMessage) {
-        tracing::warn!(
-            imu = self.name,
-            process = message.publisher >> 32,
-            see = "imu-lost",
-            "its publisher repeats one measurement, which is rejected, since a sensor measures noise also at rest: check the sensor \
-             and its driver"
-        );
-    }
-
-    #[cold]
-    fn warn_clock(&self, message: &ImuMessage, now: Instant) {
-        let offset_s = (i128::from(message.time_ns) - i128::from(now.as_nanos())) as f64 * 1e-9;
-        let clock =
-            other_clock(message.time_ns).map_or_else(String::new, |clock| format!(", and fit {clock}"));
-        tracing::warn!(
-            imu = self.name,
-            process = message.publisher >> 32,
-            offset_s,
-            see = "imu-lost",
-            "the times of its samples are after now, or too old{clock}: they are rejected. The publisher must send ns of \
-             CLOCK_MONOTONIC, not after now and not older than lost-after-ms"
-        );
+    fn warn(&self, message: &ImuMessage, remark: Remark, now: Instant) {
+        let (offset_s, text) = if remark == Remark::Stuck {
+            let text = "its publisher repeats one measurement, which is rejected, since a sensor measures noise also at rest: \
+                        check the sensor and its driver";
+            (None, text.to_owned())
+        } else {
+            let offset_ns = i128::from(message.time_ns) - i128::from(now.as_nanos());
+            let clock =
+                other_clock(message.time_ns).map_or_else(String::new, |clock| format!(", and fit {clock}"));
+            let text = format!(
+                "the times of its samples are after now, or too old{clock}: they are rejected. The publisher must send ns of \
+                 CLOCK_MONOTONIC, not after now and not older than lost-after-ms"
+            );
+            (Some(offset_ns as f64 * 1e-9), text)
+        };
+        let process = message.publisher >> 32;
+        tracing::warn!(imu = self.log.imu(), process, offset_s, see = "imu-lost", "{text}");
     }
 }
 
@@ -309,7 +290,7 @@ mod tests {
         // The first, 999 within a second, and none after it.
         assert_eq!((reading.sequence, reading.rejected), (1000, 200));
         assert_eq!(reading.received, at(1000), "the cycle finds it lost");
-        assert!(imus.sources[0].remarks.stuck);
+        assert!(imus.sources[0].log.has(Remark::Stuck));
         let moved = ImuMessage { angular_velocity: [0.1, 0.0, 0.0], ..message(5, 1201, 1201) };
         assert!(imus.receive(&moved, at(1201)));
         assert_eq!(output.read().sequence, 1001, "it measures again");
@@ -320,7 +301,7 @@ mod tests {
         let remarked = |messages: &[(ImuMessage, u64)]| {
             let (mut imus, _output) = external();
             messages.iter().for_each(|(message, ms)| assert!(imus.receive(message, at(*ms))));
-            imus.sources[0].remarks.clock
+            imus.sources[0].log.has(Remark::Clock)
         };
         assert!(remarked(&[(message(5, 1, 1_000_000), 100)]), "of the future");
         let old: Vec<_> = (0..10).map(|turn| (message(5, 1 + turn, turn), 100 + turn)).collect();

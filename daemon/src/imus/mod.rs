@@ -1,13 +1,18 @@
-//! The IMUs: one thread for each source of samples, outside the real-time thread.
+//! The IMUs that are not on a CAN bus: their samples are read outside the real-time thread.
 //!
 //! ```text
-//!   source ──sample──▶ checked, turned into the frame of the body ──wait-free buffer──▶ cycle
+//!   Reader, ExternalImus ──sample──▶ Writer: turned into the frame of the body ──wait-free buffer──▶ cycle
 //! ```
+//!
+//! A [`Reader`] has a dedicated thread. The samples of other processes arrive at the ports of the ipc thread, which passes them
+//! to [`ExternalImus`].
 
 mod external;
 mod gaps;
 mod line_limit;
+mod log;
 mod port;
+mod reader;
 mod serial;
 mod simulated;
 mod writer;
@@ -15,7 +20,8 @@ mod writer;
 pub use external::ExternalImus;
 pub(crate) use line_limit::LineLimit;
 pub use port::twin;
-pub use serial::SerialImu;
+pub use reader::Reader;
+use serial::SerialImu;
 pub use simulated::{SimulatedImus, World};
 use writer::Writer;
 
@@ -27,10 +33,11 @@ use triple_buffer::Input;
 /// The IMUs of a robot, by source.
 #[derive(Default)]
 pub struct Sources {
-    /// The simulated ones.
+    /// Those with a thread: all simulated ones together, and each on a serial line, because to open a port can take longer than
+    /// a sample of another IMU may wait.
+    pub readers: Vec<Box<dyn Reader>>,
+    /// The simulated ones, for injected faults.
     pub simulated: Option<SimulatedImus>,
-    /// Those on serial lines. Each needs a thread, because to open a port can take longer than a sample of another IMU may wait.
-    pub serial: Vec<SerialImu>,
     /// Those that other processes publish.
     pub external: Option<ExternalImus>,
 }
@@ -46,22 +53,25 @@ impl Sources {
         world: World,
         boot_id: u64,
     ) -> Self {
-        let (mut simulated, mut serial, mut external) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut readers, mut simulated, mut external) =
+            (Vec::<Box<dyn Reader>>::new(), Vec::new(), Vec::new());
         for ((index, imu), input) in imus.iter().enumerate().zip(inputs) {
             let writer = Writer::new(input, imu.mount);
             match &imu.source {
                 ImuSource::Simulated(errors) => {
                     simulated.push(simulated::Source::new(imu, errors, writer, start));
                 }
-                ImuSource::Serial(line) => serial.push(SerialImu::new(imu, line, writer)),
+                ImuSource::Serial(line) => readers.push(Box::new(SerialImu::new(imu, line, writer))),
                 // The cycle reads it.
                 ImuSource::Can(_) => {}
                 ImuSource::External => external.push(external::Source::new(index, imu, writer)),
             }
         }
+        let simulated = (!simulated.is_empty()).then(|| SimulatedImus::new(simulated, world, start));
+        readers.extend(simulated.clone().map(|imus| Box::new(imus) as Box<dyn Reader>));
         Self {
-            simulated: (!simulated.is_empty()).then(|| SimulatedImus::new(simulated, world)),
-            serial,
+            readers,
+            simulated,
             external: (!external.is_empty()).then(|| ExternalImus::new(external, boot_id)),
         }
     }

@@ -1,18 +1,16 @@
 //! An IMU on a serial line: one thread reads its port, and opens it again after it was unplugged.
 
 use super::gaps::Gaps;
-use super::line_limit::LineLimit;
+use super::log::{ImuLog, Remark};
+use super::reader::{Reader, TURN};
 use super::writer::Writer;
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_core::control::Repetition;
-use motord_protocol::imu::{BITS_PER_BYTE, Quaternion, Sample, SampleError, SerialDecoder};
+use motord_protocol::imu::{BITS_PER_BYTE, Sample, SampleError, SerialDecoder};
 use motord_settings::imu::{ImuSample, ImuSerial, ImuSettings};
 use nix::errno::Errno;
-use std::collections::BTreeSet;
 
-/// Longest sleep, so that the thread sees that the daemon ends.
-const TURN: Duration = Duration::from_millis(50);
 /// Wait before a device that is not there is tried again.
 const REOPEN: Duration = Duration::from_millis(250);
 /// Bytes of one read: more than a line carries while the thread waits for a processor. Only a stream that is faster than the
@@ -30,28 +28,12 @@ const DUMB_BYTES: usize = 2000;
 const RATE_WINDOW: Duration = Duration::from_secs(2);
 const RATE_TOLERANCE: f64 = 0.1;
 
-/// Things that are logged once for each connection.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Remark {
-    /// Samples lack a quantity.
-    Incomplete,
-    /// One sample is repeated.
-    Stuck,
-    /// Intact frames hold no sample.
-    OtherContent,
-    /// Bytes arrive, and no samples.
-    NoSamples,
-    /// The rate of the samples was compared with the configured one.
-    Rate,
-}
-
 /// An IMU on a serial line.
-pub struct SerialImu {
-    name: String,
+pub(super) struct SerialImu {
     line: ImuSerial,
     writer: Writer,
     gaps: Gaps,
-    log_limit: LineLimit,
+    log: ImuLog,
     port: Option<Port>,
     decoder: SerialDecoder,
     repetition: Repetition,
@@ -62,7 +44,6 @@ pub struct SerialImu {
     rate_hz: f64,
     /// Time of the first sample of this connection, and the number of samples after it.
     begun: Option<(Instant, u32)>,
-    remarks: BTreeSet<Remark>,
     /// The last reason for which the port was not opened, which is logged once.
     failure: Option<OpenError>,
 }
@@ -70,11 +51,10 @@ pub struct SerialImu {
 impl SerialImu {
     pub(super) fn new(settings: &ImuSettings, line: &ImuSerial, writer: Writer) -> Self {
         Self {
-            name: settings.name.clone(),
             line: line.clone(),
             writer,
             gaps: Gaps::new(settings.rate_hz),
-            log_limit: LineLimit::new(clock::monotonic()),
+            log: ImuLog::new(&settings.name),
             port: None,
             decoder: SerialDecoder::new(line.protocol),
             repetition: Repetition::default(),
@@ -82,25 +62,7 @@ impl SerialImu {
             without_sample: 0,
             rate_hz: settings.rate_hz,
             begun: None,
-            remarks: BTreeSet::new(),
             failure: None,
-        }
-    }
-
-    /// Passes samples until `stop` returns true. Opens the port, and opens it again whenever it was unplugged.
-    pub fn run(mut self, stop: impl Fn() -> bool) {
-        let mut buffer = [0; READ_BYTES];
-        while !stop() {
-            let Some(port) = &self.port else {
-                self.connect();
-                continue;
-            };
-            let now = clock::monotonic();
-            if wait(&[port.readiness()], now, now + TURN).any() {
-                let read = port.read(&mut buffer);
-                let received = clock::monotonic();
-                self.take(read.map(|count| &buffer[..count]), received);
-            }
         }
     }
 
@@ -115,20 +77,15 @@ impl SerialImu {
                 self.rejected = 0;
                 self.without_sample = 0;
                 self.begun = None;
-                self.remarks.clear();
-                if self.log_limit.permits(clock::monotonic()) {
+                self.log.restart();
+                if self.log.permits(clock::monotonic()) {
                     let ImuSerial { device, baud, .. } = &self.line;
-                    tracing::info!(imu = self.name, device, baud, "opened its serial port");
+                    tracing::info!(imu = self.log.imu(), device, baud, "opened its serial port");
                 }
             }
             Err(failure) => {
-                if self.failure.as_ref() != Some(&failure) && self.log_limit.permits(clock::monotonic()) {
-                    tracing::warn!(
-                        imu = self.name,
-                        see = "imu-lost",
-                        "{failure}; trying again every {} ms",
-                        REOPEN.as_millis()
-                    );
+                if self.failure.as_ref() != Some(&failure) && self.log.permits(clock::monotonic()) {
+                    self.log.warn(format_args!("{failure}; trying again every {} ms", REOPEN.as_millis()));
                 }
                 self.failure = Some(failure);
                 std::thread::sleep(REOPEN);
@@ -160,11 +117,10 @@ impl SerialImu {
     fn disconnect(&mut self, errno: Errno) {
         self.writer.disconnected();
         self.port = None;
-        if self.log_limit.permits(clock::monotonic()) {
-            let device = &self.line.device;
+        if self.log.permits(clock::monotonic()) {
             tracing::warn!(
-                imu = self.name,
-                device,
+                imu = self.log.imu(),
+                device = self.line.device,
                 see = "imu-lost",
                 "its serial port is disconnected ({}); trying to open it again",
                 errno.desc()
@@ -180,19 +136,27 @@ impl SerialImu {
                 Some(decoded) => self.judge(decoded, received),
             }
         }
-        if self.without_sample >= DUMB_BYTES && self.remarks.insert(Remark::NoSamples) {
-            self.warn_no_samples();
+        if self.without_sample >= DUMB_BYTES {
+            let ImuSerial { protocol, device, baud } = &self.line;
+            self.log.remark(Remark::NoSamples, || {
+                format!(
+                    "{device} delivers bytes that are no samples of type {} at {baud} bit/s; `motorctl imu find --device {device}` \
+                     finds type and baud rate",
+                    protocol.name()
+                )
+            });
         }
     }
 
     fn judge(&mut self, decoded: Result<Sample, SampleError>, received: Instant) {
-        match decoded.map(|sample| (sample, complete(&sample))) {
+        match decoded.map(|sample| (sample, ImuSample::of(&sample))) {
             Ok((_, Some(complete))) if self.repetition.is_stuck(&complete, received) => {
                 self.reject();
                 self.without_sample = 0;
-                if self.remarks.insert(Remark::Stuck) {
-                    self.warn_stuck();
-                }
+                self.log.remark(Remark::Stuck, || {
+                    "repeats one sample, which is rejected, since a sensor measures noise also at rest: switch its power off and on"
+                        .to_owned()
+                });
             }
             Ok((sample, Some(complete))) => {
                 let missing = self.gaps.before(&sample, received).saturating_sub(self.rejected);
@@ -207,21 +171,16 @@ impl SerialImu {
             Ok((sample, None)) => {
                 self.reject();
                 self.without_sample = 0;
-                if self.remarks.insert(Remark::Incomplete) {
-                    self.warn_incomplete(&sample);
-                }
+                let line = &self.line;
+                self.log.remark(Remark::Incomplete, || incomplete(&sample, line));
             }
             Err(error) if error.is_other_content() => {
                 // No sample is missing because of it.
                 self.writer.rejected();
                 self.without_sample = 0;
-                if self.remarks.insert(Remark::OtherContent) {
-                    tracing::warn!(
-                        imu = self.name,
-                        see = "imu-lost",
-                        "sends what is no sample, and is rejected: {error}"
-                    );
-                }
+                self.log.remark(Remark::OtherContent, || {
+                    format!("sends what is no sample, and is rejected: {error}")
+                });
             }
             Err(_) => self.reject(),
         }
@@ -232,17 +191,15 @@ impl SerialImu {
         let (since, count) = self.begun.map_or((received, 0), |(since, count)| (since, count + 1));
         self.begun = Some((since, count));
         let passed = received.since(since);
-        if passed < RATE_WINDOW || !self.remarks.insert(Remark::Rate) {
+        if passed < RATE_WINDOW || !self.log.is_first(Remark::Rate) {
             return;
         }
         let measured = f64::from(count) / passed.as_secs_f64();
         if (measured / self.rate_hz - 1.0).abs() > RATE_TOLERANCE {
-            tracing::warn!(
-                imu = self.name,
-                see = "imu-lost",
+            self.log.warn(format_args!(
                 "delivers {measured:.0} samples per second, and rate-hz is {}: set the rate of the device, or rate-hz",
                 self.rate_hz
-            );
+            ));
         }
     }
 
@@ -250,58 +207,46 @@ impl SerialImu {
         self.writer.rejected();
         self.rejected = self.rejected.saturating_add(1);
     }
-
-    fn warn_stuck(&self) {
-        tracing::warn!(
-            imu = self.name,
-            see = "imu-lost",
-            "repeats one sample, which is rejected, since a sensor measures noise also at rest: switch its power off and on"
-        );
-    }
-
-    fn warn_incomplete(&self, sample: &Sample) {
-        let quantities = [
-            ("orientation", sample.orientation.is_none()),
-            ("angular velocity", sample.angular_velocity.is_none()),
-            ("acceleration", sample.acceleration.is_none()),
-        ];
-        let lacking = quantities.iter().filter(|(_, is_lacking)| *is_lacking).map(|(name, _)| *name);
-        tracing::warn!(
-            imu = self.name,
-            see = "imu-lost",
-            "its samples have no {}, and are rejected; set in the device: {}",
-            lacking.collect::<Vec<_>>().join(" and no "),
-            self.line.protocol.complete_samples()
-        );
-    }
-
-    fn warn_no_samples(&self) {
-        let ImuSerial { protocol, device, baud } = &self.line;
-        tracing::warn!(
-            imu = self.name,
-            see = "imu-lost",
-            "{device} delivers bytes that are no samples of type {} at {baud} bit/s; `motorctl imu find --device {device}` finds \
-             type and baud rate",
-            protocol.name()
-        );
-    }
 }
 
-/// The sample of the daemon; `None` when a quantity is missing.
-fn complete(sample: &Sample) -> Option<ImuSample> {
-    Some(ImuSample {
-        orientation: sample.orientation.map(Quaternion::parts)?,
-        angular_velocity: sample.angular_velocity?,
-        acceleration: sample.acceleration?,
-        temperature: sample.temperature_celsius,
-    })
+/// Returns the remark about a sample that lacks a quantity.
+fn incomplete(sample: &Sample, line: &ImuSerial) -> String {
+    let quantities = [
+        ("orientation", sample.orientation.is_none()),
+        ("angular velocity", sample.angular_velocity.is_none()),
+        ("acceleration", sample.acceleration.is_none()),
+    ];
+    let lacking = quantities.iter().filter(|(_, is_lacking)| *is_lacking).map(|(name, _)| *name);
+    format!(
+        "its samples have no {}, and are rejected; set in the device: {}",
+        lacking.collect::<Vec<_>>().join(" and no "),
+        line.protocol.complete_samples()
+    )
+}
+
+impl Reader for SerialImu {
+    fn thread(&self) -> &'static str {
+        "imu-line"
+    }
+
+    /// Opens the port if it is closed.
+    fn turn(&mut self) {
+        let Some(port) = &self.port else { return self.connect() };
+        let now = clock::monotonic();
+        if wait(&[port.readiness()], now, now + TURN).any() {
+            let mut buffer = [0; READ_BYTES];
+            let read = port.read(&mut buffer);
+            let received = clock::monotonic();
+            self.take(read.map(|count| &buffer[..count]), received);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_protocol::imu::{DeviceTime, SerialProtocol};
+    use motord_protocol::imu::{DeviceTime, Quaternion, SerialProtocol};
     use motord_settings::imu::{ImuSource, Mount, WhenLost};
     use triple_buffer::{Output, TripleBuffer};
 
@@ -368,7 +313,7 @@ mod tests {
         imu.take(Ok(&encoded(SerialProtocol::Xsens, &lacking)), at(0));
         let reading = *output.read();
         assert_eq!((reading.sequence, reading.rejected), (0, 1));
-        assert!(imu.remarks.contains(&Remark::Incomplete));
+        assert!(imu.log.has(Remark::Incomplete));
     }
 
     /// A payload of one byte, 0x83. Its CRC-16 is that of `binascii.crc_hqx` of Python.
@@ -380,7 +325,7 @@ mod tests {
         }
         let reading = *output.read();
         assert_eq!((reading.sequence, reading.rejected), (0, 3));
-        assert!(imu.remarks.contains(&Remark::OtherContent));
+        assert!(imu.log.has(Remark::OtherContent));
     }
 
     #[test]
@@ -401,10 +346,10 @@ mod tests {
     fn rate_is_compared_once_for_each_connection() {
         let (mut imu, _output) = imu(SerialProtocol::Xsens);
         for number in 0..=100 {
-            assert!(!imu.remarks.contains(&Remark::Rate));
+            assert!(!imu.log.has(Remark::Rate));
             imu.take(Ok(&encoded(SerialProtocol::Xsens, &sample(number))), at(20 * u64::from(number)));
         }
-        assert!(imu.remarks.contains(&Remark::Rate));
+        assert!(imu.log.has(Remark::Rate));
         assert_eq!(imu.begun, Some((at(0), 100)));
     }
 
@@ -412,7 +357,7 @@ mod tests {
     fn wrong_baud_rate_is_remarked_once() {
         let (mut imu, mut output) = imu(SerialProtocol::Hipnuc);
         (0..10).for_each(|_| imu.take(Ok(&[0x55; 500]), at(0)));
-        assert!(imu.remarks.contains(&Remark::NoSamples));
+        assert!(imu.log.has(Remark::NoSamples));
         assert_eq!(*output.read(), ImuReading::default());
     }
 
@@ -427,7 +372,7 @@ mod tests {
             }
             let reading = *output.read();
             assert_eq!((reading.sequence, reading.rejected, reading.missing), (100, 200, 0), "{protocol:?}");
-            assert!(imu.remarks.contains(&Remark::Stuck));
+            assert!(imu.log.has(Remark::Stuck));
             imu.decode(&encoded(protocol, &sample(300)), at(3000));
             assert_eq!(output.read().sequence, 101, "it measures again");
         }

@@ -1,5 +1,6 @@
 //! Simulated IMUs: one thread gives the samples of all of them.
 
+use super::reader::{Reader, TURN};
 use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
 use motord_settings::imu::{ImuSettings, ImuSimulation};
@@ -7,9 +8,6 @@ use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuValues, InjectError};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use triple_buffer::Output;
-
-/// Longest sleep, so that the thread sees that the daemon ends.
-const TURN: Duration = Duration::from_millis(50);
 
 /// A simulated IMU and its next sample. With a plant, the IMU measures the body at the due time; the sample arrives a delay later.
 pub(super) struct Source {
@@ -87,36 +85,42 @@ impl Source {
 
 /// The simulated IMUs of a daemon. Clones share them.
 #[derive(Clone)]
-pub struct SimulatedImus(Arc<Mutex<(Vec<Source>, World)>>);
+pub struct SimulatedImus {
+    start: Instant,
+    sources: Arc<Mutex<(Vec<Source>, World)>>,
+}
 
 impl SimulatedImus {
-    pub(super) fn new(sources: Vec<Source>, world: World) -> Self {
-        Self(Arc::new(Mutex::new((sources, world))))
+    pub(super) fn new(sources: Vec<Source>, world: World, start: Instant) -> Self {
+        Self { start, sources: Arc::new(Mutex::new((sources, world))) }
     }
 
     /// Gives an IMU a fault. `None` when none of them has this name.
     pub fn inject(&self, verb: &FaultVerb) -> Option<Result<(), InjectError>> {
-        let (sources, _) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (sources, _) = &mut *self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let source = sources.iter_mut().find(|source| source.name == verb.target)?;
         Some(source.device.inject(verb.fault))
     }
 
     /// Passes the samples that are due at `now`. Returns the time of the next one.
-    fn deliver(&self, start: Instant, now: Instant) -> Instant {
-        let (sources, world) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    fn deliver(&self, now: Instant) -> Instant {
+        let (sources, world) = &mut *self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let due = sources.iter_mut().filter(|source| source.next() <= now);
-        due.for_each(|source| source.deliver(start, now, world));
+        due.for_each(|source| source.deliver(self.start, now, world));
         sources.iter().map(Source::next).min().unwrap_or(now + TURN)
     }
+}
 
-    /// Passes samples until `stop` returns true.
-    pub fn run(&self, start: Instant, stop: impl Fn() -> bool) {
+impl Reader for SimulatedImus {
+    fn thread(&self) -> &'static str {
+        "imus"
+    }
+
+    fn turn(&mut self) {
         let mut clock = Monotonic;
-        while !stop() {
-            let now = clock.now();
-            let next = self.deliver(start, now);
-            clock.sleep_until(next.min(now + TURN));
-        }
+        let now = clock.now();
+        let next = self.deliver(now);
+        clock.sleep_until(next.min(now + TURN));
     }
 }
 
@@ -146,7 +150,7 @@ mod tests {
             due: Instant::ZERO,
             under_way: VecDeque::new(),
         };
-        (SimulatedImus::new(vec![source], World::Body(measured)), body, read)
+        (SimulatedImus::new(vec![source], World::Body(measured), Instant::ZERO), body, read)
     }
 
     /// Also when the delay is no multiple of the period, and when the thread wakes up late.
@@ -160,7 +164,7 @@ mod tests {
                 // The body turns by 1 rad/s faster each second.
                 let seconds = now.since(Instant::ZERO).as_secs_f64();
                 body.write(ImuValues { angular_velocity: [seconds, 0.0, 0.0], ..LEVEL });
-                let next = imus.deliver(Instant::ZERO, now);
+                let next = imus.deliver(now);
                 let reading = read.read();
                 if reading.sequence > sequence {
                     sequence = reading.sequence;

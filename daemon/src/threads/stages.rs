@@ -117,15 +117,14 @@ fn start_plant(starter: &Starter, plant: Plant) -> Result<(), RunError> {
 }
 
 fn start_imus(starter: &Starter, inputs: Vec<Input<ImuReading>>, world: World) -> Result<Sources, RunError> {
-    let start_time = clock::monotonic();
-    let mut sources = Sources::of(&starter.settings.imus, inputs, start_time, world, starter.boot_id);
-    if let Some(imus) = sources.simulated.clone() {
-        let run = move |orders: &Orders| imus.run(start_time, || orders.are(Orders::END));
-        starter.detach_below_the_cycle("imus", run)?;
-    }
-    for imu in std::mem::take(&mut sources.serial) {
-        let run = move |orders: &Orders| imu.run(|| orders.are(Orders::END));
-        starter.detach_below_the_cycle("imu-line", run)?;
+    let imus = &starter.settings.imus;
+    let mut sources = Sources::of(imus, inputs, clock::monotonic(), world, starter.boot_id);
+    for mut reader in std::mem::take(&mut sources.readers) {
+        starter.detach_below_the_cycle(reader.thread(), move |orders| {
+            while !orders.are(Orders::END) {
+                reader.turn();
+            }
+        })?;
     }
     Ok(sources)
 }
