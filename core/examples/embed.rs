@@ -5,15 +5,15 @@
 //! ```
 
 use core::num::NonZero;
+use motord_bus::transport::Simulated;
 use motord_bus::{Bus, Clock, Duration, FrameId, Instant, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::drive::Transmission;
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{Profile, mit};
 use motord_settings::settings::{
-    BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
-    LimitSettings, MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
-    WindingSettings,
+    BeyondRange, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings, LimitSettings,
+    MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings, WindingSettings,
 };
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
@@ -132,7 +132,7 @@ fn settings() -> Settings {
         },
         buses: vec![BusSettings {
             name: "leg".into(),
-            kind: BusKind::Simulated { bitrate: 1_000_000, seed: 7 },
+            kind: Simulated { bitrate: 1_000_000, seed: 7 }.into(),
             every: NonZero::<u32>::MIN,
         }],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),

@@ -8,7 +8,7 @@
 use motord_bus::{Bus, Duration, Monotonic};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
 use motord_protocol::commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
-use motord_settings::settings::{BusKind, MotorSettings, Settings};
+use motord_settings::settings::{MotorSettings, Settings};
 use std::path::Path;
 
 /// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
@@ -41,10 +41,13 @@ pub fn judge(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Resu
 
 /// The bus, and the differences that its motors tell. A simulated motor is made of the configuration, and not asked.
 fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus>, Vec<Finding>) {
-    let mut link = match settings.buses[index].kind {
-        BusKind::Simulated { .. } => return (bus, Vec::new()),
-        BusKind::Serial { .. } => Link::over(bus, Monotonic, Wire::Serial),
-        BusKind::SocketCan { .. } => Link::over(bus, Monotonic, Wire::Can).with_patience(PATIENCE),
+    let kind = &settings.buses[index].kind;
+    if kind.is_simulated() {
+        return (bus, Vec::new());
+    }
+    let mut link = match kind.is_line() {
+        true => Link::over(bus, Monotonic, Wire::Serial),
+        false => Link::over(bus, Monotonic, Wire::Can).with_patience(PATIENCE),
     };
     let mut found = Vec::new();
     for motor in settings.motors.iter().filter(|motor| motor.bus == index) {

@@ -2,7 +2,6 @@
 
 use crate::buses::other_senders::OtherSender;
 use crate::buses::{BusError, PlantedError};
-use motord_bus::LockError;
 use motord_configuration::ConfigError;
 use motord_ports::instance::InstanceError;
 use motord_ports::service::ServiceError;
@@ -77,9 +76,8 @@ impl RunError {
                 exit_status::CONFIG
             }
             Self::Instance(error) if error.is_a_setting() => exit_status::CONFIG,
-            Self::OtherSender(_)
-            | Self::Instance(InstanceError::AlreadyRunning { .. })
-            | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => exit_status::BUSY,
+            Self::OtherSender(_) | Self::Instance(InstanceError::AlreadyRunning { .. }) => exit_status::BUSY,
+            Self::Bus(error) if error.is_locked() => exit_status::BUSY,
             Self::Instance(_) => exit_status::PERMISSION,
             Self::Bus(_)
             | Self::Plant(_)

@@ -2,7 +2,7 @@
 
 use motord_settings::imu::ImuSettings;
 use motord_settings::plan::BusPlan;
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::description::{
     GroupDescription, ImuDescription, JointDescription, JointLimits, RobotDescription,
 };
@@ -56,11 +56,7 @@ fn imu(imu: &ImuSettings) -> ImuDescription {
 }
 
 fn device(bus: &BusSettings) -> String {
-    match &bus.kind {
-        BusKind::SocketCan { interface, .. } => interface.clone(),
-        BusKind::Serial { device, .. } => device.clone(),
-        BusKind::Simulated { .. } => String::new(),
-    }
+    bus.kind.address().unwrap_or_default().to_owned()
 }
 
 /// Half of the longest command and reply, s.

@@ -1,5 +1,6 @@
 //! The types of values: their names, and how they are read.
 
+use motord_bus::transport::{Serial, Simulated, SocketCan};
 use motord_protocol::imu::{CanProtocol, SerialProtocol};
 use motord_protocol::{FAMILIES, MotorProtocol};
 use std::f64::consts::FRAC_PI_2;
@@ -287,8 +288,11 @@ pub(super) enum BusType {
 }
 
 impl Choice for BusType {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("socketcan", Self::SocketCan), ("serial", Self::Serial), ("simulated", Self::Simulated)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        (SocketCan::NAME, Self::SocketCan),
+        (Serial::NAME, Self::Serial),
+        (Simulated::NAME, Self::Simulated),
+    ];
 }
 
 /// `type` of an `[[imu]]`.

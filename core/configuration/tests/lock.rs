@@ -104,11 +104,8 @@ fn line_is_proposed_no_long_host_id() {
         let reported = ReportedMotor { bus: bus.into(), host_id: Some(0x102), ..elbow() };
         let mut settings = settings.clone();
         settings.buses[motor.bus].kind = if bus.starts_with('/') {
-            motord_settings::settings::BusKind::Serial {
-                device: bus.into(),
-                baud: 921_600,
-                turnaround: std::time::Duration::ZERO,
-            }
+            let turnaround = std::time::Duration::ZERO;
+            motord_bus::transport::Serial { device: bus.into(), baud: 921_600, turnaround }.into()
         } else {
             settings.buses[motor.bus].kind.clone()
         };

@@ -4,6 +4,7 @@
 //! - [`plan`]: the part of each cycle that the buses need.
 //! - [`imu`]: IMUs, and their mounts on the body.
 //! - [`imu_load`]: the load of IMUs on CAN buses.
+//! - [`nodes`]: the motors and sensors of a bus, for its transport.
 //!
 //! Values only: no socket, no thread, no file and no clock.
 
@@ -11,5 +12,6 @@
 
 pub mod imu;
 pub mod imu_load;
+pub mod nodes;
 pub mod plan;
 pub mod settings;

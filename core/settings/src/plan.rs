@@ -13,7 +13,7 @@ use motord_bus::Duration;
 use motord_bus::arithmetic::{FdBits, FrameLength, SERIAL_FRAME_BITS, utilisation, wire_time};
 
 use crate::imu_load::ImuFrames;
-use crate::settings::{BusKind, MotorSettings, Settings};
+use crate::settings::{MotorSettings, Settings};
 
 /// Time of the host in a reply time: from the time stamp of the commands to their first bit, and
 /// from the end of the last reply to its time stamp.
@@ -57,10 +57,11 @@ impl BusPlan {
     /// The plan of every bus, in the order of `settings.buses`.
     #[must_use]
     pub fn of(settings: &Settings) -> Vec<Self> {
-        let plan = |bus: usize| match settings.buses[bus].kind {
-            BusKind::Serial { baud, turnaround, .. } => Self::of_line(settings, bus, baud, turnaround),
-            BusKind::SocketCan { bitrate, .. } | BusKind::Simulated { bitrate, .. } => {
-                Self::of_can(settings, bus, bitrate)
+        let plan = |bus: usize| {
+            let kind = &settings.buses[bus].kind;
+            match kind.turnaround() {
+                Some(turnaround) => Self::of_line(settings, bus, kind.bitrate(), turnaround),
+                None => Self::of_can(settings, bus, kind.bitrate()),
             }
         };
         (0..settings.buses.len()).map(plan).collect()

@@ -3,6 +3,7 @@
 use crate::imu::ImuSettings;
 use core::num::NonZero;
 use motord_bus::arithmetic::FrameLength;
+use motord_bus::transport::BusKind;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::drive::{Addresses, DriveSettings, Transmission};
 use motord_protocol::gim::ExecutionTime;
@@ -168,17 +169,17 @@ pub struct SafetySettings {
 pub struct BusSettings {
     /// Its name.
     pub name: String,
-    /// Its kind.
+    /// Its transport, with the settings of that.
     pub kind: BusKind,
     /// Each of its motors gets a command once in this many cycles.
     pub every: NonZero<u32>,
 }
 
 impl BusSettings {
-    /// RS485 or RS232: one request at a time, and its reply may come in a later cycle.
+    /// One request at a time, and its reply may come in a later cycle.
     #[must_use]
-    pub const fn is_line(&self) -> bool {
-        matches!(self.kind, BusKind::Serial { .. })
+    pub fn is_line(&self) -> bool {
+        self.kind.is_line()
     }
 
     /// Not every motor gets a command in every cycle.
@@ -190,59 +191,13 @@ impl BusSettings {
     /// The CAN interface; `None` for another kind of bus.
     #[must_use]
     pub fn interface(&self) -> Option<&str> {
-        match &self.kind {
-            BusKind::SocketCan { interface, .. } => Some(interface),
-            BusKind::Serial { .. } | BusKind::Simulated { .. } => None,
-        }
+        self.kind.interface()
     }
 
     /// The interface or device; the name of a simulated bus.
     #[must_use]
     pub fn device(&self) -> &str {
-        match &self.kind {
-            BusKind::SocketCan { interface, .. } => interface,
-            BusKind::Serial { device, .. } => device,
-            BusKind::Simulated { .. } => &self.name,
-        }
-    }
-}
-
-/// The kind of a bus.
-#[derive(Debug, Clone)]
-pub enum BusKind {
-    /// A CAN interface of Linux.
-    SocketCan {
-        /// The interface, `can0`.
-        interface: String,
-        /// Bit/s.
-        bitrate: u32,
-    },
-    /// RS485 or RS232.
-    Serial {
-        /// The device, `/dev/ttyUSB0`.
-        device: String,
-        /// Bit/s.
-        baud: u32,
-        /// The longest time from the end of a request to the beginning of its reply, the host's adapter included.
-        turnaround: Duration,
-    },
-    /// Simulated motors on a simulated CAN bus, inside the daemon.
-    Simulated {
-        /// Bit/s.
-        bitrate: u32,
-        /// Seed of everything that is random in it.
-        seed: u64,
-    },
-}
-
-impl BusKind {
-    /// Bit/s on the wire.
-    #[must_use]
-    pub fn bitrate(&self) -> u32 {
-        match *self {
-            Self::SocketCan { bitrate, .. } | Self::Simulated { bitrate, .. } => bitrate,
-            Self::Serial { baud, .. } => baud,
-        }
+        self.kind.address().unwrap_or(&self.name)
     }
 }
 

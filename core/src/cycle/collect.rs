@@ -20,7 +20,7 @@ const READS_MAX: usize = 1000;
 const OVERDUE: Duration = Duration::from_micros(20);
 
 impl Cycle {
-    /// Reads each serial line, and each bus with an open request of an earlier cycle: a reply must
+    /// Reads each line, and each bus with an open request of an earlier cycle: a reply must
     /// be judged before the next command to its motor is decided. One system call for each; bounded
     /// by motors and inboxes.
     pub(super) fn read_early(&mut self) {

@@ -42,7 +42,7 @@ use channel::BusChannel;
 use motord_bus::time::nanos;
 use motord_bus::{Backoff, Bus, Clock, Duration, Instant, Lateness};
 use motord_settings::plan::BusPlan;
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::Settings;
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use timing::Timing;
 
@@ -55,7 +55,7 @@ pub struct Cycle {
     timing: Timing,
     channels: Vec<BusChannel>,
     drives: Vec<Drive>,
-    /// The buses that are serial lines.
+    /// The buses that are lines.
     lines: Vec<usize>,
     control: Control,
     link: RealTimeEnd,
@@ -315,11 +315,8 @@ fn pass_condition(bus: usize, channel: &mut BusChannel, control: &mut Control) {
     }
 }
 
-/// Returns the least time from a command to its reply. Zero for a CAN interface: a virtual one has
-/// no wire.
+/// Returns the least time from a command to its reply. Zero for a bus that may have no wire.
 fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
-    match settings.buses[bus].kind {
-        BusKind::SocketCan { .. } => Duration::ZERO,
-        BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].transaction_least,
-    }
+    let takes_wire_time = settings.buses[bus].kind.takes_wire_time();
+    if takes_wire_time { plans[bus].transaction_least } else { Duration::ZERO }
 }

@@ -17,7 +17,7 @@ impl Cycle {
                 sent = self.send(bus, wake);
             }
         }
-        // After the CAN buses: a write to a serial port takes longer, and this cycle does not wait
+        // After the CAN buses: a write to a line takes longer, and this cycle does not wait
         // for its reply.
         for line in 0..self.lines.len() {
             self.send(self.lines[line], wake);

@@ -9,10 +9,10 @@ mod correlator;
 
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Role};
-use motord_bus::{Duration, Frame, Instant, serial};
+use motord_bus::{Duration, Frame, Instant};
 use motord_protocol::AnyDialect;
 use motord_protocol::drive::{Arrived, Command, Dialect, Impedance, Question, Reported, Setpoint};
-use motord_settings::settings::{BusKind, MotorSettings, Settings};
+use motord_settings::settings::MotorSettings;
 
 /// The meaning of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,29 +25,6 @@ pub enum Received {
     UnexpectedId,
     /// It does not decode, or cannot be an answer to the open request.
     Malformed,
-}
-
-/// Returns the serial line with this index, and its motors. A request without an answer is given up after `reply_timeout`. Allocates.
-#[must_use]
-pub fn line(settings: &Settings, index: usize, reply_timeout: Duration) -> serial::Settings {
-    let address = |motor: &MotorSettings| serial::Address {
-        id: motor.id,
-        host_id: u8::try_from(motor.host_id.raw()).ok(),
-    };
-    let motors = || settings.motors.iter().filter(|motor| motor.bus == index);
-    // The motors of a line are of one family.
-    let answers = motors().find_map(|motor| motor.protocol.family().answers_on_line);
-    let device = match &settings.buses[index].kind {
-        BusKind::Serial { device, .. } => device.clone(),
-        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => String::new(),
-    };
-    serial::Settings {
-        device,
-        baud: settings.buses[index].kind.bitrate(),
-        addresses: motors().map(address).collect(),
-        reply_timeout,
-        answers: answers.unwrap_or(|_, _| false),
-    }
 }
 
 /// Returns the two frames that damp a motor without a cycle, and the one that stops it. A motor must receive the first two in

@@ -14,7 +14,7 @@ use motord_bus::{Arrival, Bus, Content, Duration, Frame, Inbox, Instant, Readine
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::random::Random;
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::Settings;
 use motord_shared::{AdminRequest, JointSetpoint, Operation};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -70,8 +70,8 @@ fn read(log: &str) -> Result<Vec<LogLine<'_>>, (usize, InvalidLine)> {
 fn tracks(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Track> {
     let mut tracks = vec![Track::default(); settings.buses.len()];
     for line in log {
-        let is_here = |kind: &BusKind| matches!(kind, BusKind::SocketCan { interface, .. } if interface == line.interface);
-        let Some(bus) = settings.buses.iter().position(|bus| is_here(&bus.kind)) else { continue };
+        let mut buses = settings.buses.iter();
+        let Some(bus) = buses.position(|bus| bus.interface() == Some(line.interface)) else { continue };
         let goes_to_motor = |frame: &Frame| {
             let mut motors = settings.motors.iter().filter(|motor| motor.bus == bus);
             motors.any(|motor| motor.command_id() == frame.id())

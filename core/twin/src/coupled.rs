@@ -3,8 +3,9 @@
 use crate::error::TwinError;
 use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
+use motord_bus::transport::Simulated;
 use motord_settings::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::Settings;
 use motord_simulator::{PlantBus, SharedBus, couple};
 
 /// Makes every bus and every IMU a simulated one. An IMU keeps the errors of its `[imu.simulation]`, and is aligned with the body.
@@ -16,9 +17,8 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
         if bus.is_line() {
             return Err(TwinError::SerialBus { bus: bus.name.clone() });
         }
-        if let BusKind::SocketCan { bitrate, .. } = bus.kind {
-            bus.kind = BusKind::Simulated { bitrate, seed: 0 };
-        }
+        let (bitrate, seed) = (bus.kind.bitrate(), bus.kind.seed().unwrap_or(0));
+        bus.kind = Simulated { bitrate, seed }.into();
     }
     for imu in &mut settings.imus {
         let errors = match &imu.source {

@@ -6,7 +6,7 @@ use motord_bus::Duration;
 use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
 use motord_settings::imu::{ImuCan, ImuSettings, ImuSimulation};
-use motord_settings::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
+use motord_settings::settings::{MotorSettings, MotorSimulation, Settings};
 use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
 
 /// The current of the largest torque code, A (MIT document 1.1).
@@ -20,10 +20,7 @@ pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<
     let motors = twins.map(|(motor, simulation)| twin(motor, simulation)).collect();
     let imus = imus(settings, bus);
     let bus = &settings.buses[bus];
-    let medium = match bus.kind {
-        BusKind::Serial { .. } => simulator::Medium::Serial,
-        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => simulator::Medium::Can,
-    };
+    let medium = if bus.is_line() { simulator::Medium::Serial } else { simulator::Medium::Can };
     let (name, bitrate) = (bus.name.clone(), bus.kind.bitrate());
     (simulator::BusSettings { name, medium, bitrate, imus, ..Default::default() }, motors)
 }

@@ -1,10 +1,11 @@
 //! The answers of the motors to the frames of `motord safe-stop`.
 
-use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
+use motord_bus::transport::Nodes;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, clock};
-use motord_core::drive::{line, safe_frames};
-use motord_settings::settings::{MotorSettings, Settings};
+use motord_core::drive::safe_frames;
+use motord_settings::nodes::nodes;
+use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 
 /// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few milliseconds.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -42,7 +43,8 @@ struct Ear {
 
 /// A line whose motors are asked after their stop.
 struct Line {
-    settings: serial::Settings,
+    settings: BusSettings,
+    nodes: Nodes,
     commanded: Vec<Commanded>,
 }
 
@@ -65,7 +67,8 @@ impl Answers {
             }
             let commanded = commanded(settings, index);
             if bus.is_line() {
-                answers.lines.push(Line { settings: line(settings, index, LINE_PATIENCE), commanded });
+                let nodes = nodes(settings, index, LINE_PATIENCE);
+                answers.lines.push(Line { settings: bus.clone(), nodes, commanded });
                 continue;
             }
             match bus.interface().and_then(&mut *listen) {
@@ -81,7 +84,7 @@ impl Answers {
     /// and the time to open the ports.
     pub(crate) fn silent(&mut self, left_out: &[String]) -> Vec<String> {
         self.ears.retain(|ear| !left_out.contains(&ear.interface));
-        self.lines.retain(|line| !left_out.contains(&line.settings.device));
+        self.lines.retain(|line| !left_out.iter().any(|interface| interface == line.settings.device()));
         let longest = self.lines.iter().map(|line| line.commanded.len() as u32).max().unwrap_or(0);
         let patience = (longest * ATTEMPTS * (LINE_PATIENCE + TURN)).min(LINES_PATIENCE).max(PATIENCE);
         self.open_lines();
@@ -97,11 +100,13 @@ impl Answers {
     }
 
     fn open_lines(&mut self) {
-        for Line { settings, commanded } in self.lines.drain(..) {
-            match SerialBus::open(&settings) {
-                Ok(bus) => self.ears.push(Ear::new(&settings.device, Box::new(bus), commanded)),
-                Err(error) => {
-                    tracing::debug!("{error}");
+        for Line { settings, nodes, commanded } in self.lines.drain(..) {
+            match settings.kind.hardware().map(|hardware| hardware.open(&nodes, None)) {
+                Some(Ok(opened)) => self.ears.push(Ear::new(settings.device(), opened.bus, commanded)),
+                outcome => {
+                    if let Some(Err(error)) = outcome {
+                        tracing::debug!("{error}");
+                    }
                     self.unchecked.extend(commanded.into_iter().map(|motor| motor.name));
                 }
             }

@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, Frame, Inbox, candump};
 use motord_core::stopper::BusFrames;
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use serde::{Deserialize, Serialize};
 
 /// The frames that damp and stop every motor of a daemon, and when to send them.
@@ -62,19 +62,13 @@ impl SafeFrames {
     /// Builds the safe frames of a daemon with these settings. Simulated buses are inside the daemon and end with it.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
-        let interface = |(index, bus): (usize, &_)| match bus {
-            BusKind::SocketCan { interface, .. } => {
-                Some(InterfaceFrames::of(settings, index, interface, None))
-            }
-            BusKind::Serial { device, baud, .. } => {
-                Some(InterfaceFrames::of(settings, index, device, Some(*baud)))
-            }
-            BusKind::Simulated { .. } => None,
+        let interface = |(index, bus): (usize, &BusSettings)| {
+            Some(InterfaceFrames::of(settings, index, bus.kind.address()?, bus.kind.baud()))
         };
         Self {
             patience: settings.safety.deadman,
             damp: settings.safety.damp,
-            buses: settings.buses.iter().map(|bus| &bus.kind).enumerate().filter_map(interface).collect(),
+            buses: settings.buses.iter().enumerate().filter_map(interface).collect(),
         }
     }
 }

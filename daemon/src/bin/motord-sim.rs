@@ -7,7 +7,7 @@ use motord::imus;
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use motord_simulator::{
     Bridge, FaultTarget, FaultVerb, ImuPort, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
@@ -281,19 +281,15 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
         for motor in &mut motors {
             (motor.is_new, motor.has_power) = (arguments.new, !arguments.off);
         }
-        match &bus.kind {
-            BusKind::SocketCan { interface, bitrate } => {
-                wire.wire_bitrate = arguments.wire_bitrate;
-                let simulated = SimulatedBus::new(wire, motors, seed);
-                lines.push(Line::Can(Bridge::open(simulated, interface.parse()?, *bitrate)?));
-            }
-            BusKind::Serial { device, .. } => {
-                let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
-                let port = SerialPort::open(slave, link(arguments, device));
-                let port = port.map_err(|error| Failure::Terminal { name: bus.name.clone(), error })?;
-                lines.push(Line::Serial(port));
-            }
-            BusKind::Simulated { .. } => {}
+        if let Some(interface) = bus.interface() {
+            wire.wire_bitrate = arguments.wire_bitrate;
+            let simulated = SimulatedBus::new(wire, motors, seed);
+            lines.push(Line::Can(Bridge::open(simulated, interface.parse()?, bus.kind.bitrate())?));
+        } else if let Some(device) = bus.kind.port() {
+            let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
+            let port = SerialPort::open(slave, link(arguments, device));
+            let port = port.map_err(|error| Failure::Terminal { name: bus.name.clone(), error })?;
+            lines.push(Line::Serial(port));
         }
     }
     open_imus(settings, arguments, &mut lines)?;

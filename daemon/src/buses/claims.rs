@@ -1,9 +1,10 @@
 //! The right of this daemon to its buses, which it keeps while an adapter is unplugged.
 
-use super::opening::{BusError, interface_name, open_expected, open_one};
-use motord_bus::socketcan::{LinkNote, OpenError};
+use super::opening::{BusError, nodes, open_expected, open_one};
+use motord_bus::socketcan::LinkNote;
+use motord_bus::transport::Hardware;
 use motord_bus::{Adapter, Bus, BusLock, Identity};
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// The locks of all buses, shared by the cycle, which holds them until the motors are stopped, and the reconnector.
@@ -74,13 +75,12 @@ impl Claims {
         let bus = &settings.buses[index];
         // Before it is locked: what has the name of this bus now may be another bus, whose lock it must not take.
         let expected = claim.expected(bus).inspect_err(|_| claim.lock.leave())?;
-        let refused = |source| BusError::Lock { bus: bus.name.clone(), source };
-        claim.lock.follow().map_err(refused)?;
+        claim.lock.follow().map_err(|source| BusError::of(bus, source))?;
         let Some((identity, adapter)) = expected else { return Err(absent(settings, index)) };
         let opened = open_expected(settings, index, Some(identity))?;
         claim.log(bus, &opened.notes);
         let is_held = claim.lock.held() == Some(identity);
-        if is_held && opened.interface.is_none_or(|interface| identity == Identity::Interface(interface)) {
+        if is_held && opened.identity.is_none_or(|opened| opened == identity) {
             claim.adapter.get_or_insert(adapter);
             Ok(opened.bus)
         } else {
@@ -101,26 +101,14 @@ impl Claims {
     }
 }
 
-/// Why a bus cannot be opened whose name nothing had. An interface that has it by now may be another adapter, and is not set up.
+/// Why a bus cannot be opened whose name nothing had.
 fn absent(settings: &Settings, index: usize) -> BusError {
     let bus = &settings.buses[index];
-    let name = bus.name.clone();
-    match &bus.kind {
-        BusKind::SocketCan { interface, .. } => match interface_name(bus, interface) {
-            Ok(interface) => BusError::Open { bus: name, source: OpenError::Missing(interface) },
-            Err(error) => error,
-        },
-        BusKind::Serial { .. } | BusKind::Simulated { .. } => {
-            open_one(settings, index).err().unwrap_or(BusError::Exchanged { bus: name })
-        }
-    }
+    let error = bus.kind.hardware().and_then(|hardware| hardware.absent(&nodes(settings, index)));
+    error.map_or_else(|| BusError::Exchanged { bus: bus.name.clone() }, |source| BusError::of(bus, source))
 }
 
 fn lock(bus: &BusSettings) -> Result<Option<BusLock>, BusError> {
-    let lock = match &bus.kind {
-        BusKind::SocketCan { interface, .. } => BusLock::interface(interface_name(bus, interface)?),
-        BusKind::Serial { device, .. } => BusLock::device(device),
-        BusKind::Simulated { .. } => return Ok(None),
-    };
-    lock.map(Some).map_err(|source| BusError::Lock { bus: bus.name.clone(), source })
+    let lock = bus.kind.hardware().map(Hardware::lock).transpose();
+    lock.map_err(|source| BusError::of(bus, source))
 }

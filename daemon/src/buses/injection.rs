@@ -11,7 +11,7 @@ use super::fault_line::{self, FaultLineError};
 use super::simulate;
 use crate::imus::SimulatedImus;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::Settings;
 use motord_simulator::{Fault, FaultVerb, InjectError, PlantBus, SharedBus, SimulatedBus};
 use motord_twin::{Mechanics, TwinError, coupled};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -145,7 +145,7 @@ impl Injectors {
     /// The buses of `settings`, and the end that gives them faults; `None` when one of them is real. Allocates.
     #[must_use]
     pub fn open(settings: &Settings) -> Option<(Vec<Box<dyn Bus>>, Self)> {
-        let seeds: Vec<_> = settings.buses.iter().map(seed).collect::<Option<_>>()?;
+        let seeds: Vec<_> = settings.buses.iter().map(|bus| bus.kind.seed()).collect::<Option<_>>()?;
         let wires = seeds
             .iter()
             .enumerate()
@@ -163,7 +163,7 @@ impl Injectors {
         settings: &mut Settings,
         mechanics: Box<dyn Mechanics>,
     ) -> Result<(Vec<Box<dyn Bus>>, Self), TwinError> {
-        let seeds: Vec<_> = settings.buses.iter().map(|bus| seed(bus).unwrap_or_default()).collect();
+        let seeds: Vec<_> = settings.buses.iter().map(|bus| bus.kind.seed().unwrap_or_default()).collect();
         let (shared, coupled) = coupled(settings, |bus| seeds[bus], mechanics)?;
         Ok(Self::of(
             settings,
@@ -205,11 +205,6 @@ impl Injectors {
         let injector = bus.or(motor).and_then(|bus| self.injectors.get_mut(bus));
         injector.ok_or(InjectError::NoSuchTarget)?.inject(verb)
     }
-}
-
-/// The seed of a simulated bus.
-const fn seed(bus: &BusSettings) -> Option<u64> {
-    if let BusKind::Simulated { seed, .. } = bus.kind { Some(seed) } else { None }
 }
 
 #[cfg(test)]

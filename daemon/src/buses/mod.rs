@@ -9,7 +9,7 @@ pub mod reconnector;
 pub mod watch;
 
 pub use motord_twin::{physics, simulate};
-pub use opening::{BusError, line, open_one};
+pub use opening::{BusError, nodes, open_one};
 
 use crate::imus::World;
 use crate::plant::{Plant, PlantEnds, PlantError, PlantLink};

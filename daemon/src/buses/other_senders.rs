@@ -6,9 +6,10 @@
 //! A daemon that died leaves a few frames in the queues, and its dead man's switch damps and stops its motors. The new daemon waits
 //! until that is over.
 
+use motord_bus::transport::Hardware;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness};
 use motord_core::stopper::{BusFrames, PATIENCE};
-use motord_settings::settings::{BusKind, MotorSettings, Settings};
+use motord_settings::settings::{MotorSettings, Settings};
 
 /// Frames are counted by windows of this length.
 const WINDOW: Duration = Duration::from_millis(100);
@@ -63,7 +64,7 @@ struct Monitor<'a> {
     last: Frame,
 }
 
-/// Returns when no other sender commands a motor of `settings` on the CAN interfaces among `buses`, or soon after `is_ended` returns
+/// Returns when no other sender commands a motor of `settings` on the buses that show other senders, or soon after `is_ended` returns
 /// true. Blocks for 0.3 s, or at most 1.1 s longer than damping takes while safe frames arrive. Asks `is_ended` every 0.1 s.
 ///
 /// An excluded motor may have another sender. Without `stop-on-foreign-master` every motor may, and the log names that sender.
@@ -77,8 +78,9 @@ pub fn listen(
     clock: &mut dyn Clock,
     is_ended: impl FnMut() -> bool,
 ) -> Result<Listened, OtherSender> {
-    let is_can = |index: &usize| matches!(settings.buses[*index].kind, BusKind::SocketCan { .. });
-    let monitors = buses.iter_mut().enumerate().filter(|(index, _)| is_can(index));
+    let shows_others =
+        |index: usize| settings.buses[index].kind.hardware().is_some_and(Hardware::shows_other_senders);
+    let monitors = buses.iter_mut().enumerate().filter(|(index, _)| shows_others(*index));
     let monitors = monitors.map(|(index, bus)| Monitor::new(settings, index, bus.as_mut()));
     await_silence(&mut monitors.collect::<Vec<_>>(), settings, clock, is_ended)
 }

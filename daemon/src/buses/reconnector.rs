@@ -16,9 +16,10 @@
 
 use crate::buses::claims::Claims;
 use crate::buses::opening::BusError;
+use motord_bus::transport::Hardware;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::Settings;
 use motord_shared::BusCondition;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -62,7 +63,7 @@ impl Bus for Unplugged {
 }
 
 fn is_real(settings: &Settings, bus: usize) -> bool {
-    !matches!(settings.buses[bus].kind, BusKind::Simulated { .. })
+    !settings.buses[bus].kind.is_simulated()
 }
 
 /// Opens buses again.
@@ -104,9 +105,10 @@ impl Reconnector {
         }
     }
 
-    /// Closes the port of a serial bus that is gone.
+    /// Closes a bus that is gone, where it must be closed before it is opened again.
     fn close(&mut self, settings: &Settings, index: usize) {
-        if let BusKind::Serial { .. } = settings.buses[index].kind
+        let hardware = settings.buses[index].kind.hardware();
+        if hardware.is_some_and(Hardware::closes_before_reopening)
             && self.supply.set_aside(index, Box::new(Unplugged), BusCondition::Gone)
         {
             std::thread::sleep(HAND_OVER);

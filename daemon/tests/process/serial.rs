@@ -26,7 +26,7 @@ use motord_bus::{Bus, Clock, clock};
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble, link};
 use motord_harness::robot;
-use motord_settings::settings::{BusKind, Settings};
+use motord_settings::settings::Settings;
 use motord_shared::{BusCondition, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
 use std::path::Path;
 use std::sync::Barrier;
@@ -133,9 +133,9 @@ struct Running {
 impl Running {
     fn new(settings: &Settings, broken: Sender<usize>) -> (Self, Reconnector) {
         let bus = |index: usize| -> Box<dyn Bus> {
-            match settings.buses[index].kind {
-                BusKind::Serial { .. } => buses::open_one(settings, index).unwrap().bus,
-                _ => Box::new(buses::simulate(settings, index, index as u64)),
+            match settings.buses[index].is_line() {
+                true => buses::open_one(settings, index).unwrap().bus,
+                false => Box::new(buses::simulate(settings, index, index as u64)),
             }
         };
         let (cycle, mut ends) =

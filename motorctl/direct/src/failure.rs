@@ -1,7 +1,7 @@
 //! The error of a command on the bus.
 
-use motord_bus::socketcan::OpenError;
-use motord_bus::{LockError, serial};
+use motord_bus::transport::{Cause, OpenError};
+use motord_bus::{LockError, serial, socketcan};
 use motord_configuration::ConfigError;
 use motord_protocol::commissioning::Error;
 use motord_terminal::exit_status;
@@ -23,15 +23,9 @@ pub enum DirectFailure {
     /// The operator did not consent. Nothing was done.
     #[error("not done")]
     Declined,
-    /// The CAN interface cannot be used.
+    /// The bus cannot be used, or a daemon or another tool uses it.
     #[error(transparent)]
-    Can(#[from] OpenError),
-    /// The serial port cannot be used.
-    #[error(transparent)]
-    Serial(#[from] serial::OpenError),
-    /// A daemon or another tool uses the bus.
-    #[error(transparent)]
-    Lock(#[from] LockError),
+    Bus(#[from] OpenError),
     /// The configuration has mistakes.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -121,24 +115,18 @@ impl DirectFailure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,
-            Self::Can(_)
-            | Self::NoMotor { .. }
+            Self::Bus(error) => match error.cause() {
+                Cause::Forbidden => exit_status::PERMISSION,
+                Cause::Locked | Cause::Busy => exit_status::BUSY,
+                Cause::Absent | Cause::Other => exit_status::UNAVAILABLE,
+            },
+            Self::NoMotor { .. }
             | Self::NoImu { .. }
             | Self::Motor(Error::Silent { .. } | Error::Unconfirmed { .. } | Error::Bus(_)) => {
                 exit_status::UNAVAILABLE
             }
             Self::OtherFormat { source, .. } => source.status(),
-            Self::Serial(source) => match source {
-                serial::OpenError::Permission { .. } | serial::OpenError::Rules { .. } => {
-                    exit_status::PERMISSION
-                }
-                serial::OpenError::Held { .. } => exit_status::BUSY,
-                _ => exit_status::UNAVAILABLE,
-            },
-            Self::Lock(LockError::Held { .. }) | Self::Motor(Error::InUse { .. } | Error::Reports { .. }) => {
-                exit_status::BUSY
-            }
-            Self::Lock(LockError::System { .. }) => exit_status::UNAVAILABLE,
+            Self::Motor(Error::InUse { .. } | Error::Reports { .. }) => exit_status::BUSY,
             Self::Config(_) => exit_status::CONFIG,
             Self::File { .. } | Self::Output(_) => exit_status::IO,
             Self::Malformed { .. } => exit_status::DATA,
@@ -150,5 +138,23 @@ impl DirectFailure {
             | Self::Apply { .. }
             | Self::Differs { .. } => 1,
         }
+    }
+}
+
+impl From<LockError> for DirectFailure {
+    fn from(error: LockError) -> Self {
+        Self::Bus(error.into())
+    }
+}
+
+impl From<serial::OpenError> for DirectFailure {
+    fn from(error: serial::OpenError) -> Self {
+        Self::Bus(error.into())
+    }
+}
+
+impl From<socketcan::OpenError> for DirectFailure {
+    fn from(error: socketcan::OpenError) -> Self {
+        Self::Bus(error.into())
     }
 }

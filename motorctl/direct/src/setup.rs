@@ -11,7 +11,7 @@ use motord_protocol::commissioning::{
     Error, LISTEN, Native, Question, ReportedMotor, ReportedProtocol, ends, survey,
 };
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
-use motord_settings::settings::{BusKind, MotorSettings, Settings};
+use motord_settings::settings::{MotorSettings, Settings};
 use motord_terminal::{Cell, Colour, Interrupt, Palette, Table, json};
 use serde::Serialize;
 use std::io::{self, IsTerminal};
@@ -106,15 +106,8 @@ fn open(
     motors: &[&MotorSettings],
 ) -> Result<Option<OpenLine>, DirectFailure> {
     let bus = &settings.buses[index];
-    let baud = match &bus.kind {
-        BusKind::Simulated { .. } => return Ok(None),
-        BusKind::SocketCan { .. } => target::BAUD,
-        BusKind::Serial { baud, .. } => *baud,
-    };
-    if motors.is_empty() {
-        return Ok(None);
-    }
-    let mut line = target::open(bus.device(), baud)?;
+    let Some(address) = bus.kind.address().filter(|_| !motors.is_empty()) else { return Ok(None) };
+    let mut line = target::open(address, bus.kind.bitrate())?;
     line.link.listen(LISTEN)?;
     Ok(Some(line))
 }

@@ -1,8 +1,7 @@
 //! The motor of a command, and its connection.
 
 use crate::failure::DirectFailure;
-use motord_bus::serial::{self, SerialBus};
-use motord_bus::socketcan::{InterfaceName, SocketCanBus};
+use motord_bus::transport::{self, Nodes, OpenedAsIs};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_configuration as config;
 use motord_protocol::commissioning::{
@@ -10,7 +9,7 @@ use motord_protocol::commissioning::{
 };
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Scales, gim, mit};
-use motord_settings::settings::{BusKind, MotorSettings};
+use motord_settings::settings::MotorSettings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -123,43 +122,36 @@ pub struct OpenLine {
 ///
 /// The bus cannot be used.
 pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
-    if is_serial(name) {
-        return open_serial(name, baud);
-    }
-    let interface: InterfaceName = name.parse().map_err(|_| {
+    let unknown = || {
         DirectFailure::Usage(format!(
             "`{name}` is neither a CAN interface, as `ip link` lists them, nor the path of a device"
         ))
-    })?;
-    let lock = BusLock::interface(interface)?;
-    let bus = SocketCanBus::open_as_is(interface)?;
-    let (bitrate, is_virtual) = (bus.link().bitrate, bus.link().is_virtual);
-    if bitrate.is_none() && !is_virtual {
+    };
+    let kind = transport::find(name, baud).ok_or_else(unknown)?;
+    let hardware = kind.hardware().ok_or_else(unknown)?;
+    let lock = hardware.lock()?;
+    let nodes = Nodes {
+        motors: Vec::new(),
+        sensor_ids: Vec::new(),
+        requests: 0,
+        reply_timeout: REPLY_TIMEOUT,
+        answers,
+    };
+    let OpenedAsIs { bus, bitrate, hides_bitrate } = hardware.open_as_is(&nodes)?;
+    if hides_bitrate {
         let _unread = writeln!(
             std::io::stderr(),
             "motorctl: the bit rate of {name} is unknown, because another program set it in the adapter: make sure that it is that of \
              the motors, 1000000 bit/s by default"
         );
     }
-    Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, Monotonic), bitrate, _lock: lock })
+    let wire = if kind.is_line() { Wire::Serial } else { Wire::Can };
+    Ok(OpenLine { name: name.to_owned(), link: Link::over(bus, Monotonic, wire), bitrate, _lock: lock })
 }
 
-/// A serial device is a path; an interface has no slash.
-fn is_serial(bus: &str) -> bool {
-    bus.contains('/')
-}
-
-fn open_serial(device: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
-    let lock = BusLock::device(device)?;
-    let settings = serial::Settings {
-        device: device.to_owned(),
-        baud,
-        addresses: Vec::new(),
-        reply_timeout: REPLY_TIMEOUT,
-        answers,
-    };
-    let link = Link::serial(SerialBus::open(&settings)?, Monotonic);
-    Ok(OpenLine { name: device.to_owned(), link, bitrate: None, _lock: lock })
+/// Returns whether `bus` names a line. The bit rate does not matter.
+fn is_line(bus: &str) -> bool {
+    transport::find(bus, BAUD).is_some_and(|kind| kind.is_line())
 }
 
 /// An open bus with the motor of the command.
@@ -185,7 +177,7 @@ impl Target {
     /// The motor cannot be reached.
     pub fn open(&self) -> Result<Session, DirectFailure> {
         let place = self.place()?;
-        if self.host_id.is_some() && is_serial(&place.bus) {
+        if self.host_id.is_some() && is_line(&place.bus) {
             let usage = "answers on a serial line have no id: leave --host-id out";
             return Err(DirectFailure::Usage(usage.to_owned()));
         }
@@ -241,15 +233,11 @@ impl Target {
         let motor = settings.motors.iter().find(|motor| motor.name == joint);
         let motor = motor
             .ok_or_else(|| DirectFailure::Usage(format!("{}: there is no motor {joint}", file.display())))?;
-        let (bus, baud) = match &settings.buses[motor.bus].kind {
-            BusKind::SocketCan { interface, .. } => (interface.clone(), BAUD),
-            BusKind::Serial { device, baud, .. } => (device.clone(), *baud),
-            BusKind::Simulated { .. } => {
-                return Err(DirectFailure::Usage(format!(
-                    "{joint} is simulated inside the daemon, without a bus"
-                )));
-            }
-        };
+        let kind = &settings.buses[motor.bus].kind;
+        let bus = kind.address().ok_or_else(|| {
+            DirectFailure::Usage(format!("{joint} is simulated inside the daemon, without a bus"))
+        })?;
+        let (bus, baud) = (bus.to_owned(), kind.bitrate());
         let settings = Some(motor.clone());
         Ok(MotorAddress { bus, baud, id: motor.id, host_id: self.host_id.or(Some(motor.host_id)), settings })
     }

@@ -4,7 +4,7 @@ use crate::finding::Finding;
 use crate::tree::Tree;
 use motord_configuration as configuration;
 use motord_realtime::SchedulingRequest;
-use motord_settings::settings::{BusKind, BusSettings, IpcMode, Settings};
+use motord_settings::settings::{IpcMode, Settings};
 use std::path::Path;
 
 /// The default configuration of motord.
@@ -99,17 +99,14 @@ impl Robot {
             instance: settings.instance.clone(),
             daemon: None,
         };
-        for (index, BusSettings { kind, .. }) in settings.buses.iter().enumerate() {
-            match kind {
-                BusKind::SocketCan { interface, bitrate } => robot.interfaces.push(Interface {
-                    name: interface.clone(),
-                    bitrate: Some(*bitrate),
-                    motors: settings.motors.iter().filter(|motor| motor.bus == index).count(),
-                    requests: requests(settings, index),
-                }),
-                BusKind::Serial { device, .. } => robot.devices.push(device.clone()),
-                BusKind::Simulated { .. } => {}
-            }
+        for (index, bus) in settings.buses.iter().enumerate() {
+            robot.interfaces.extend(bus.interface().map(|interface| Interface {
+                name: interface.to_owned(),
+                bitrate: Some(bus.kind.bitrate()),
+                motors: settings.motors.iter().filter(|motor| motor.bus == index).count(),
+                requests: requests(settings, index),
+            }));
+            robot.devices.extend(bus.kind.port().map(str::to_owned));
         }
         for imu in &settings.imus {
             let Some(line) = imu.source.serial() else { continue };

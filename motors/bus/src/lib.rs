@@ -9,6 +9,7 @@
 //! - [`arithmetic`]: the bits of a frame, and the share of a cycle that a bus needs.
 //! - [`candump`]: the logs of CAN traffic.
 //! - [`serial`]: RS485 and RS232.
+//! - [`transport`]: the kinds of buses, as they are configured, and all that differs between them.
 //!
 //! The feature `linux`, on by default, adds everything that makes system calls:
 //!
@@ -40,6 +41,7 @@ pub mod serial;
 #[cfg(feature = "linux")]
 pub mod socketcan;
 pub mod time;
+pub mod transport;
 mod virtual_clock;
 #[cfg(feature = "linux")]
 mod wait;

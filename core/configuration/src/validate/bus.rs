@@ -1,13 +1,13 @@
 //! Checks `[[bus]]`, and the load of its motors.
 
 use std::collections::BTreeSet;
-use std::mem::discriminant;
 use std::num::NonZero;
 use std::path::Path;
 
 use motord_bus::Identity;
+use motord_bus::transport::{BusKind, Serial, Simulated, SocketCan};
 use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 use nix::net::if_::if_nametoindex;
 
@@ -70,23 +70,22 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
         BusType::SocketCan => {
             let hint = "give the CAN interface, such as interface = \"can0\"";
             let interface = required(&keys.interface, hint, findings)?;
-            Some(BusKind::SocketCan {
-                interface: self::interface(interface, &keys.interface, findings)?,
-                bitrate,
-            })
+            let interface = self::interface(interface, &keys.interface, findings)?;
+            Some(SocketCan { interface, bitrate }.into())
         }
         BusType::Serial => {
             let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
             let device = required(&keys.device, hint, findings)?;
             let baud = keys.baud.value as u32;
             let turnaround = micros(keys.turnaround_us.value);
-            Some(BusKind::Serial { device: self::device(device, &keys.device, findings)?, baud, turnaround })
+            let device = self::device(device, &keys.device, findings)?;
+            Some(Serial { device, baud, turnaround }.into())
         }
         BusType::Simulated => {
             // Two buses of one file have different names, so their noise differs.
             let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
             let seed = keys.seed.value.map_or_else(from_name, i64::cast_unsigned);
-            Some(BusKind::Simulated { bitrate, seed })
+            Some(Simulated { bitrate, seed }.into())
         }
     }
 }
@@ -170,8 +169,7 @@ pub(super) fn judge_shared_ids(items: &[Item<Bus>], settings: &Settings, finding
 /// The ids that motors of both buses have, as text; `None` without one, or where the buses cannot be exchanged.
 fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
     let [kind, other_kind] = buses.map(|bus| &settings.buses[bus].kind);
-    let is_simulated = matches!(kind, BusKind::Simulated { .. });
-    if is_simulated || discriminant(kind) != discriminant(other_kind) {
+    if kind.is_simulated() || kind.name() != other_kind.name() {
         return None;
     }
     let [ids, other_ids] = buses.map(|bus| {

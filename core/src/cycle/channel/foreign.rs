@@ -35,7 +35,7 @@ impl ForeignCommands {
         }
     }
 
-    /// Counts nothing: no other sender is visible on a serial line.
+    /// Counts nothing: no other sender is visible on a line.
     pub(super) fn none() -> Self {
         Self { commands: Vec::new(), safe: BusFrames::default(), sent: Vec::new(), is_any: false }
     }

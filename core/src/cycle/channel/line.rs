@@ -1,10 +1,10 @@
-//! A serial line in the cycle: read when a cycle begins, and written to after the CAN buses.
+//! A line in the cycle: read when a cycle begins, and written to after the CAN buses.
 
 use super::wire::Wire;
 use crate::stopper::LineRound;
 use motord_bus::{Frame, Instant, Refusal};
 
-/// A serial line.
+/// A line: a bus with one open request at a time.
 pub(crate) struct LineChannel {
     pub(super) wire: Wire,
     round: LineRound,

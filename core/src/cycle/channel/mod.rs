@@ -36,7 +36,7 @@ impl BusChannel {
     pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
         let motors = || settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
         if settings.buses[index].is_line() {
-            // A frame on a line names its receiver only, so a serial bus names the motor that answers.
+            // A frame on a line names its receiver only, so such a bus names the motor that answers.
             let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
             return Self::Line(LineChannel::new(Wire::new(
                 bus,

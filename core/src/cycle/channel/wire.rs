@@ -1,4 +1,4 @@
-//! The part of a bus that CAN interfaces and serial lines have in common.
+//! The part of a bus that CAN buses and lines have in common.
 
 use super::foreign::ForeignCommands;
 use super::routes::Routes;

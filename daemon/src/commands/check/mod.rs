@@ -12,7 +12,7 @@ use motord_bus::Duration;
 use motord_bus::arithmetic::SERIAL_FRAME_BITS;
 use motord_configuration::{self as config, ConfigError, Loaded};
 use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_settings::settings::{BusKind, BusSettings, Settings};
+use motord_settings::settings::{BusSettings, Settings};
 use motord_terminal::{json, printable};
 
 use imus::ImuReport;
@@ -123,7 +123,7 @@ struct LineReport {
 
 impl LineReport {
     fn of(settings: &Settings, bus: usize, plan: &BusPlan) -> Option<Self> {
-        let BusKind::Serial { turnaround, .. } = settings.buses[bus].kind else { return None };
+        let turnaround = settings.buses[bus].kind.turnaround()?;
         let micros = |time: Duration| 1e6 * time.as_secs_f64();
         Some(Self {
             bytes: 2 * SERIAL_FRAME_BITS / SERIAL_BYTE_BITS,

@@ -135,7 +135,8 @@ impl SharedLine {
         }
         port.unsent.clear();
         port.arrived.clear();
-        let bus = SerialBus::over(self.clone(), &buses::line(settings, index));
+        let line = settings.buses[index].kind.line(&buses::nodes(settings, index))?;
+        let bus = SerialBus::over(self.clone(), &line);
         Some(Line { bus, port: self.clone() })
     }
 }

@@ -1,0 +1,121 @@
+//! CAN interfaces of Linux.
+
+use super::access::Transport;
+
+/// A CAN interface of Linux.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SocketCan {
+    /// The interface, `can0`.
+    pub interface: String,
+    /// Bit/s.
+    pub bitrate: u32,
+}
+
+impl SocketCan {
+    /// Its type in configurations.
+    pub const NAME: &'static str = "socketcan";
+}
+
+impl Transport for SocketCan {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn bitrate(&self) -> u32 {
+        self.bitrate
+    }
+
+    /// A virtual interface has no wire.
+    fn takes_wire_time(&self) -> bool {
+        false
+    }
+
+    fn interface(&self) -> Option<&str> {
+        Some(&self.interface)
+    }
+
+    #[cfg(feature = "linux")]
+    fn hardware(&self) -> Option<&dyn super::access::Hardware> {
+        Some(self)
+    }
+}
+
+#[cfg(feature = "linux")]
+mod linux {
+    use super::super::access::{Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs};
+    use super::SocketCan;
+    use crate::socketcan::{self, InterfaceName, Settings, SocketCanBus};
+    use crate::{BusLock, IdFilter, Identity};
+
+    impl SocketCan {
+        /// Returns the interface with this name. A tool does not set its bit rate.
+        pub(in super::super) fn at(address: &str, bitrate: u32) -> Option<Self> {
+            let name = address.parse::<InterfaceName>().ok()?;
+            Some(Self { interface: name.to_string(), bitrate })
+        }
+
+        fn interface_name(&self) -> Result<InterfaceName, OpenError> {
+            let interface = &self.interface;
+            let refused = |_| {
+                let reason = format!("`{interface}` is no interface name: use one that `ip link` lists");
+                OpenError::new(Cause::Other, reason)
+            };
+            interface.parse().map_err(refused)
+        }
+    }
+
+    impl Hardware for SocketCan {
+        fn lock(&self) -> Result<BusLock, OpenError> {
+            Ok(BusLock::interface(self.interface_name()?)?)
+        }
+
+        /// The bus receives the replies of its motors, the frames of its sensors, and commands to
+        /// motors that another socket or node sends.
+        fn open(&self, nodes: &Nodes, expected: Option<Identity>) -> Result<Opened, OpenError> {
+            let Nodes { motors, sensor_ids, requests, .. } = nodes;
+            let host_ids: Vec<_> = motors.iter().map(|motor| motor.replies).collect();
+            let commands = motors.iter().map(|motor| motor.command_id);
+            let others = commands.chain(sensor_ids.iter().copied()).map(IdFilter::exact);
+            let received: Vec<_> = host_ids.iter().copied().chain(others).collect();
+            let mut bus = SocketCanBus::open(&Settings {
+                interface: self.interface_name()?,
+                index: expected.and_then(Identity::interface),
+                bitrate: self.bitrate,
+                host_ids,
+                requests: *requests,
+            })?;
+            bus.listen(&received)?;
+            let notes = bus.notes(self.bitrate).collect();
+            let identity = Some(Identity::Interface(bus.link().index));
+            Ok(Opened { bus: Box::new(bus), identity, notes })
+        }
+
+        /// An interface that has the name by now may be another adapter, and is not set up.
+        fn absent(&self, _nodes: &Nodes) -> Option<OpenError> {
+            let missing = |interface| socketcan::OpenError::Missing(interface).into();
+            Some(self.interface_name().map_or_else(|error| error, missing))
+        }
+
+        fn open_as_is(&self, _nodes: &Nodes) -> Result<OpenedAsIs, OpenError> {
+            let bus = SocketCanBus::open_as_is(self.interface_name()?)?;
+            let (bitrate, is_virtual) = (bus.link().bitrate, bus.link().is_virtual);
+            let hides_bitrate = bitrate.is_none() && !is_virtual;
+            Ok(OpenedAsIs { bus: Box::new(bus), bitrate, hides_bitrate })
+        }
+
+        fn shows_other_senders(&self) -> bool {
+            true
+        }
+    }
+
+    impl From<socketcan::OpenError> for OpenError {
+        fn from(error: socketcan::OpenError) -> Self {
+            use socketcan::OpenError::{Down, Missing};
+            let cause = match &error {
+                Missing(_) | Down { .. } => Cause::Absent,
+                _ => Cause::Other,
+            };
+            Self::new(cause, error)
+        }
+    }
+}
