@@ -147,7 +147,9 @@ fn files_of_a_crate_import_without_circles() {
 
 #[test]
 fn folders_of_a_crate_import_without_circles() {
-    for (folder, graph) in crates() {
+    let crates = crates();
+    assert!(FOLDERS_ALLOWED.iter().all(|(folder, _)| crates.contains_key(*folder)), "a crate is missing");
+    for (folder, graph) in crates {
         let allowed = FOLDERS_ALLOWED.iter().filter(|(allowed, _)| *allowed == folder);
         let allowed = allowed.flat_map(|(_, members)| members.iter().map(ToString::to_string)).collect();
         assert_eq!(members(&folder, &folders(&graph)), allowed, "{folder}");
