@@ -8,13 +8,6 @@ use motord_settings::imu::{ImuSample, ImuSettings, WhenLost};
 use motord_shared::ImuState;
 use motord_shared::message::{IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID};
 
-/// The knowledge of a sensor's reader, and the index of the sensor in the configuration.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reading<'a> {
-    /// That of an IMU.
-    Imu(usize, &'a ImuReading),
-}
-
 /// The knowledge of an IMU's reader, passed to the cycle as a whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuReading {

@@ -33,7 +33,7 @@ mod time_base;
 mod wake;
 
 pub use event::{Event, Events, Losses};
-pub use imu::{ImuReading, Reading};
+pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
 pub use wake::Wake;
@@ -53,6 +53,13 @@ use motord_shared::{
     SetpointMessage,
 };
 use time_base::TimeBase;
+
+/// The knowledge of a sensor's reader, and the index of the sensor in the configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reading<'a> {
+    /// That of an IMU.
+    Imu(usize, &'a ImuReading),
+}
 
 /// A motor that has not answered by this time is reported once.
 const SILENT_START: Duration = Duration::from_secs(2);
