@@ -3,6 +3,9 @@
 use crate::profile::{Capabilities, Profile};
 use crate::scale::Scales;
 
+/// Returns whether the payload of a reply can answer that of a request.
+pub type AnswersOnLine = fn(request: &[u8], reply: &[u8]) -> bool;
+
 /// The facts of a family that the rest of motord asks for.
 #[derive(Debug)]
 pub struct Family {
@@ -10,7 +13,7 @@ pub struct Family {
     pub name: &'static str,
     /// Returns whether a reply can answer a request on a serial line, by their payloads alone. `None`: its motors are on CAN
     /// only.
-    pub answers_on_line: Option<fn(&[u8], &[u8]) -> bool>,
+    pub answers_on_line: Option<AnswersOnLine>,
     /// Positions and velocities are codes with ends, which the configuration must know. Otherwise they are floats.
     pub has_codes: bool,
     /// Each control command ends by itself after a duration.
