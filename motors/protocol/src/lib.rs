@@ -55,7 +55,7 @@ pub use error::{DecodeError, EncodeError, Quantity};
 #[cfg(feature = "drive")]
 pub use families::AnyDialect;
 pub use families::{FAMILIES, MotorProtocol};
-pub use family::Family;
+pub use family::{AnswersOnLine, Family};
 pub use fault::{FaultBits, Faults};
 pub use field::Field;
 pub use model::{DriveConstants, Model};
