@@ -1,7 +1,6 @@
 //! The answers of the motors to the frames of `motord safe-stop`.
 
-use motord_bus::socketcan::{InterfaceName, SocketCanBus};
-use motord_bus::transport::Nodes;
+use motord_bus::transport::{self, Nodes};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, clock};
 use motord_core::drive::safe_frames;
 use motord_settings::nodes::nodes;
@@ -20,7 +19,7 @@ const TURN: Duration = Duration::from_millis(2);
 /// Most reads that empty a receive buffer.
 const DRAINS_MAX: usize = 1024;
 
-/// Opens a CAN interface by name to receive every frame; `None` where it cannot be read.
+/// Opens a bus that is no line by its address to receive every frame; `None` where it cannot be read.
 pub type Listen<'a> = &'a mut dyn FnMut(&str) -> Option<Box<dyn Bus>>;
 
 /// A motor that was commanded to stop.
@@ -71,7 +70,7 @@ impl Answers {
                 answers.lines.push(Line { settings: bus.clone(), nodes, commanded });
                 continue;
             }
-            match bus.interface().and_then(&mut *listen) {
+            match bus.kind.address().and_then(&mut *listen) {
                 Some(ear) => answers.ears.push(Ear::new(bus.device(), ear, commanded)),
                 None => answers.unchecked.extend(commanded.into_iter().map(|motor| motor.name)),
             }
@@ -165,7 +164,7 @@ impl Ear {
 
 /// Opens an interface of this machine as it is, to receive.
 pub fn listen_on(name: &str) -> Option<Box<dyn Bus>> {
-    let interface: InterfaceName = name.parse().ok()?;
-    let bus = SocketCanBus::open_as_is(interface);
-    bus.inspect_err(|error| tracing::debug!("{error}")).ok().map(|bus| Box::new(bus) as Box<dyn Bus>)
+    let kind = transport::find(name, 0)?;
+    let opened = kind.hardware()?.open_as_is(&Nodes::none());
+    opened.inspect_err(|error| tracing::debug!("{error}")).ok().map(|opened| opened.bus)
 }

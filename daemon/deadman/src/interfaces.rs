@@ -1,15 +1,15 @@
 //! The CAN interfaces and serial ports whose motors are stopped, each opened only to send.
 
 use core::fmt::Display;
-use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
-use motord_bus::{Bus, BusLock, Clock, Duration, Frame, Holder, Instant, Refusal};
+use motord_bus::transport::{self, BusKind, OpenedSender, SendingBus};
+use motord_bus::{Clock, Duration, Frame, Holder, Instant, Refusal};
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
 use nix::unistd::geteuid;
 
 use crate::port::Port;
 use crate::safe_frames::{InterfaceError, InterfaceFrames};
 
-/// Opens a CAN interface by name, to send up to the given number of frames at a time.
+/// Opens a bus without a thread of its own by its address, to send up to the given number of frames at a time.
 pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;
 
 /// One interface, opened.
@@ -19,7 +19,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Checks the frames and opens the CAN interface by `open`, or the serial port in a thread of its own. Allocates.
+    /// Checks the frames and opens the bus by `open`, or the serial port in a thread of its own. Allocates.
     ///
     /// # Errors
     ///
@@ -31,8 +31,12 @@ impl Interface {
             Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
             None => open(&frames.interface, 2 * count as u32)?,
         };
-        let holders = holders_of(frames);
-        let line = Line { name: frames.interface.clone(), holders, outlet: Some(outlet), accepted: false };
+        let line = Line {
+            name: frames.interface.clone(),
+            kind: frames.kind(),
+            outlet: Some(outlet),
+            accepted: false,
+        };
         Ok(Self { line, frames: checked })
     }
 
@@ -43,21 +47,17 @@ impl Interface {
     }
 }
 
-/// Finds the holders of the locks of one interface, by its name: see [`BusLock::holders_of_interface`].
-pub(crate) type Holders = fn(&str, bool) -> [Option<Holder>; 2];
-
-/// Returns the function that finds the holders of this interface or port.
-pub(crate) fn holders_of(frames: &InterfaceFrames) -> Holders {
-    match frames.baud {
-        Some(_) => BusLock::holders_of_device,
-        None => BusLock::holders_of_interface,
-    }
+/// Returns the holders of the locks of one interface: see [`motord_bus::transport::Hardware::holders`].
+pub(crate) fn holders_of(kind: Option<&BusKind>, thorough: bool) -> [Option<Holder>; 2] {
+    let hardware = kind.and_then(|kind| kind.hardware());
+    hardware.map_or([None; 2], |hardware| hardware.holders(thorough))
 }
 
 /// The way to the motors of one interface.
 struct Line {
     name: String,
-    holders: Holders,
+    /// `None` for a name that no bus can have.
+    kind: Option<BusKind>,
     /// `None` once its motors are left to another daemon: nothing is sent, and nothing is owed.
     outlet: Option<Box<dyn Outlet>>,
     /// The interface has accepted a round since the stopper began.
@@ -128,7 +128,7 @@ impl Interfaces {
     pub fn leave_driven(&mut self, dead: i32, was_frozen: bool) -> Vec<Locked> {
         let mut found = Vec::new();
         for line in &mut self.lines {
-            for holder in (line.holders)(&line.name, was_frozen).into_iter().flatten() {
+            for holder in holders_of(line.kind.as_ref(), was_frozen).into_iter().flatten() {
                 let is_other = holder.pid.map_or(was_frozen, |pid| pid.cast_signed() != dead);
                 let is_trusted = holder.uid.is_some_and(is_of_a_daemon);
                 if is_trusted && !is_other {
@@ -196,16 +196,16 @@ fn is_of_a_daemon(uid: u32) -> bool {
     uid == 0 || uid == geteuid().as_raw()
 }
 
-/// A CAN interface of this machine.
-struct CanInterface(Sender);
+/// A bus of this machine.
+struct Sending(Box<dyn SendingBus>);
 
-impl Outlet for CanInterface {
+impl Outlet for Sending {
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         self.0.send(now, frames).refusal
     }
 
     fn find(&mut self) -> bool {
-        self.0.find().is_ok()
+        self.0.find()
     }
 }
 
@@ -215,9 +215,8 @@ impl Outlet for CanInterface {
 ///
 /// [`InterfaceError::Open`].
 pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, InterfaceError> {
-    let (sender, found) = prepare(name, frames)?;
-    found.map_err(|error| failed(&error))?;
-    Ok(Box::new(CanInterface(sender)))
+    let OpenedSender { bus, missing } = prepare(name, frames)?;
+    missing.map_or_else(|| Ok(Box::new(Sending(bus)) as Box<dyn Outlet>), |error| Err(failed(&error)))
 }
 
 /// Opens an interface of this machine as it is. One that is missing may appear later.
@@ -226,21 +225,21 @@ pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, Interf
 ///
 /// [`InterfaceError::Open`].
 pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, InterfaceError> {
-    let (sender, found) = prepare(name, frames)?;
-    if let Err(error) = found {
+    let OpenedSender { bus, missing } = prepare(name, frames)?;
+    if let Some(error) = missing {
         tracing::warn!(
             see = "interface-missing",
             "{error}. The switch searches for it again when it must damp its motors."
         );
     }
-    Ok(Box::new(CanInterface(sender)))
+    Ok(Box::new(Sending(bus)))
 }
 
-fn prepare(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), InterfaceError> {
-    let interface: InterfaceName = name.parse().map_err(|error| failed(&error))?;
-    let mut sender = Sender::new(interface, frames).map_err(|error| failed(&error))?;
-    let found = sender.find();
-    Ok((sender, found))
+fn prepare(name: &str, frames: u32) -> Result<OpenedSender, InterfaceError> {
+    let kind = transport::find(name, 0);
+    let hardware = kind.as_ref().and_then(|kind| kind.hardware());
+    let hardware = hardware.ok_or_else(|| failed(&format!("{name:?} is no address of a bus")))?;
+    hardware.sender(frames).map_err(|error| failed(&error))
 }
 
 fn failed(reason: &dyn Display) -> InterfaceError {
@@ -250,6 +249,7 @@ fn failed(reason: &dyn Display) -> InterfaceError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_bus::BusLock;
 
     struct Taking(Option<Refusal>);
 

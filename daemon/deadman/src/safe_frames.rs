@@ -1,5 +1,6 @@
 //! The safe frames of a daemon, built before they are needed and sent to its dead man's switch by interface.
 
+use motord_bus::transport::{self, BusKind};
 use motord_bus::{Duration, Frame, Inbox, candump};
 use motord_core::stopper::BusFrames;
 use motord_settings::settings::{BusSettings, Settings};
@@ -77,6 +78,11 @@ impl InterfaceFrames {
     fn of(settings: &Settings, index: usize, interface: &str, baud: Option<u32>) -> Self {
         let BusFrames { damp, stop } = BusFrames::of(settings, index);
         Self { interface: interface.to_owned(), baud, damp: damp.map(written), stop: written(stop) }
+    }
+
+    /// Returns the bus; `None` for a name that no bus can have. Allocates.
+    pub(crate) fn kind(&self) -> Option<BusKind> {
+        transport::find(&self.interface, self.baud.unwrap_or_default())
     }
 
     /// Checks the frames, and returns them.

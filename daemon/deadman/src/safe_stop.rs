@@ -4,6 +4,7 @@ use crate::answers::{Answers, Listen};
 use crate::channel::{Answer, Channel, Request};
 use crate::interfaces::{Interface, Interfaces, Open, holders_of};
 use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
+use motord_bus::transport::Hardware;
 use motord_bus::{BusLock, Duration, Holder, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
@@ -185,16 +186,13 @@ fn prepare(
         let reason = format!("{}: there is no such device", bus.interface);
         return Err(InterfaceError::Open { reason }.into());
     }
-    let lock = match bus.baud {
-        Some(_) => Some(BusLock::device(&bus.interface)),
-        None => bus.interface.parse().ok().map(BusLock::interface),
-    };
-    let lock = match lock {
-        Some(Err(LockError::Held { holder, .. })) => {
-            refuse_driven(bus, holder, trusted)?;
+    let kind = bus.kind();
+    let lock = match kind.as_ref().and_then(|kind| kind.hardware()).map(Hardware::lock) {
+        Some(Err(error)) => {
+            error.holder().map_or(Ok(()), |holder| refuse_driven(bus, holder, trusted))?;
             None
         }
-        Some(Err(LockError::System { .. })) | None => None,
+        None => None,
         Some(Ok(lock)) => Some(lock),
     };
     Ok((Interface::open(bus, open)?, lock))
@@ -203,7 +201,7 @@ fn prepare(
 /// Refuses an interface that a daemon drives: a process of a trusted user, `holder` or the one that holds its other name. Logs any
 /// other process.
 fn refuse_driven(bus: &InterfaceFrames, holder: Holder, trusted: &TrustedUsers) -> Result<(), LeftOut> {
-    let others = holders_of(bus)(&bus.interface, true);
+    let others = holders_of(bus.kind().as_ref(), true);
     let holders = || others.into_iter().flatten().chain([holder]);
     if let Some(holder) = holders().find(|holder| holder.uid.is_some_and(|uid| trusted.contains(uid))) {
         return Err(LeftOut::Driven(LockError::Held { bus: bus.interface.clone(), holder }));

@@ -130,13 +130,7 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     let kind = transport::find(name, baud).ok_or_else(unknown)?;
     let hardware = kind.hardware().ok_or_else(unknown)?;
     let lock = hardware.lock()?;
-    let nodes = Nodes {
-        motors: Vec::new(),
-        sensor_ids: Vec::new(),
-        requests: 0,
-        reply_timeout: REPLY_TIMEOUT,
-        answers,
-    };
+    let nodes = Nodes { reply_timeout: REPLY_TIMEOUT, answers, ..Nodes::none() };
     let OpenedAsIs { bus, bitrate, hides_bitrate } = hardware.open_as_is(&nodes)?;
     if hides_bitrate {
         let _unread = writeln!(

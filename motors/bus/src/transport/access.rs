@@ -6,7 +6,7 @@ use crate::serial;
 use crate::time::Duration;
 
 #[cfg(feature = "linux")]
-use crate::{Bus, Identity, LockError, lock::BusLock, socketcan::LinkNote};
+use crate::{Bus, Holder, Identity, LockError, lock::BusLock, socketcan::LinkNote};
 
 /// The facts of a configured bus that its transport decides.
 pub trait Transport {
@@ -102,6 +102,20 @@ pub struct Nodes {
     pub answers: serial::Answers,
 }
 
+impl Nodes {
+    /// Returns no nodes: for a bus that is opened to search for them, or only to listen.
+    #[must_use]
+    pub fn none() -> Self {
+        Self {
+            motors: Vec::new(),
+            sensor_ids: Vec::new(),
+            requests: 0,
+            reply_timeout: Duration::ZERO,
+            answers: |_, _| false,
+        }
+    }
+}
+
 /// The adapter of a bus. Nothing here is for the real-time thread: each method allocates, and takes
 /// up to some milliseconds.
 #[cfg(feature = "linux")]
@@ -112,6 +126,9 @@ pub trait Hardware {
     ///
     /// [`Cause::Locked`] with the holder; [`Cause::Other`] when the address cannot be one.
     fn lock(&self) -> Result<BusLock, OpenError>;
+
+    /// Returns the processes that hold the bus, as [`BusLock::holders_of_interface`] finds them.
+    fn holders(&self, thorough: bool) -> [Option<Holder>; 2];
 
     /// Opens the bus for the cycle, for the first time or again, and sets it up as far as permitted.
     /// With `expected` it sets up no other adapter than this one.
@@ -133,6 +150,15 @@ pub trait Hardware {
     ///
     /// The reason for which it cannot be used, with a remedy.
     fn open_as_is(&self, nodes: &Nodes) -> Result<OpenedAsIs, OpenError>;
+
+    /// Opens the bus as it is, to send up to `frames` at a time and receive nothing, for the stop of
+    /// motors whose daemon has died. An adapter that is missing may come later.
+    ///
+    /// # Errors
+    ///
+    /// The system refuses it. A bus with a [`baud`](Transport::baud) has no such sender: it must be
+    /// opened in a thread of its own.
+    fn sender(&self, frames: u32) -> Result<OpenedSender, OpenError>;
 
     /// Returns whether the bus must be closed before it is opened again.
     fn closes_before_reopening(&self) -> bool {
@@ -176,6 +202,23 @@ pub struct OpenedAsIs {
     pub hides_bitrate: bool,
 }
 
+/// A bus that only sends, and finds its adapter again.
+#[cfg(feature = "linux")]
+pub trait SendingBus: Bus {
+    /// Searches the adapter after [`Refusal::Gone`](crate::Refusal::Gone). Returns whether it is there.
+    /// Does not allocate; may wait while another process configures adapters.
+    fn find(&mut self) -> bool;
+}
+
+/// A bus that is open to send.
+#[cfg(feature = "linux")]
+pub struct OpenedSender {
+    /// The bus.
+    pub bus: Box<dyn SendingBus>,
+    /// The reason for which it sends nothing yet; `None` where the adapter is there.
+    pub missing: Option<OpenError>,
+}
+
 /// The kind of reason for which a bus cannot be opened.
 #[cfg(feature = "linux")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -199,13 +242,14 @@ pub enum Cause {
 pub struct OpenError {
     cause: Cause,
     reason: String,
+    holder: Option<Holder>,
 }
 
 #[cfg(feature = "linux")]
 impl OpenError {
     /// Returns the error with the sentence `reason`, which names the adapter and a remedy.
     pub(super) fn new(cause: Cause, reason: impl ToString) -> Self {
-        Self { cause, reason: reason.to_string() }
+        Self { cause, reason: reason.to_string(), holder: None }
     }
 
     /// Returns the kind of reason.
@@ -213,15 +257,21 @@ impl OpenError {
     pub const fn cause(&self) -> Cause {
         self.cause
     }
+
+    /// Returns the process that has the lock of the bus.
+    #[must_use]
+    pub const fn holder(&self) -> Option<Holder> {
+        self.holder
+    }
 }
 
 #[cfg(feature = "linux")]
 impl From<LockError> for OpenError {
     fn from(error: LockError) -> Self {
-        let cause = match error {
-            LockError::Held { .. } => Cause::Locked,
-            LockError::System { .. } => Cause::Other,
+        let (cause, holder) = match error {
+            LockError::Held { holder, .. } => (Cause::Locked, Some(holder)),
+            LockError::System { .. } => (Cause::Other, None),
         };
-        Self::new(cause, error)
+        Self { holder, ..Self::new(cause, error) }
     }
 }

@@ -12,7 +12,7 @@ mod socketcan;
 use core::ops::Deref;
 
 #[cfg(feature = "linux")]
-pub use access::{Cause, Hardware, OpenError, Opened, OpenedAsIs};
+pub use access::{Cause, Hardware, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus};
 pub use access::{Node, Nodes, Transport};
 pub use serial::Serial;
 pub use simulated::Simulated;
@@ -93,8 +93,8 @@ mod tests {
     #[test]
     fn transport_is_found_by_its_address() {
         let kinds: [BusKind; 2] = [
-            SocketCan { interface: "can1".into(), bitrate: 500_000 }.into(),
-            Serial { device: "/dev/ttyACM1".into(), baud: 115_200, turnaround: crate::Duration::ZERO }.into(),
+            SocketCan::at("can1", 500_000).unwrap().into(),
+            Serial::at("/dev/ttyACM1", 115_200).unwrap().into(),
         ];
         for kind in kinds {
             let address = kind.address().expect("it is outside of the daemon");

@@ -69,11 +69,11 @@ impl Transport for Serial {
 
 #[cfg(feature = "linux")]
 mod linux {
-    use super::super::access::{Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs};
+    use super::super::access::{Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs, OpenedSender};
     use super::Serial;
     use crate::serial::{self, SerialBus};
     use crate::time::Duration;
-    use crate::{BusLock, Identity};
+    use crate::{BusLock, Holder, Identity};
 
     impl Serial {
         /// Returns the port at `address`: a path, which has a slash. A tool plans nothing.
@@ -88,6 +88,10 @@ mod linux {
             Ok(BusLock::device(&self.device)?)
         }
 
+        fn holders(&self, thorough: bool) -> [Option<Holder>; 2] {
+            BusLock::holders_of_device(&self.device, thorough)
+        }
+
         /// The port must be closed before it is opened again.
         fn open(&self, nodes: &Nodes, _expected: Option<Identity>) -> Result<Opened, OpenError> {
             Ok(Opened::plain(SerialBus::open(&self.settings(nodes))?))
@@ -96,6 +100,12 @@ mod linux {
         fn open_as_is(&self, nodes: &Nodes) -> Result<OpenedAsIs, OpenError> {
             let bus = Box::new(SerialBus::open(&self.settings(nodes))?);
             Ok(OpenedAsIs { bus, bitrate: None, hides_bitrate: false })
+        }
+
+        /// Opening and writing have no time limit.
+        fn sender(&self, _frames: u32) -> Result<OpenedSender, OpenError> {
+            let reason = format!("{}: a serial port needs a thread of its own to send", self.device);
+            Err(OpenError::new(Cause::Other, reason))
         }
 
         /// It is locked, and while it is open, the kernel gives another name to the adapter that is

@@ -42,10 +42,12 @@ impl Transport for SocketCan {
 
 #[cfg(feature = "linux")]
 mod linux {
-    use super::super::access::{Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs};
+    use super::super::access::{
+        Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus,
+    };
     use super::SocketCan;
-    use crate::socketcan::{self, InterfaceName, Settings, SocketCanBus};
-    use crate::{BusLock, IdFilter, Identity};
+    use crate::socketcan::{self, InterfaceName, Sender, Settings, SocketCanBus};
+    use crate::{BusLock, Holder, IdFilter, Identity};
 
     impl SocketCan {
         /// Returns the interface with this name. A tool does not set its bit rate.
@@ -67,6 +69,10 @@ mod linux {
     impl Hardware for SocketCan {
         fn lock(&self) -> Result<BusLock, OpenError> {
             Ok(BusLock::interface(self.interface_name()?)?)
+        }
+
+        fn holders(&self, thorough: bool) -> [Option<Holder>; 2] {
+            BusLock::holders_of_interface(&self.interface, thorough)
         }
 
         /// The bus receives the replies of its motors, the frames of its sensors, and commands to
@@ -103,8 +109,20 @@ mod linux {
             Ok(OpenedAsIs { bus: Box::new(bus), bitrate, hides_bitrate })
         }
 
+        fn sender(&self, frames: u32) -> Result<OpenedSender, OpenError> {
+            let mut sender = Sender::new(self.interface_name()?, frames)?;
+            let missing = sender.find().err().map(OpenError::from);
+            Ok(OpenedSender { bus: Box::new(sender), missing })
+        }
+
         fn shows_other_senders(&self) -> bool {
             true
+        }
+    }
+
+    impl SendingBus for Sender {
+        fn find(&mut self) -> bool {
+            Self::find(self).is_ok()
         }
     }
 
