@@ -7,9 +7,6 @@ use core::fmt;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use nix::net::if_::if_indextoname;
-use nix::sys::stat::{major, minor};
-
 use crate::identity::Identity;
 
 /// A property of an adapter, and its value.
@@ -40,16 +37,7 @@ impl Adapter {
     /// thread: reads about ten files.
     #[must_use]
     pub fn of(identity: Identity) -> Self {
-        match identity {
-            Identity::Interface(index) => {
-                let name = if_indextoname(index).ok();
-                let name = name.and_then(|name| name.into_string().ok()).unwrap_or_default();
-                Self::read(&Path::new("/sys/class/net").join(name))
-            }
-            Identity::Device { number, .. } => {
-                Self::read(Path::new(&format!("/sys/dev/char/{}:{}", major(number), minor(number))))
-            }
-        }
+        Self::read(&identity.folder())
     }
 
     /// Returns how `other` differs from this adapter; `None` when it does not.

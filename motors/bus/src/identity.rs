@@ -1,9 +1,10 @@
 //! The identity of a bus under all its names.
 
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::{Path, PathBuf};
 
-use nix::net::if_::if_nametoindex;
-use nix::sys::stat::major;
+use nix::net::if_::{if_indextoname, if_nametoindex};
+use nix::sys::stat::{major, minor};
 
 /// Major device numbers of pseudo terminals. Each mounted `devpts` counts them from 0.
 const PSEUDO_TERMINALS: core::ops::RangeInclusive<u64> = 136..=143;
@@ -37,6 +38,20 @@ impl Identity {
         match self {
             Self::Interface(index) => Some(index),
             Self::Device { .. } => None,
+        }
+    }
+
+    /// Returns the folder in which sysfs shows it. One system call.
+    pub(crate) fn folder(self) -> PathBuf {
+        match self {
+            Self::Interface(index) => {
+                let name = if_indextoname(index).ok();
+                let name = name.and_then(|name| name.into_string().ok()).unwrap_or_default();
+                Path::new("/sys/class/net").join(name)
+            }
+            Self::Device { number, .. } => {
+                format!("/sys/dev/char/{}:{}", major(number), minor(number)).into()
+            }
         }
     }
 
