@@ -61,17 +61,19 @@ impl BusPlan {
             let kind = &settings.buses[bus].kind;
             match kind.turnaround() {
                 Some(turnaround) => Self::of_line(settings, bus, kind.bitrate(), turnaround),
-                None => Self::of_can(settings, bus, kind.bitrate()),
+                None => Self::of_can(settings, bus, [kind.bitrate(), kind.data_bitrate()]),
             }
         };
         (0..settings.buses.len()).map(plan).collect()
     }
 
-    fn of_can(settings: &Settings, bus: usize, bitrate: u32) -> Self {
+    /// `bitrates` are those of arbitration and of the payloads of CAN FD, bit/s.
+    fn of_can(settings: &Settings, bus: usize, bitrates: [u32; 2]) -> Self {
+        let [bitrate, _] = bitrates;
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
         let turn = |(place, (index, motor)): (usize, (usize, &MotorSettings))| {
             let answering = settings.simulation.get(index).map_or(ANSWERING_TIME, |it| it.reply_latency);
-            (settings.first_turn(bus, place), TransactionBits::of(motor, answering, [bitrate; 2]))
+            (settings.first_turn(bus, place), TransactionBits::of(motor, answering, bitrates))
         };
         let turns: Vec<_> = motors.enumerate().map(turn).collect();
         let cycle = &settings.cycle;

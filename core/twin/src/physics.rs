@@ -21,8 +21,8 @@ pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<
     let imus = imus(settings, bus);
     let bus = &settings.buses[bus];
     let medium = if bus.is_line() { simulator::Medium::Serial } else { simulator::Medium::Can };
-    let (name, bitrate) = (bus.name.clone(), bus.kind.bitrate());
-    (simulator::BusSettings { name, medium, bitrate, imus, ..Default::default() }, motors)
+    let (name, bitrate, data_bitrate) = (bus.name.clone(), bus.kind.bitrate(), bus.kind.data_bitrate());
+    (simulator::BusSettings { name, medium, bitrate, data_bitrate, imus, ..Default::default() }, motors)
 }
 
 /// The simulated twins of the IMUs on a bus.

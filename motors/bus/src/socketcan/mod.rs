@@ -142,7 +142,7 @@ impl SocketCanBus {
             socket,
             link,
             before: None,
-            outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES),
+            outgoing: outgoing(),
             incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
@@ -184,6 +184,11 @@ impl SocketCanBus {
         self.outgoing.put(0, wire::encode_error(error));
         send_first(&mut self.outgoing, self.socket.as_fd(), 1)
     }
+}
+
+/// Returns the memory of the frames that one call sends.
+fn outgoing() -> Batch {
+    Batch::new(Inbox::CAPACITY, CLASSIC_BYTES)
 }
 
 /// Sends the frames that fit, up to the first that is not classic. One system call.

@@ -5,9 +5,9 @@ use std::os::fd::AsFd;
 use nix::net::if_::if_nametoindex;
 use socketcan::{CanSocket, Socket, SocketOptions};
 
-use super::{InterfaceName, OpenError, bind, failed, limit_queue, raw_socket, send};
+use super::{InterfaceName, OpenError, bind, failed, limit_queue, outgoing, raw_socket, send};
 use crate::frame::{Frame, Inbox};
-use crate::kernel::{Batch, CLASSIC_BYTES};
+use crate::kernel::Batch;
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
@@ -33,7 +33,7 @@ impl Sender {
         let socket = raw_socket(interface)?;
         let nothing = socket.set_filters::<(u32, u32)>(&[]);
         nothing.and_then(|()| limit_queue(&socket, frames)).map_err(|error| failed(interface, &error))?;
-        Ok(Self { interface, socket, outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES) })
+        Ok(Self { interface, socket, outgoing: outgoing() })
     }
 
     /// Finds the interface that has the name now. Does not allocate; five system calls. Not for the

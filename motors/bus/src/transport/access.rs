@@ -16,6 +16,12 @@ pub trait Transport {
     /// Returns the bit rate of the wire, bit/s.
     fn bitrate(&self) -> u32;
 
+    /// Returns the bit rate of the payload of CAN FD frames with BRS, bit/s: [`bitrate`](Self::bitrate) on
+    /// a bus without a second one.
+    fn data_bitrate(&self) -> u32 {
+        self.bitrate()
+    }
+
     /// Returns the longest time from the end of a request to the beginning of its reply, the host's
     /// adapter included, on a line: a bus that carries one request at a time, whose reply may arrive
     /// in a later cycle. `None` for a bus that carries the requests of all motors at a time.
