@@ -25,7 +25,6 @@ impl IdFilter {
     }
 
     /// Returns `true` when its ids have 29 bits.
-    #[cfg(feature = "linux")]
     pub(crate) const fn is_extended(self) -> bool {
         self.word > FrameId::MAX_EXTENDED.raw()
     }
@@ -34,6 +33,25 @@ impl IdFilter {
     #[cfg(feature = "linux")]
     pub(crate) const fn words(self) -> (u32, u32) {
         (self.word, self.mask | libc::CAN_RTR_FLAG)
+    }
+
+    /// Returns the id among them that wins the bus against all others.
+    #[must_use]
+    pub const fn lowest(self) -> FrameId {
+        FrameId::of_word(self.word)
+    }
+
+    /// Returns the id among them that loses the bus to all others.
+    #[must_use]
+    pub const fn highest(self) -> FrameId {
+        let largest = if self.is_extended() { FrameId::MAX_EXTENDED } else { FrameId::MAX };
+        FrameId::of_word(self.word | largest.raw() & !self.mask)
+    }
+
+    /// Returns `true` when some id belongs to both. Constant time.
+    #[must_use]
+    pub const fn overlaps(self, other: Self) -> bool {
+        (self.word ^ other.word) & self.mask & other.mask == 0
     }
 
     /// Returns `true` when `id` belongs to them. Constant time.
@@ -58,5 +76,30 @@ mod tests {
         assert!(short.matches(FrameId::new(0x112).unwrap()));
         assert!(!short.matches(id(0x12)), "an extended id");
         assert!(!IdFilter::exact(id(0x12)).matches(FrameId::new(0x12).unwrap()));
+    }
+
+    #[test]
+    fn filters_overlap_where_both_masks_agree() {
+        let id = |raw| FrameId::extended(raw).unwrap();
+        let any_status = |motor: u32| IdFilter::masked(id(0x0200_00FD | motor << 8), 0x1F00_FFFF);
+        assert!(any_status(0x12).overlaps(any_status(0x12)));
+        assert!(!any_status(0x12).overlaps(any_status(0x13)));
+        assert!(any_status(0x12).overlaps(IdFilter::exact(id(0x0280_12FD))));
+        assert!(IdFilter::exact(id(0x0280_12FD)).overlaps(any_status(0x12)));
+        assert!(!any_status(0x12).overlaps(IdFilter::exact(id(0x0300_12FD))));
+        let standard = |raw| IdFilter::exact(FrameId::new(raw).unwrap());
+        assert!(standard(0x101).overlaps(standard(0x101)) && !standard(0x101).overlaps(standard(0x102)));
+        assert!(!standard(0x101).overlaps(IdFilter::exact(id(0x101))), "another width");
+    }
+
+    #[test]
+    fn lowest_and_highest_differ_in_free_bits() {
+        let id = |raw| FrameId::extended(raw).unwrap();
+        let filter = IdFilter::masked(id(0x0212_34FD), 0x1F00_FFFF);
+        assert_eq!([filter.lowest(), filter.highest()], [id(0x0200_34FD), id(0x02FF_34FD)]);
+        let short = |raw| FrameId::new(raw).unwrap();
+        let filter = IdFilter::masked(short(0x112), 0xFF);
+        assert_eq!([filter.lowest(), filter.highest()], [short(0x012), short(0x712)]);
+        assert_eq!(IdFilter::exact(short(0x112)).highest(), short(0x112));
     }
 }

@@ -62,6 +62,11 @@ impl FrameId {
         self.0
     }
 
+    /// Returns the id of a [`word`](Self::word).
+    pub(crate) const fn of_word(word: u32) -> Self {
+        Self(word)
+    }
+
     /// Returns the bits in the order of arbitration: the 11 upper ones, IDE, the 18 lower ones.
     const fn arbitration(self) -> u32 {
         let raw = self.raw();
