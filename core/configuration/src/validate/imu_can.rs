@@ -5,7 +5,7 @@ use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol};
 use motord_protocol::register;
 use motord_settings::imu::{ImuCan, ImuSettings};
 use motord_settings::plan::BusPlan;
-use motord_settings::settings::{BusSettings, Settings};
+use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 
 use super::bus::required;
 use crate::document::ImuTables;
@@ -68,9 +68,11 @@ fn judge_ids(
     findings: &mut Findings<'_>,
 ) {
     let mut motors = settings.motors.iter().filter(|motor| motor.bus == can.bus);
-    let is_obeyed = |id: u32| u16::try_from(id).is_ok_and(|id| can.device.obeys(id));
-    if let Some(motor) = motors.find(|motor| is_obeyed(motor.host_id.raw())) {
-        let (id, motor) = (motor.host_id.raw(), motor.name.clone());
+    let obeyed = |motor: &MotorSettings| {
+        let ids = (0..=FrameId::MAX.raw() as u16).filter(|id| can.device.obeys(*id));
+        ids.filter_map(FrameId::new).find(|id| motor.addresses().replies.matches(*id))
+    };
+    if let Some((id, motor)) = motors.find_map(|motor| Some((obeyed(motor)?.raw(), motor.name.clone()))) {
         findings.error(keys.bus.at, Wrong::ImuObeys { id, motor });
     }
     let (sent_by, key) = match can.device.request_id() {
@@ -92,13 +94,17 @@ fn judge_ids(
 /// Returns the use that a motor of a bus makes of an id, in words.
 fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
-    if let Some(motor) = motors().find(|motor| motor.profile.ids.hears(motor.id, id.into())) {
+    let id = FrameId::new(id)?;
+    let obeys =
+        |motor: &&MotorSettings| motor.addresses().obeyed(&motor.profile.ids).any(|obeyed| obeyed == id);
+    if let Some(motor) = motors().find(obeys) {
         return Some(format!("commands to the motor {:?}", motor.name));
     }
-    if let Some(motor) = motors().find(|motor| FrameId::new(id) == Some(motor.host_id)) {
+    if let Some(motor) = motors().find(|motor| motor.addresses().replies.matches(id)) {
         return Some(format!("the replies of the motor {:?}", motor.name));
     }
-    let motor = motors().find(|motor| motor.profile.has_registers && id == register::REQUEST_ID)?;
+    let is_request = Some(id) == FrameId::new(register::REQUEST_ID);
+    let motor = motors().find(|motor| motor.profile.has_registers && is_request)?;
     Some(format!("requests to the registers of the motor {:?}", motor.name))
 }
 

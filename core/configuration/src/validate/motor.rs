@@ -1,9 +1,9 @@
 //! Checks `[[motor]]` and its ids on the bus.
 
-use motord_bus::{Duration, FrameId};
-use motord_protocol::drive::Transmission;
+use motord_bus::{Duration, FrameId, IdFilter};
+use motord_protocol::drive::{Addresses, Transmission};
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::profile::{Ids, STEADYWIN};
+use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{DriveConstants, Model, Profile, Scales, register};
 use motord_settings::settings::{
     BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
@@ -99,10 +99,19 @@ struct Address {
     bus: usize,
     is_serial: bool,
     id: u8,
-    ids: &'static Ids,
-    /// It obeys requests to its registers, which have one id for all motors of the bus.
-    has_registers: bool,
     host_id: FrameId,
+    on_wire: Addresses,
+    profile: &'static Profile,
+}
+
+impl Address {
+    /// Returns whether the motor reads one of the ids as a command, or as a request to its registers. These have one id for all
+    /// motors of the bus.
+    fn obeys(&self, ids: IdFilter) -> bool {
+        let is_request = FrameId::new(register::REQUEST_ID).is_some_and(|id| ids.matches(id));
+        self.on_wire.obeyed(&self.profile.ids).any(|id| ids.matches(id))
+            || self.profile.has_registers && is_request
+    }
 }
 
 /// `None` when a part is not known, or its bus cannot be built.
@@ -131,8 +140,9 @@ fn address(
     let default = if is_serial { 0 } else { i64::from(ids.reply_offset) + id };
     let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
     let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
-    let (id, has_registers, host_id) = (id as u8, profile.has_registers, FrameId::new(host_id as u16)?);
-    Some(Address { bus, is_serial, id, ids, has_registers, host_id })
+    let (id, host_id) = (id as u8, FrameId::new(host_id as u16)?);
+    let on_wire = (keys.protocol.value.unwrap_or_default().family().addresses)(id, host_id);
+    Some(Address { bus, is_serial, id, host_id, on_wire, profile })
 }
 
 /// Returns the id, if its vendor allows it.
@@ -241,8 +251,9 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
     for (index, motor) in addresses.iter().enumerate() {
         let Some(motor) = motor else { continue };
         let keys = &items[index].keys.keys;
+        let Addresses { commands, replies } = motor.on_wire;
         let mut before = on_bus(motor.bus).take_while(|(other, _)| *other < index);
-        if let Some((other, _)) = before.clone().find(|(_, other)| other.id == motor.id) {
+        if let Some((other, _)) = before.clone().find(|(_, other)| other.on_wire.commands == commands) {
             findings.error(keys.id.at, Wrong::DuplicateId { id: motor.id, other: named(other) });
             continue;
         }
@@ -255,16 +266,15 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             }
             continue;
         }
-        let (host_id, default) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
-        let commands = on_bus(motor.bus).map(|(_, other)| u32::from(other.id));
-        let writes_registers = host_id == u32::from(register::REQUEST_ID);
-        let is_heard = on_bus(motor.bus)
-            .any(|(_, other)| other.ids.hears(other.id, host_id) || other.has_registers && writes_registers);
-        if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
+        let host_id = motor.host_id.raw();
+        let default = motor.profile.ids.reply_offset + u16::from(motor.id);
+        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.commands).max();
+        if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
-        } else if is_heard {
+        } else if on_bus(motor.bus).any(|(_, other)| other.obeys(replies)) {
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
-        } else if let Some(command) = commands.filter(|&command| command > host_id).max() {
+        } else if let Some(command) = last.filter(|&last| last > replies.lowest()) {
+            let command = command.raw();
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }
     }

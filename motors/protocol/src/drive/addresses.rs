@@ -1,5 +1,6 @@
 //! The ids of a motor on a bus of frames.
 
+use crate::profile::Ids;
 use motord_bus::{FrameId, IdFilter};
 
 /// The ids by which a motor and its host address each other on a bus of frames.
@@ -16,5 +17,29 @@ impl Addresses {
     #[must_use]
     pub fn by_id(id: u8, host_id: FrameId) -> Self {
         Self { commands: FrameId::from(id), replies: IdFilter::exact(host_id) }
+    }
+
+    /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to it. Those of other modes
+    /// have 11 bits, like the commands that they are an offset from.
+    pub fn obeyed(self, ids: &Ids) -> impl Iterator<Item = FrameId> {
+        let standard = u16::try_from(self.commands.raw()).ok().filter(|_| !self.commands.is_extended());
+        let others = ids.also_hears.iter().filter_map(move |offset| FrameId::new(standard? + offset));
+        core::iter::once(self.commands).chain(others)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::DAMIAO;
+
+    #[test]
+    fn commands_of_29_bits_have_no_other_modes() {
+        let short = |raw| FrameId::new(raw).unwrap();
+        let addresses = Addresses::by_id(5, short(0x15));
+        let obeyed: Vec<_> = addresses.obeyed(&DAMIAO.ids).collect();
+        assert_eq!(obeyed, [0x005, 0x105, 0x205, 0x305].map(short));
+        let addresses = Addresses { commands: FrameId::extended(5).unwrap(), ..addresses };
+        assert_eq!(addresses.obeyed(&DAMIAO.ids).collect::<Vec<_>>(), [addresses.commands]);
     }
 }

@@ -61,16 +61,6 @@ pub struct Ids {
     pub also_hears: &'static [u16],
 }
 
-impl Ids {
-    /// Returns `true` when a motor with this `id` reads a frame with the id `other` as a command to
-    /// it.
-    #[must_use]
-    pub fn hears(&self, id: u8, other: u32) -> bool {
-        let id = u32::from(id);
-        id == other || self.also_hears.iter().any(|offset| id + u32::from(*offset) == other)
-    }
-}
-
 /// The layout of a reply. The second to sixth byte are the codes of the state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReplyLayout {
