@@ -1,7 +1,7 @@
 //! The answers of the motors to the frames of `motord safe-stop`.
 
 use motord_bus::transport::{self, Nodes};
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, clock};
+use motord_bus::{Bus, Content, Duration, Frame, IdFilter, Inbox, clock};
 use motord_core::drive::safe_frames;
 use motord_settings::nodes::nodes;
 use motord_settings::settings::{BusSettings, MotorSettings, Settings};
@@ -25,8 +25,8 @@ pub type Listen<'a> = &'a mut dyn FnMut(&str) -> Option<Box<dyn Bus>>;
 /// A motor that was commanded to stop.
 struct Commanded {
     name: String,
-    /// The id of its answers.
-    answer: FrameId,
+    /// The ids of its answers.
+    answers: IdFilter,
     /// A stop that it answers, on a line.
     stop: Option<Frame>,
 }
@@ -123,7 +123,7 @@ fn commanded(settings: &Settings, index: usize) -> Vec<Commanded> {
     let is_line = settings.buses[index].is_line();
     let commanded = |motor: &MotorSettings| Commanded {
         name: motor.name.clone(),
-        answer: if is_line { motor.command_id() } else { motor.host_id },
+        answers: if is_line { IdFilter::exact(motor.command_id()) } else { motor.addresses().replies },
         stop: safe_frames(motor).map(|(_, stop)| stop).filter(|_| is_line),
     };
     settings.motors.iter().filter(|motor| motor.bus == index).map(commanded).collect()
@@ -155,7 +155,7 @@ impl Ear {
             }
             for arrival in inbox.arrivals() {
                 if let Content::Frame(frame) = arrival.content {
-                    self.silent.retain(|motor| motor.answer != frame.id());
+                    self.silent.retain(|motor| !motor.answers.matches(frame.id()));
                 }
             }
         }
