@@ -24,6 +24,9 @@ pub struct Family {
     pub is_spoken_by: fn(&Profile) -> bool,
     /// Returns the abilities of a vendor's motor with these codes.
     pub capabilities: fn(&Profile, &Scales) -> Capabilities,
+    /// Returns how the lock file names the answer of a vendor's motor.
+    #[cfg(feature = "commissioning")]
+    pub reported: fn(&Profile) -> crate::reported::ReportedProtocol,
     /// Returns the lengths of a command and of the shortest reply with a state, for the plan of a bus.
     #[cfg(feature = "drive")]
     pub frame_lengths: fn(&Profile) -> [motord_bus::arithmetic::FrameLength; 2],

@@ -48,6 +48,8 @@ pub mod mit;
 pub mod model;
 pub mod profile;
 pub mod register;
+#[cfg(feature = "commissioning")]
+mod reported;
 pub mod scale;
 pub mod state;
 

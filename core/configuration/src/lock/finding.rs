@@ -223,7 +223,7 @@ impl Compare<'_> {
 
     fn protocol(&self) -> Finding {
         let Self { motor, reported, bus } = self;
-        let agrees = reported.protocol == ReportedProtocol::of(motor.protocol, motor.profile);
+        let agrees = reported.protocol == (motor.protocol.family().reported)(motor.profile);
         let cure = match reported.protocol {
             ReportedProtocol::Gim | ReportedProtocol::Mit if motor.profile.speaks_gim => {
                 let wanted = motor.protocol.name();

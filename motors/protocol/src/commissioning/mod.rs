@@ -34,7 +34,6 @@
 pub(crate) mod error;
 mod format;
 pub(crate) mod link;
-mod reported;
 pub(crate) mod scan;
 mod survey;
 mod unprompted;
@@ -43,10 +42,10 @@ pub use crate::gim::apply::{Apply, Change, Event, Failed, bitrate_unit, changes,
 pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::ends::ends;
+pub use crate::reported::{ReportedMotor, ReportedProtocol};
 pub use error::Error;
 pub use format::Formats;
 pub use link::{Heard, Link, Wire};
-pub use reported::{ReportedMotor, ReportedProtocol};
 pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
 pub use unprompted::{LASTING, Unprompted};

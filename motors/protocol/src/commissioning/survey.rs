@@ -3,10 +3,10 @@
 
 use crate::commissioning::error::Error;
 use crate::commissioning::link::{Link, Wire};
-use crate::commissioning::reported::{ReportedMotor, ReportedProtocol};
 use crate::commissioning::scan::{Family, Found, identify, identify_in_mit};
 use crate::gim::commissioning::Native;
 use crate::gim::{ConfigurationItem, Value};
+use crate::reported::{ReportedMotor, ReportedProtocol};
 use motord_bus::FrameId;
 
 /// Returns the configuration items that determine torque and angle.

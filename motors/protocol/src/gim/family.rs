@@ -16,6 +16,8 @@ pub const FAMILY: Family = Family {
     has_items: true,
     is_spoken_by: |profile| profile.speaks_gim,
     capabilities,
+    #[cfg(feature = "commissioning")]
+    reported: |_| crate::reported::ReportedProtocol::Gim,
     #[cfg(feature = "drive")]
     frame_lengths: |_| [FrameLength::classic(8); 2],
     #[cfg(feature = "drive")]

@@ -3,6 +3,8 @@
 use crate::family::Family;
 use crate::profile::{Capabilities, Profile};
 use crate::register::ENDS;
+#[cfg(feature = "commissioning")]
+use crate::reported::ReportedProtocol;
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::FrameLength;
@@ -16,11 +18,19 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |_| true,
     capabilities,
+    #[cfg(feature = "commissioning")]
+    reported,
     #[cfg(feature = "drive")]
     frame_lengths: |profile| [8, profile.reply.lengths[0] as u32].map(FrameLength::classic),
     #[cfg(feature = "drive")]
     addresses: crate::drive::Addresses::by_id,
 };
+
+/// Answers of SteadyWin have six bytes.
+#[cfg(feature = "commissioning")]
+fn reported(profile: &Profile) -> ReportedProtocol {
+    if profile.reply.lengths.contains(&6) { ReportedProtocol::Mit } else { ReportedProtocol::OtherMit }
+}
 
 const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {

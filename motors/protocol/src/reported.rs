@@ -1,6 +1,5 @@
 //! The entries of the lock file: a motor's reports about itself.
 
-use crate::{MotorProtocol, Profile};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -40,16 +39,6 @@ pub enum ReportedProtocol {
 }
 
 impl ReportedProtocol {
-    /// Returns how a motor of this vendor answers that speaks `protocol`.
-    #[must_use]
-    pub fn of(protocol: MotorProtocol, profile: &Profile) -> Self {
-        match protocol {
-            MotorProtocol::Gim => Self::Gim,
-            MotorProtocol::Mit if profile.reply.lengths.contains(&6) => Self::Mit,
-            MotorProtocol::Mit => Self::OtherMit,
-        }
-    }
-
     /// Returns a term for a table.
     #[must_use]
     pub const fn word(self) -> &'static str {
