@@ -1,7 +1,8 @@
 //! The load that IMUs are for their CAN buses.
 
 use crate::imu::{ImuCan, ImuSettings, ImuSource};
-use crate::settings::Settings;
+use crate::settings::{MotorSettings, Settings};
+use motord_bus::FrameId;
 use motord_bus::arithmetic::{IdWidth, expected_bits, unstuffed_bits, utilisation, worst_case_bits};
 
 /// The load that an IMU is for its bus.
@@ -85,9 +86,10 @@ impl ImuFrames {
 /// the commands, and one more on a bus with a single motor, while it prepares its reply.
 fn blocking(settings: &Settings, bus: usize, frames: &[(u16, u32)]) -> u32 {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
-    let last = motors().flat_map(|motor| [motor.command_id(), motor.host_id]).max();
+    let last =
+        motors().map(MotorSettings::addresses).flat_map(|ids| [ids.commands, ids.replies.highest()]).max();
     let Some(last) = last else { return 0 };
-    let is_urgent = |frame: &&(u16, u32)| u32::from(frame.0) < last.raw();
+    let is_urgent = |frame: &&(u16, u32)| FrameId::new(frame.0).is_some_and(|id| id < last);
     let bits = |frame: &(u16, u32)| expected_bits(IdWidth::Standard, frame.1);
     let urgent: u32 = frames.iter().filter(is_urgent).map(bits).sum();
     let gaps = if motors().count() == 1 { 2 } else { 1 };
