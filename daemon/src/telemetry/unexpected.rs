@@ -1,9 +1,10 @@
 //! Counts the frames that the kernel keeps from the cycle because no motor of the bus has their id,
 //! or because of their format.
 
-use motord_bus::FrameId;
 use motord_bus::socketcan::{FdReplies, InterfaceName, Link, UnexpectedIds};
+use motord_bus::{FrameId, IdFilter};
 use motord_core::cycle::Counters;
+use motord_protocol::drive::Addresses;
 use motord_protocol::register;
 use motord_settings::settings::{MotorSettings, Settings};
 use std::sync::atomic::Ordering;
@@ -15,13 +16,13 @@ struct Interface {
     bus: usize,
     name: InterfaceName,
     /// The ids that motors of this bus answer with and are commanded by.
-    expected: Vec<FrameId>,
+    expected: Vec<IdFilter>,
     /// `None` while the interface is missing.
     unexpected_ids: Option<UnexpectedIds>,
     /// The count until the interface went away.
     before: u64,
     /// The ids that motors of this bus answer with.
-    replies: Vec<FrameId>,
+    replies: Vec<IdFilter>,
     watch: Watch,
 }
 
@@ -53,10 +54,10 @@ impl UnexpectedCounts {
         let interfaces = settings.buses.iter().enumerate().filter_map(|(bus, described)| {
             let interface = described.interface()?;
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-            let replies = motors.clone().map(|motor| motor.host_id).collect();
+            let replies = motors.clone().map(|motor| motor.addresses().replies).collect();
             // A socket receives what other sockets of this computer send: the requests of the cycle to registers.
             let requests = motors.clone().filter(|motor| motor.profile.has_registers).take(1);
-            let requests = requests.filter_map(|_| FrameId::new(register::REQUEST_ID));
+            let requests = requests.filter_map(|_| FrameId::new(register::REQUEST_ID)).map(IdFilter::exact);
             let expected = motors.flat_map(ids).chain(requests).collect();
             let name = interface.parse().ok()?;
             let watch = Watch::Idle;
@@ -126,6 +127,7 @@ impl UnexpectedCounts {
     }
 }
 
-fn ids(motor: &MotorSettings) -> [FrameId; 2] {
-    [FrameId::new(u16::from(motor.id)).expect("a motor id has eight bits"), motor.host_id]
+fn ids(motor: &MotorSettings) -> [IdFilter; 2] {
+    let Addresses { commands, replies } = motor.addresses();
+    [IdFilter::exact(commands), replies]
 }

@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use motord_bus::conformance::{Condition, Fixture, HOST_IDS, Stimulus};
 use motord_bus::socketcan::{FdReplies, Link, OpenError, Sender, SocketCanBus, UnexpectedIds};
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, Unsupported, clock};
+use motord_bus::{
+    Bus, Content, Duration, Frame, FrameId, IdFilter, Inbox, Instant, Refusal, Sent, Unsupported, clock,
+};
 use socketcan::CanInterface;
 
 use crate::counting::allocations;
@@ -150,7 +152,8 @@ fn unexpected_ids_are_counted_outside_realtime_path() {
     const FLOOD: u64 = 2000;
     let mut vcan = Vcan::new();
     let commands = [0x001, 0x002, 0x003].map(frame);
-    let expected: Vec<_> = HOST_IDS.into_iter().chain(commands.iter().map(Frame::id)).collect();
+    let expected = HOST_IDS.into_iter().chain(commands.iter().map(Frame::id));
+    let expected: Vec<_> = expected.map(IdFilter::exact).collect();
     let mut unexpected = UnexpectedIds::open(vcan.bus.link(), &expected).unwrap();
     assert_eq!(vcan.send(&commands), Sent::all(3));
     assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
@@ -169,8 +172,9 @@ fn unexpected_ids_are_counted_outside_realtime_path() {
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn fd_replies_are_counted_beside_the_bus() {
     let mut vcan = Vcan::new();
-    let mut replies = FdReplies::open(vcan.bus.link(), &HOST_IDS).unwrap();
-    let mut unexpected = UnexpectedIds::open(vcan.bus.link(), &HOST_IDS).unwrap();
+    let expected = HOST_IDS.map(IdFilter::exact);
+    let mut replies = FdReplies::open(vcan.bus.link(), &expected).unwrap();
+    let mut unexpected = UnexpectedIds::open(vcan.bus.link(), &expected).unwrap();
     assert!(vcan.inject(Stimulus::Frame(frame(0x101))) && vcan.inject(Stimulus::Fd(HOST_IDS[0])));
     assert!(vcan.inject(Stimulus::Extended(HOST_IDS[0])));
     assert_eq!((replies.count(), unexpected.count(), unexpected.extended()), (1, 1, 1));
