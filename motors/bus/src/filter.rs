@@ -38,14 +38,14 @@ impl IdFilter {
     /// Returns the id among them that wins the bus against all others.
     #[must_use]
     pub const fn lowest(self) -> FrameId {
-        FrameId::of_word(self.word)
+        FrameId(self.word)
     }
 
     /// Returns the id among them that loses the bus to all others.
     #[must_use]
     pub const fn highest(self) -> FrameId {
         let largest = if self.is_extended() { FrameId::MAX_EXTENDED } else { FrameId::MAX };
-        FrameId::of_word(self.word | largest.raw() & !self.mask)
+        FrameId(self.word | largest.raw() & !self.mask)
     }
 
     /// Returns `true` when some id belongs to both. Constant time.

@@ -8,7 +8,7 @@ use core::fmt;
 
 /// An arbitration id of 11 bits (standard) or 29 bits (extended). The lowest id wins the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub struct FrameId(u32);
+pub struct FrameId(pub(crate) u32);
 
 impl From<u8> for FrameId {
     fn from(id: u8) -> Self {
@@ -60,11 +60,6 @@ impl FrameId {
     /// Returns the id with the kernel's flag for extended ids.
     pub(crate) const fn word(self) -> u32 {
         self.0
-    }
-
-    /// Returns the id of a [`word`](Self::word).
-    pub(crate) const fn of_word(word: u32) -> Self {
-        Self(word)
     }
 
     /// Returns the bits in the order of arbitration: the 11 upper ones, IDE, the 18 lower ones.
