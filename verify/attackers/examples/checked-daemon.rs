@@ -15,8 +15,9 @@ use motord::host::log::Log;
 use motord::run_error::RunError;
 use motord::threads::Daemon;
 use motord_bus::{Bus, Instant, clock};
-use motord_checker::codec::{Meaning, Ranges};
+use motord_checker::codec::Meaning;
 use motord_configuration as config;
+use motord_harness::robot::ranges::ranges;
 use motord_ports::instance::Instance;
 use motord_realtime::descriptors::raise_descriptors;
 use motord_realtime::{SchedulingRequest, granted, prepare_thread};
@@ -168,14 +169,7 @@ impl FrameCheck {
 
 /// Returns the reason why the motor must not receive these bytes.
 fn complaint(motor: &MotorSettings, bytes: [u8; 8], is_still: bool) -> Option<&'static str> {
-    let scales = &motor.scales;
-    let ranges = Ranges {
-        position: scales.position.max(),
-        velocity: scales.velocity.max(),
-        kp: scales.kp.max(),
-        kd: scales.kd.max(),
-        torque: scales.torque.max(),
-    };
+    let ranges = ranges(motor);
     let meaning = Meaning::of(bytes, &ranges);
     match meaning {
         _ if bytes == [0; 8] => Some("all zeros"),
