@@ -29,9 +29,8 @@ pub enum Received {
 
 /// Returns the two frames that damp a motor without a cycle, and the one that stops it. A motor must receive the first two in
 /// turn: neither velocity nor torque has a code for zero, and each of the frames pushes the joint as much as the other pushes
-/// it back. A motor
-/// without an impedance mode is stopped without damping: the commands that brake it may be full torque to a motor in
-/// another mode, and its mode is not known.
+/// it back. A motor without an impedance mode is stopped without damping: the commands that brake it may be full torque to a
+/// motor in another mode, and its mode is not known.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<([Frame; 2], Frame)> {
     let mut drive = Drive::new(motor, Duration::ZERO, true);

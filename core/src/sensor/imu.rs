@@ -185,7 +185,7 @@ impl Sensor for CanImu {
     }
 
     fn accepted(&mut self, frames: usize) {
-        // What was not sent is not awaited.
+        // The device answers only the requests that the bus accepted.
         self.is_cut &= frames == 0;
         self.open &= (1_u32 << if frames < 8 { frames } else { 8 }).wrapping_sub(1) as u8;
         self.is_awaited &= frames > 0;

@@ -61,7 +61,7 @@ fn become_realtime(
         None => Ok(steps),
     };
     let may_run = outcome.is_ok();
-    let _gone = prepared.send(outcome);
+    let _starter_ended = prepared.send(outcome);
     may_run
 }
 

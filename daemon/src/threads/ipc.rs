@@ -40,12 +40,12 @@ pub(super) fn start(starter: &Starter, ends: Ends) -> Result<Handle, RunError> {
         let ports = match Ports::open(&lock, setup.ends.imus.is_some()) {
             Ok(ports) => ports,
             Err(error) => {
-                let _gone = opened.send(Err(error));
+                let _starter_ended = opened.send(Err(error));
                 return;
             }
         };
         schedule_thread(&setup.settings);
-        let _gone = opened.send(Ok(()));
+        let _starter_ended = opened.send(Ok(()));
         let mut thread = setup.with_ports(ports).announcing(published);
         // The files of the ports are closed after the last cycle: to give back their memory takes longer than the robot may be
         // without damping.

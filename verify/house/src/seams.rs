@@ -22,7 +22,7 @@ const REFUSED: &[&str] = &["hipnuc", "damiao", "xsens", "socketcan", "buskind"];
 /// The word that is refused as a whole name only: a serial number is another thing.
 const SERIAL: &str = "serial";
 
-/// Whether code names a path through `name`, as in `BusKind::Serial`.
+/// Returns whether code names a path through `name`, as in `BusKind::Serial`.
 fn names_variant(code: TokenStream, name: &str) -> bool {
     let tokens: Vec<TokenTree> = code.into_iter().collect();
     let is_colon = |at: usize| tokens.get(at).is_some_and(|token: &TokenTree| token.to_string() == ":");

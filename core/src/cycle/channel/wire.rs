@@ -194,7 +194,8 @@ impl Wire {
         self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY
     }
 
-    /// Reads once, and gives every frame to the motor that it is from, or `None` for a request that the motor refused. Bounded by the inbox times the motors of the bus; one system call.
+    /// Reads once, and gives every frame to the motor that it is from, or `None` for a request that the motor refused. Bounded by
+    /// the inbox times the motors of the bus; one system call.
     #[inline]
     pub(super) fn receive(
         &mut self,

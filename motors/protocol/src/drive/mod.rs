@@ -5,8 +5,8 @@
 //! - [`Dialect`]: one family's frames for commands, and what it reads from replies. [`AnyDialect`](crate::AnyDialect) has
 //!   every family.
 //!
-//! Which request a reply answers is not decided here: a [`Dialect`] tells the [`Shape`] of a reply, and whoever knows the open
-//! [`Question`] decides.
+//! A [`Dialect`] does not decide which request a reply answers. It returns the [`Shape`] of the reply, and its caller, who knows
+//! the open [`Question`], decides.
 //!
 //! Real-time: after [`AnyDialect::new`](crate::AnyDialect::new) nothing here allocates, blocks, loops or calls the system.
 
