@@ -2,7 +2,7 @@
 
 use crate::{FaultVerb, InjectError, SimulatedBus};
 use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
-use motord_bus::{Bus, Content, FrameId, IdFilter, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Content, IdFilter, Inbox, Instant, Readiness};
 
 /// Passes the commands that arrive on an interface to a simulated bus, and sends the motors'
 /// answers on the interface.
@@ -14,8 +14,8 @@ use motord_bus::{Bus, Content, FrameId, IdFilter, Inbox, Instant, Readiness};
 pub struct Bridge {
     interface: SocketCanBus,
     simulated: SimulatedBus,
-    /// Ids that the interface receives.
-    listening: Vec<FrameId>,
+    /// The ids that the interface receives.
+    listening: Vec<IdFilter>,
     inbox: Inbox,
 }
 
@@ -32,7 +32,7 @@ impl Bridge {
             interface,
             index: None,
             bitrate,
-            host_ids: exact(&listening),
+            host_ids: listening.clone(),
             requests: 0,
         })?;
         Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
@@ -68,7 +68,7 @@ impl Bridge {
     /// again.
     fn follow(&mut self) {
         let addresses = addresses(&self.simulated);
-        if addresses != self.listening && self.interface.listen(&exact(&addresses)).is_ok() {
+        if addresses != self.listening && self.interface.listen(&addresses).is_ok() {
             self.listening = addresses;
         }
     }
@@ -98,15 +98,14 @@ impl Bridge {
     }
 }
 
-/// Returns each id once: the kernel may deliver a frame once per listed id.
-fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
-    let mut addresses: Vec<FrameId> = bus.motors().iter().flat_map(crate::Motor::addresses).collect();
-    addresses.extend(bus.imu_addresses());
-    addresses.sort_unstable();
-    addresses.dedup();
+/// Returns each filter once: the kernel may deliver a frame once per filter.
+fn addresses(bus: &SimulatedBus) -> Vec<IdFilter> {
+    let motors = bus.motors().iter().flat_map(crate::Motor::addresses);
+    let mut addresses = Vec::new();
+    for address in motors.chain(bus.imu_addresses().map(IdFilter::exact)) {
+        if !addresses.contains(&address) {
+            addresses.push(address);
+        }
+    }
     addresses
-}
-
-fn exact(ids: &[FrameId]) -> Vec<IdFilter> {
-    ids.iter().copied().map(IdFilter::exact).collect()
 }

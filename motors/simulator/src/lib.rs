@@ -42,6 +42,7 @@ mod body;
 mod bridge;
 mod bus;
 mod contention;
+mod dialect;
 mod fault;
 mod imu;
 #[cfg(feature = "bridge")]
@@ -72,6 +73,7 @@ mod wire;
 #[cfg(feature = "bridge")]
 pub use bridge::Bridge;
 pub use bus::SimulatedBus;
+pub use dialect::Dialect;
 pub use fault::{Fault, FaultTarget, FaultVerb, InjectError, VERBS, Verb, VerbError};
 pub use imu::{Imu, ImuOutput, ImuValues};
 pub use imu_node::{ImuNodeDevice, ImuNodeSettings};
@@ -86,8 +88,8 @@ pub use port::SerialPort;
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
-    Behaviour, BeyondRange, BusSettings, Dialect, DurationEnd, HostLoss, InFault, Medium, MotorSettings,
-    OtherBitrate, Persistence, ReplyTiming, RobStrideFirmware,
+    Behaviour, BeyondRange, BusSettings, DurationEnd, HostLoss, InFault, Medium, MotorSettings, OtherBitrate,
+    Persistence, ReplyTiming, RobStrideFirmware,
 };
 pub use shaft::Shaft;
 pub use shared::SharedBus;

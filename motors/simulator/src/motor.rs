@@ -7,6 +7,7 @@ mod mit;
 mod registers;
 
 use crate::body::{Body, Law, STEP_NS};
+use crate::dialect::Dialect;
 use crate::fault::{Fault, InjectError};
 use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::shaft::Shaft;
@@ -14,11 +15,11 @@ use crate::twin::Twin;
 use crate::wire::{POSITION, Scale, State, VELOCITY};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;
-use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
 
 /// Most steps that one call computes, 0.2 s. A longer gap takes longer steps.
 const STEPS_MAX: u64 = 4_000;
-/// Bytes of every command, in both protocols.
+/// Bytes of every command, in every protocol.
 const COMMAND_BYTES: usize = 8;
 /// Velocity of the shaft during a calibration, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
@@ -333,21 +334,38 @@ impl Motor {
     pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
         let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
         let asks_register = is_command && self.is_register_request(frame);
-        let id = if asks_register { self.address() } else { frame.id() };
-        if !is_command || !self.is_addressed(at, id) {
+        let is_addressed = asks_register || self.commands().matches(frame.id());
+        if !is_command || !is_addressed || !self.listens(at) {
             return None;
         }
         self.advance(at);
         self.reach(at.as_nanos());
-        let (frame, after) = if asks_register {
-            (self.register(at, frame)?, Duration::ZERO)
-        } else if self.is_native() {
-            self.gim(at, frame)?
-        } else {
-            (self.mit(at, frame)?, Duration::ZERO)
+        let (frame, after) = match self.dialect() {
+            _ if asks_register => (self.register(at, frame)?, Duration::ZERO),
+            Dialect::Gim => self.gim(at, frame)?,
+            Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
         Some(Reply { frame, after })
+    }
+
+    /// Returns the protocol that it speaks now.
+    fn dialect(&self) -> Dialect {
+        match self.medium {
+            Medium::Serial => Dialect::Gim,
+            Medium::Can => Dialect::by_number(self.configuration.int(int::PROTOCOL)),
+        }
+    }
+
+    /// Returns the ids of the commands to it.
+    fn commands(&self) -> IdFilter {
+        self.dialect().commands(self.address())
+    }
+
+    /// Returns the ids of all frames that it receives.
+    #[cfg(feature = "bridge")]
+    pub(crate) fn addresses(&self) -> impl Iterator<Item = IdFilter> {
+        [self.commands()].into_iter().chain(self.register_requests().map(IdFilter::exact))
     }
 
     /// Returns `true` when it destroys a frame on a CAN bus, as a motor with another bit rate may.
@@ -360,10 +378,6 @@ impl Motor {
         let disturbs = takes_part && self.disturbances > 0;
         self.disturbances -= u8::from(disturbs);
         disturbs
-    }
-
-    fn is_native(&self) -> bool {
-        self.medium == Medium::Serial || self.configuration.int(int::PROTOCOL) == 0
     }
 
     /// Returns the bytes of an answer that have no meaning.
@@ -383,23 +397,21 @@ impl Motor {
 
     /// Returns `true` when the motor receives frames with this `id`.
     pub(crate) fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
+        self.listens(at) && id == self.address()
+    }
+
+    /// Returns `true` when the motor receives frames.
+    fn listens(&self, at: Instant) -> bool {
         let listens = self.medium == Medium::Serial || self.configuration.listens_at(self.bitrate);
         listens
             && !self.impairment.off
             && !self.impairment.dead
             && self.mode != Mode::Firmware
             && at >= self.silent_until
-            && id == self.address()
     }
 
     pub(crate) fn address(&self) -> FrameId {
         self.line_id(int::CAN_ID)
-    }
-
-    /// Returns the ids of all frames that it receives.
-    #[cfg(feature = "bridge")]
-    pub(crate) fn addresses(&self) -> impl Iterator<Item = FrameId> {
-        [self.address()].into_iter().chain(self.register_requests())
     }
 
     pub(crate) fn host_address(&self) -> FrameId {

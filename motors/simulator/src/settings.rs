@@ -1,5 +1,6 @@
 //! Settings of a simulated bus and its motors: physical properties, and the choices that the vendor documents leave open.
 
+use crate::dialect::Dialect;
 use crate::imu_node::ImuNodeSettings;
 use motord_bus::Duration;
 
@@ -54,27 +55,6 @@ pub enum Medium {
     /// RS485 or RS232 at 10 bits a byte. Answers that overlap destroy each other, so the host must
     /// keep only one request open at a time. A frame's id is the address byte of its header.
     Serial,
-}
-
-/// The protocol of a motor over CAN (GIM document, table 7, ConfID 0x1C). A serial line is always native.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dialect {
-    /// The MIT protocol.
-    Mit,
-    /// The native GIM protocol.
-    Gim,
-}
-
-impl Dialect {
-    /// Returns the dialect with this name.
-    #[must_use]
-    pub fn by_name(name: &str) -> Option<Self> {
-        match name {
-            "mit" => Some(Self::Mit),
-            "gim" => Some(Self::Gim),
-            _ => None,
-        }
-    }
 }
 
 /// Settings of one motor. Every value must be finite. The rotor's inertia, constants, ratios, peaks

@@ -1,6 +1,6 @@
 //! The memory of a motor: configuration (GIM document, table 7) and parameters (table 8).
 
-use crate::settings::{Dialect, MotorSettings, Persistence};
+use crate::settings::{MotorSettings, Persistence};
 use crate::wire::result;
 use core::fmt::Write;
 use core::ops::RangeInclusive;
@@ -67,7 +67,7 @@ impl Configuration {
             let id = |raw: u16| i32::from(raw.min(0x7FF));
             *items.int(int::CAN_ID) = id(settings.id);
             *items.int(int::HOST_ID) = id(settings.host_id);
-            *items.int(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
+            *items.int(int::PROTOCOL) = settings.dialect.number();
             if let Some(bitrate) = bitrate {
                 *items.int(int::BAUD) = baud(bitrate);
             }
