@@ -14,7 +14,7 @@ use motord::buses;
 use motord_bus::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, IdFilter, Inbox, clock, wait};
-use motord_checker::codec::Ranges;
+use motord_checker::protocol::ranges::Ranges;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_deadman::channel::{Answer, Channel, Listener, Request};
 use motord_deadman::heartbeat::Heartbeat;

@@ -15,7 +15,7 @@ use motord::host::log::Log;
 use motord::run_error::RunError;
 use motord::threads::Daemon;
 use motord_bus::{Bus, Instant, clock};
-use motord_checker::codec::Meaning;
+use motord_checker::protocol::mit::Meaning;
 use motord_configuration as config;
 use motord_harness::robot::ranges::ranges;
 use motord_ports::instance::Instance;

@@ -10,7 +10,8 @@ pub mod service;
 pub mod times;
 pub mod trot;
 
-use crate::codec::{Meaning, Ranges};
+use crate::protocol::mit::Meaning;
+use crate::protocol::ranges::Ranges;
 use crate::robot::Wiring;
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Duration, Frame, FrameId};

@@ -1,9 +1,9 @@
 //! The robot: its motors, their addresses and their limits.
 
-use crate::codec::{Ranges, Reply};
 use crate::imu::{ImuTable, WiredImu};
+use crate::protocol::Protocol;
 use crate::vendor::Vendor;
-use motord_bus::{Duration, Frame, FrameId};
+use motord_bus::{Duration, Frame, FrameId, IdFilter};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -28,10 +28,8 @@ impl Robot {
     /// Returns the motor whose register 21, 22 or 23 the frame reads; `None` for any other frame, such as a write.
     pub(crate) fn register_reader(&self, bus: usize, frame: &Frame) -> Option<usize> {
         let [id, 0, 0x33, 21..=23, 0, 0, 0, 0] = *frame.payload() else { return None };
-        let has_registers =
-            |motor: &Motor| matches!(motor.protocol, Protocol::Mit { reply, .. } if reply.registers);
         let is_it =
-            |motor: &Motor| has_registers(motor) && (motor.bus, motor.id.raw()) == (bus, u32::from(id));
+            |motor: &Motor| motor.protocol.codec().has_registers() && (motor.bus, motor.id) == (bus, id);
         if frame.id().raw() == 0x7FF { self.motors.iter().position(is_it) } else { None }
     }
 
@@ -49,10 +47,12 @@ pub struct Motor {
     pub name: String,
     /// Index of its bus.
     pub bus: usize,
-    /// Id of the commands.
-    pub id: FrameId,
-    /// Id of the replies.
-    pub reply_id: FrameId,
+    /// The number that identifies it in a payload.
+    pub id: u8,
+    /// Ids of the commands.
+    pub commands: IdFilter,
+    /// Ids of the replies.
+    pub replies: IdFilter,
     /// The protocol that it speaks.
     pub protocol: Protocol,
     /// Number of cycles per command to it.
@@ -67,43 +67,12 @@ pub struct Motor {
     pub limits: Limits,
 }
 
-/// The protocol that a motor speaks.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Protocol {
-    /// MIT, as one vendor implements it.
-    Mit {
-        /// The ranges of its codes.
-        ranges: Ranges,
-        /// The form of its replies.
-        reply: Reply,
-    },
-    /// SteadyWin's own, over CAN or on a serial line.
-    Native,
-}
-
 impl Motor {
-    /// Returns the byte that identifies a motor in a payload.
-    #[must_use]
-    pub fn own_id(&self) -> u8 {
-        self.id.raw() as u8
-    }
-
     /// Returns `true` when it gets no command in most cycles. One cycle may then take more than its
     /// turn.
     #[must_use]
     pub const fn takes_turns(&self) -> bool {
         self.turn > 1
-    }
-}
-
-impl Protocol {
-    /// Returns the step of the positions in its commands, rad; 0 where they have none.
-    #[must_use]
-    pub const fn position_code(&self) -> f64 {
-        match self {
-            Self::Mit { ranges, .. } => ranges.codes().position,
-            Self::Native => 0.0,
-        }
     }
 }
 

@@ -31,11 +31,12 @@ mod reported;
 mod slope;
 mod stop;
 
-use crate::codec::{self, Ranges};
-use crate::robot::{Limits, Motor, Protocol, Robot, SafeStop};
+use crate::protocol::codec::Order;
+use crate::protocol::ranges::Ranges;
+use crate::robot::{Limits, Motor, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
-use heard::{Heard, Order};
+use heard::Heard;
 use motord_bus::{Duration, Frame, Instant};
 pub use reply::Reply;
 use reported::Velocities;
@@ -304,11 +305,12 @@ impl Checker {
     fn judge_command(&mut self, cycle: &mut Cycle, command: &Command) {
         let Command { bus, frame, .. } = *command;
         let motors = &self.robot.motors;
-        let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id()));
+        let motor = motors.iter().position(|motor| motor.bus == bus && motor.commands.matches(frame.id()));
         let (motor, order) = match motor {
             Some(motor) => {
-                judge_payload(&motors[motor], frame.payload());
-                (motor, Order::of(frame.payload(), &motors[motor]))
+                let codec = motors[motor].protocol.codec();
+                codec.check(&frame);
+                (motor, codec.order(&frame).on_joint(motors[motor].direction, motors[motor].offset))
             }
             None => {
                 let motor = self.robot.register_reader(bus, &frame);
@@ -394,8 +396,8 @@ impl Checker {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
-        let (Protocol::Mit { ranges, .. }, Order::Impedance { position, kp, kd, torque, .. }) =
-            (protocol, order)
+        let (Some(ranges), Order::Impedance { position, kp, kd, torque, .. }) =
+            (protocol.codec().ranges(), order)
         else {
             return self.judge_native(cycle, motor, order);
         };
@@ -490,25 +492,6 @@ impl Checker {
             let is_aged = now.age_cycles == before.age_cycles + 1 && now.receive_ns == before.receive_ns;
             assert!(is_kept || is_aged || is_backdated, "I6: the age of {now:?} after {before:?}");
             assert!(kept, "I6: {now:?} from {before:?}");
-        }
-    }
-}
-
-/// Checks a payload by itself: some are forbidden for every motor, whatever was requested.
-fn judge_payload(motor: &Motor, payload: &[u8]) {
-    let bytes = payload.try_into().expect("every command has eight bytes");
-    assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
-    match motor.protocol {
-        Protocol::Mit { ranges, reply } => {
-            let asks = codec::Meaning::of(bytes, &ranges) == codec::Meaning::GetFault;
-            assert!(reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
-        }
-        // No native control command is neutral in MIT mode. It may be sent: the motor has answered
-        // in native mode before.
-        Protocol::Native if matches!(bytes[0], 0x93..=0x95) => {}
-        Protocol::Native => {
-            let in_mit = codec::Meaning::of(bytes, &Ranges::steadywin(1.0));
-            assert!(in_mit.is_safe(), "I1: {bytes:02X?} is {in_mit:?} in MIT mode");
         }
     }
 }

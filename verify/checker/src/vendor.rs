@@ -1,7 +1,7 @@
 //! Facts of the vendors' MIT motors, written from the vendors' documents (docs/motors.md). To add a
 //! vendor, add a row to [`VENDORS`].
 
-use crate::codec::Reply;
+use crate::protocol::mit::Reply;
 
 /// The facts of one vendor that a check needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +76,7 @@ impl Vendor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::Ranges;
+    use crate::protocol::ranges::Ranges;
 
     #[test]
     fn replies_of_each_vendor_have_their_form() {

@@ -4,9 +4,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
-use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_checker::codec::{Ranges, Reply};
-use motord_checker::robot::{Group, Limits, Motor, Protocol, Robot, SafeStop};
+use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
+use motord_checker::protocol::Protocol;
+use motord_checker::protocol::mit::{Mit, Reply};
+use motord_checker::protocol::ranges::Ranges;
+use motord_checker::robot::{Group, Limits, Motor, Robot, SafeStop};
 use motord_checker::run::{self, BusFault, Checker, Command, MotorFault, Request};
 use motord_checker::state::{self, Bus, Cause, Joint, Mode, Phase, State};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -40,7 +42,7 @@ fn native(command: u8, value: f32) -> u64 {
 
 /// Returns MIT with replies of this form.
 fn mit(reply: Reply) -> Protocol {
-    Protocol::Mit { ranges: Ranges::steadywin(20.0), reply }
+    Protocol::Mit(Mit { ranges: Ranges::steadywin(20.0), reply })
 }
 
 /// Returns a robot of one motor with this protocol.
@@ -58,8 +60,9 @@ fn robot(protocol: Protocol) -> Robot {
     let motor = Motor {
         name: "hip".into(),
         bus: 0,
-        id: FrameId::from(1),
-        reply_id: FrameId::new(0x101).unwrap(),
+        id: 1,
+        commands: IdFilter::exact(FrameId::from(1)),
+        replies: IdFilter::exact(FrameId::new(0x101).unwrap()),
         protocol,
         turn: 1,
         direction: 1.0,

@@ -2,7 +2,7 @@
 
 use crate::input::Input;
 use crate::robot::{self, Robot, Sent};
-use motord_checker::codec::Meaning;
+use motord_checker::protocol::mit::Meaning;
 use motord_client::State;
 use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, JOINTS_MAX};
 use motord_shared::message::JOINT_VALID;

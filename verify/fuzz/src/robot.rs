@@ -3,7 +3,8 @@
 
 use motord_bus::frame::{Arrival, Content, Frame, FrameId};
 use motord_bus::{Bus, Clock, Inbox, Instant, Readiness, Sent as Accepted, VirtualClock};
-use motord_checker::codec::{Meaning, Ranges};
+use motord_checker::protocol::mit::Meaning;
+use motord_checker::protocol::ranges::Ranges;
 use motord_configuration::Machine;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_settings::settings::{MotorSettings, Settings};

@@ -4,7 +4,8 @@ use crate::{START, bus, inject, link, motor};
 use motord_bus::{
     Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, Unsupported, VirtualClock,
 };
-use motord_checker::codec::{Meaning, Ranges};
+use motord_checker::protocol::mit::Meaning;
+use motord_checker::protocol::ranges::Ranges;
 use motord_protocol::commissioning::{
     Error, Family, Formats, LASTING, LISTEN, Link, Progress, Scan, Unprompted, identify, is_taken, scan,
 };

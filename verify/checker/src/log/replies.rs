@@ -4,7 +4,7 @@
 //! Marks: `well` and `ill WORDS` begin a part that is checked, `rest` one that is not.
 
 use super::{Command, Mark, Reply, Rules, Verdict, seconds};
-use crate::codec::Meaning;
+use crate::protocol::mit::Meaning;
 use crate::robot::Wiring;
 use motord_bus::Duration;
 

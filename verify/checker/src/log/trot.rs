@@ -5,7 +5,7 @@
 //! motors were started and ends with the first stop.
 
 use super::{Command, Kind, Mark, Rules, Verdict, seconds};
-use crate::codec::Meaning;
+use crate::protocol::mit::Meaning;
 use crate::robot::Wiring;
 use motord_bus::Duration;
 use std::collections::BTreeMap;

@@ -1,94 +1,11 @@
-//! A command to one motor, for its joint, in any protocol.
+//! The effect of a command to one motor, in any protocol.
 
-use crate::codec;
-use crate::gim;
-use crate::robot::{Motor, Protocol};
+use crate::protocol::codec::Order;
 use crate::state::{Joint, State};
 
 /// Margins for single precision: share by which a braking speed may exceed that of the joint, and
 /// torque, N·m, that counts as zero.
 const MARGIN: f64 = 1e-3;
-
-/// The command, with values on the side of the joint.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Order {
-    Start,
-    Stop,
-    SetZero,
-    GetFault,
-    ClearFault,
-    GetIndicator,
-    /// A read of one of the registers 21 to 23, in place of the command.
-    GetRegister,
-    /// MIT: an impedance. Velocity and torque are `neutral` when both stand for zero, which lies
-    /// between two codes.
-    Impedance {
-        position: f64,
-        velocity: f64,
-        kp: f64,
-        kd: f64,
-        torque: f64,
-        neutral: bool,
-    },
-    /// Native: a torque.
-    Torque(f64),
-    /// Native: a speed.
-    Speed(f64),
-    /// Native: a position.
-    Position(f64),
-    /// Native: a command byte that a cycle never sends.
-    Other(u8),
-}
-
-impl Order {
-    /// Decodes the payload of a command to `motor`, which has eight bytes.
-    pub(super) fn of(payload: &[u8], motor: &Motor) -> Self {
-        let bytes = payload.try_into().expect("every command has eight bytes");
-        match &motor.protocol {
-            Protocol::Mit { ranges, .. } => Self::of_mit(codec::Meaning::of(bytes, ranges), motor),
-            Protocol::Native => Self::of_native(gim::Meaning::of(bytes), motor),
-        }
-    }
-
-    fn of_mit(meaning: codec::Meaning, &Motor { direction, offset, .. }: &Motor) -> Self {
-        use codec::Meaning;
-        match meaning {
-            Meaning::Start => Self::Start,
-            Meaning::Stop => Self::Stop,
-            Meaning::SetZero => Self::SetZero,
-            Meaning::GetFault => Self::GetFault,
-            Meaning::ClearFault => Self::ClearFault,
-            Meaning::Control { position, velocity, kp, kd, torque, neutral } => Self::Impedance {
-                position: direction * position + offset,
-                velocity: direction * velocity,
-                kp,
-                kd,
-                torque: direction * torque,
-                neutral,
-            },
-        }
-    }
-
-    fn of_native(meaning: gim::Meaning, &Motor { direction, offset, .. }: &Motor) -> Self {
-        use gim::Meaning;
-        match meaning {
-            Meaning::Start => Self::Start,
-            Meaning::Stop => Self::Stop,
-            Meaning::GetFault => Self::GetFault,
-            Meaning::ClearFault => Self::ClearFault,
-            Meaning::GetIndicator => Self::GetIndicator,
-            Meaning::Torque(torque) => Self::Torque(direction * torque),
-            Meaning::Speed(velocity) => Self::Speed(direction * velocity),
-            Meaning::Position(position) => Self::Position(direction * position + offset),
-            Meaning::Other(command) => Self::Other(command),
-        }
-    }
-
-    /// Returns `true` for a request in addition to the command of a cycle.
-    pub(super) const fn is_question(&self) -> bool {
-        matches!(self, Self::GetFault | Self::GetIndicator)
-    }
-}
 
 /// A command that a motor received, classified by the known state of its joint.
 #[derive(Debug, Clone, Copy, PartialEq)]

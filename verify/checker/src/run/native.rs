@@ -1,7 +1,7 @@
 //! Rules for the commands to a native motor (I2). Each contains one value, with the precision of a
 //! float.
 
-use super::heard::Order;
+use crate::protocol::codec::Order;
 use crate::robot::Limits;
 use crate::state::Joint;
 

@@ -1,8 +1,8 @@
 //! Comparison of a published state with the replies (I6).
 
 use super::reply::Reply;
-use crate::gim::Reported;
-use crate::robot::{Motor, Protocol};
+use crate::protocol::codec::Reported;
+use crate::robot::Motor;
 use crate::state::Joint;
 use std::collections::VecDeque;
 
@@ -20,13 +20,11 @@ pub(super) struct Velocities(VecDeque<f64>);
 impl Velocities {
     /// Adds the velocities of `motor` in these replies.
     pub(super) fn hear(&mut self, motor: &Motor, replies: &[Reply]) {
-        if motor.protocol != Protocol::Native {
+        if !motor.protocol.codec().reports_parts() {
             return;
         }
-        for reply in replies.iter().filter(|reply| is_from(reply, motor)) {
-            if let Some(Reported::State([_, velocity]) | Reported::Speed(velocity)) =
-                Reported::of(reply.frame.payload())
-            {
+        for reply in replies {
+            if let Some(Reported::State([_, velocity]) | Reported::Speed(velocity)) = reported(reply, motor) {
                 self.0.retain(|known| known.to_bits() != velocity.to_bits());
                 self.0.push_back(velocity);
             }
@@ -46,16 +44,18 @@ fn is_close(reported: f64, published: f64) -> bool {
     (reported - published).abs() < TOLERANCE * reported.abs().max(1.0)
 }
 
-fn is_from(reply: &Reply, motor: &Motor) -> bool {
-    (reply.bus, reply.frame.id()) == (motor.bus, motor.reply_id)
+/// Returns the motion in a reply of this motor, motor side.
+fn reported(reply: &Reply, motor: &Motor) -> Option<Reported> {
+    if reply.bus != motor.bus || !motor.replies.matches(reply.frame.id()) {
+        return None;
+    }
+    motor.protocol.codec().reported(&reply.frame, motor.id)
 }
 
-/// Returns position and velocity of an MIT motor from its reply, joint side.
+/// Returns position and velocity in a reply of this motor, joint side.
 pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
-    let Protocol::Mit { ranges, reply: kind } = &motor.protocol else { return None };
-    let read =
-        if is_from(reply, motor) { kind.read(reply.frame.payload(), motor.own_id(), ranges) } else { None };
-    read.map(|[position, velocity]| [motor.direction * position + motor.offset, motor.direction * velocity])
+    let Some(Reported::State([position, velocity])) = reported(reply, motor) else { return None };
+    Some([motor.direction * position + motor.offset, motor.direction * velocity])
 }
 
 /// Returns `true` when the reply is the motor's, arrived at the time of `joint` or later, and contains
@@ -68,22 +68,18 @@ pub(super) fn says(
     joint: &Joint,
     velocities: &Velocities,
 ) -> bool {
-    if !is_from(reply, motor) || reply.at.as_nanos() < joint.receive_ns {
+    if reply.at.as_nanos() < joint.receive_ns {
         return false;
     }
     let position = (f64::from(joint.position) - motor.offset) * motor.direction;
     let velocity = motor.direction * f64::from(joint.velocity);
     let is = |reported: [f64; 2]| is_close(reported[0], position) && is_close(reported[1], velocity);
-    let payload = reply.frame.payload();
-    match &motor.protocol {
-        Protocol::Mit { ranges, reply } => reply.read(payload, motor.own_id(), ranges).is_some_and(is),
-        Protocol::Native => match Reported::of(payload) {
-            Some(Reported::State(state)) => is(state),
-            Some(Reported::Angle(angle)) => {
-                let is_kept = joint.velocity.to_bits() == before.velocity.to_bits();
-                (is_kept || velocities.has(velocity)) && is([angle, velocity])
-            }
-            Some(Reported::Speed(_)) | None => false,
-        },
+    match reported(reply, motor) {
+        Some(Reported::State(state)) => is(state),
+        Some(Reported::Angle(angle)) => {
+            let is_kept = joint.velocity.to_bits() == before.velocity.to_bits();
+            (is_kept || velocities.has(velocity)) && is([angle, velocity])
+        }
+        Some(Reported::Speed(_)) | None => false,
     }
 }

@@ -1,6 +1,6 @@
 //! Limits of the rates at which the commands to a motor may change.
 
-use crate::codec::Ranges;
+use crate::protocol::ranges::Ranges;
 use crate::robot::Limits;
 
 /// Difference that rounding can add between two values, in codes: half a code for each of them, and

@@ -2,8 +2,10 @@
 
 use super::Robot;
 use super::ranges::ranges;
-use motord_bus::Instant;
-use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
+use motord_bus::{IdFilter, Instant};
+use motord_checker::protocol::Protocol;
+use motord_checker::protocol::mit::Mit;
+use motord_checker::robot::{Group, Limits, Motor, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
 use motord_checker::vendor::Vendor;
@@ -94,12 +96,14 @@ fn description(robot: &Robot) -> motord_checker::robot::Robot {
 
 fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
     let bus = &robot.buses[settings.bus];
+    let (addresses, commands) = (settings.addresses(), IdFilter::exact(settings.command_id()));
     Motor {
         name: settings.name.clone(),
         bus: settings.bus,
-        id: settings.command_id(),
+        id: settings.id,
+        commands,
         // A reply on a line is recorded under the id of the motor that was asked.
-        reply_id: if bus.is_line() { settings.command_id() } else { settings.host_id },
+        replies: if bus.is_line() { commands } else { addresses.replies },
         protocol: protocol(settings),
         turn: bus.every.get(),
         direction: f64::from(settings.transmission.direction()),
@@ -109,10 +113,17 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
     }
 }
 
+/// # Panics
+///
+/// When the checker has no codec for the protocol: the frames of its motors could not be checked.
 fn protocol(settings: &MotorSettings) -> Protocol {
     match settings.protocol.name() {
+        "mit" => {
+            let reply = Vendor::named(settings.profile.name).reply;
+            Protocol::Mit(Mit { ranges: ranges(settings), reply })
+        }
         "gim" => Protocol::Native,
-        _ => Protocol::Mit { ranges: ranges(settings), reply: Vendor::named(settings.profile.name).reply },
+        other => panic!("the checker does not know the protocol {other}"),
     }
 }
 

@@ -17,7 +17,7 @@ pub use configurations::{motor, quadruped, settings, three_motors};
 use line::{SharedLine, Wire};
 use motord::buses;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Instant};
-pub use motord_checker::codec::Meaning;
+pub use motord_checker::protocol::mit::Meaning;
 use motord_checker::run::Command;
 pub use motord_checker::run::Reply;
 use motord_core::control::Event;

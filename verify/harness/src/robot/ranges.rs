@@ -1,6 +1,6 @@
 //! The ranges of a motor's codes, for the invariant checker.
 
-use motord_checker::codec::Ranges;
+use motord_checker::protocol::ranges::Ranges;
 use motord_settings::settings::MotorSettings;
 
 /// Returns the ranges of a motor's codes.

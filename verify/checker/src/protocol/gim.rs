@@ -3,6 +3,11 @@
 //! Source: SteadyWin GIM document 2.2. Floats and the position of a reply have the low byte first,
 //! the speed of a reply does not.
 
+use super::codec::{Codec, Order, Reported, eight_bytes};
+use super::mit;
+use super::ranges::Ranges;
+use motord_bus::Frame;
+
 /// One rad/s in rpm.
 const RPM: f64 = 30.0 / std::f64::consts::PI;
 /// Largest position of a reply, rad, of 65 535 codes (3.2.7).
@@ -54,35 +59,61 @@ impl Meaning {
     }
 }
 
-/// The motion of the motor, as a reply reports it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reported {
-    /// Reply to a control command: position, rad, and velocity, rad/s.
-    State([f64; 2]),
-    /// Indicator 0x13: the angle of the output shaft, rad.
-    Angle(f64),
-    /// Indicator 0x14: the speed of the output shaft, rad/s.
-    Speed(f64),
+/// Decodes the motion in the payload of a reply: the state after a control command, the angle of the output shaft
+/// (indicator 0x13), or its speed (0x14). `None` for other replies, and for a failure.
+#[must_use]
+pub fn reported(payload: &[u8]) -> Option<Reported> {
+    match *payload {
+        [0x93..=0x95, 0, _temperature, low, high, fast, slow, _torque] => {
+            let position = f64::from(u16::from_le_bytes([low, high]));
+            let velocity = f64::from(u16::from_be_bytes([fast, slow]) >> 4);
+            let position = position * 2.0 * POSITION / 65535.0 - POSITION;
+            Some(Reported::State([position, velocity * 2.0 * VELOCITY / 4095.0 - VELOCITY]))
+        }
+        [0xB4, 0x13, 0, _, a, b, c, d] => Some(Reported::Angle(f32::from_le_bytes([a, b, c, d]).into())),
+        [0xB4, 0x14, 0, _, a, b, c, d] => {
+            Some(Reported::Speed(f64::from(f32::from_le_bytes([a, b, c, d])) / RPM))
+        }
+        _ => None,
+    }
 }
 
-impl Reported {
-    /// Decodes the payload of a reply. `None` when it does not contain the motion, or reports a
-    /// failure.
-    #[must_use]
-    pub fn of(payload: &[u8]) -> Option<Self> {
-        match *payload {
-            [0x93..=0x95, 0, _temperature, low, high, fast, slow, _torque] => {
-                let position = f64::from(u16::from_le_bytes([low, high]));
-                let velocity = f64::from(u16::from_be_bytes([fast, slow]) >> 4);
-                let position = position * 2.0 * POSITION / 65535.0 - POSITION;
-                Some(Self::State([position, velocity * 2.0 * VELOCITY / 4095.0 - VELOCITY]))
-            }
-            [0xB4, 0x13, 0, _, a, b, c, d] => Some(Self::Angle(f32::from_le_bytes([a, b, c, d]).into())),
-            [0xB4, 0x14, 0, _, a, b, c, d] => {
-                Some(Self::Speed(f64::from(f32::from_le_bytes([a, b, c, d])) / RPM))
-            }
-            _ => None,
+/// The native protocol.
+pub(super) struct Native;
+
+impl Codec for Native {
+    fn order(&self, frame: &Frame) -> Order {
+        match Meaning::of(eight_bytes(frame)) {
+            Meaning::Start => Order::Start,
+            Meaning::Stop => Order::Stop,
+            Meaning::GetFault => Order::GetFault,
+            Meaning::ClearFault => Order::ClearFault,
+            Meaning::GetIndicator => Order::GetIndicator,
+            Meaning::Torque(torque) => Order::Torque(torque),
+            Meaning::Speed(velocity) => Order::Speed(velocity),
+            Meaning::Position(position) => Order::Position(position),
+            Meaning::Other(command) => Order::Other(command),
         }
+    }
+
+    fn reported(&self, frame: &Frame, _id: u8) -> Option<Reported> {
+        reported(frame.payload())
+    }
+
+    /// No control command is neutral in MIT mode. It may be sent: the motor has answered in native mode before.
+    fn check(&self, frame: &Frame) {
+        let bytes = eight_bytes(frame);
+        let in_mit = mit::Meaning::of(bytes, &Ranges::steadywin(1.0));
+        let is_control = matches!(bytes[0], 0x93..=0x95);
+        assert!(is_control || in_mit.is_safe(), "I1: {bytes:02X?} is {in_mit:?} in MIT mode");
+    }
+
+    fn ranges(&self) -> Option<&Ranges> {
+        None
+    }
+
+    fn reports_parts(&self) -> bool {
+        true
     }
 }
 
@@ -124,7 +155,7 @@ mod tests {
     /// 60 rpm. 0x01 is a failure.
     #[test]
     fn reply_holds_position_velocity_both_or_neither() {
-        let reported = |bytes: u64| Reported::of(&bytes.to_be_bytes());
+        let reported = |bytes: u64| super::reported(&bytes.to_be_bytes());
         for command in [0x93_u64, 0x94, 0x95] {
             let Some(Reported::State([position, velocity])) =
                 reported((command << 56) | 0x0000_2812_3456_789A)
@@ -142,6 +173,6 @@ mod tests {
         {
             assert_eq!(reported(nothing), None, "{nothing:016X}");
         }
-        assert_eq!(Reported::of(&[0x93, 0, 0x28, 0x12, 0x34, 0x56]), None);
+        assert_eq!(super::reported(&[0x93, 0, 0x28, 0x12, 0x34, 0x56]), None);
     }
 }

@@ -3,46 +3,49 @@
 //! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and other lengths and ids
 //! of a reply ([`Reply`]).
 
+use super::codec::{Codec, Order, Reported, eight_bytes};
+use super::ranges::Ranges;
+use motord_bus::Frame;
 use serde::Deserialize;
 
-/// Values of the largest codes. Position, velocity and torque are symmetric; stiffness and damping
-/// begin at 0.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Ranges {
-    /// Largest position, rad, of 65 535 codes.
-    #[serde(rename = "position-rad")]
-    pub position: f64,
-    /// Largest velocity, rad/s, of 4095 codes.
-    #[serde(rename = "velocity-rad-s")]
-    pub velocity: f64,
-    /// Largest stiffness, N·m/rad, of 4095 codes.
-    pub kp: f64,
-    /// Largest damping, N·m·s/rad, of 4095 codes.
-    pub kd: f64,
-    /// Largest torque, N·m, of 4095 codes.
-    #[serde(rename = "torque-nm")]
-    pub torque: f64,
+/// MIT, as one vendor implements it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mit {
+    /// The ranges of its codes.
+    pub ranges: Ranges,
+    /// The form of its replies.
+    pub reply: Reply,
 }
 
-impl Ranges {
-    /// Returns SteadyWin's ranges: 12.5 rad, 65 rad/s, 500 N·m/rad, 5 N·m·s/rad, and the model's
-    /// torque (MIT document 1.1).
-    #[must_use]
-    pub const fn steadywin(torque: f64) -> Self {
-        Self { position: 12.5, velocity: 65.0, kp: 500.0, kd: 5.0, torque }
+impl Codec for Mit {
+    fn order(&self, frame: &Frame) -> Order {
+        match Meaning::of(eight_bytes(frame), &self.ranges) {
+            Meaning::Start => Order::Start,
+            Meaning::Stop => Order::Stop,
+            Meaning::SetZero => Order::SetZero,
+            Meaning::GetFault => Order::GetFault,
+            Meaning::ClearFault => Order::ClearFault,
+            Meaning::Control { position, velocity, kp, kd, torque, neutral } => {
+                Order::Impedance { position, velocity, kp, kd, torque, neutral }
+            }
+        }
     }
 
-    /// Returns the size of one code in each field.
-    #[must_use]
-    pub const fn codes(&self) -> Self {
-        Self {
-            position: 2.0 * self.position / 65535.0,
-            velocity: 2.0 * self.velocity / 4095.0,
-            kp: self.kp / 4095.0,
-            kd: self.kd / 4095.0,
-            torque: 2.0 * self.torque / 4095.0,
-        }
+    fn reported(&self, frame: &Frame, id: u8) -> Option<Reported> {
+        self.reply.read(frame.payload(), id, &self.ranges).map(Reported::State)
+    }
+
+    fn check(&self, frame: &Frame) {
+        let asks = Meaning::of(eight_bytes(frame), &self.ranges) == Meaning::GetFault;
+        assert!(self.reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
+    }
+
+    fn ranges(&self) -> Option<&Ranges> {
+        Some(&self.ranges)
+    }
+
+    fn has_registers(&self) -> bool {
+        self.reply.registers
     }
 }
 

@@ -1,0 +1,111 @@
+//! The meaning of the frames of one protocol.
+
+use super::ranges::Ranges;
+use motord_bus::Frame;
+
+/// The meaning of the frames of one protocol.
+pub(crate) trait Codec {
+    /// Decodes a command to a motor, motor side.
+    fn order(&self, frame: &Frame) -> Order;
+
+    /// Decodes a reply of motor `id`, motor side. `None` when it does not contain the motion.
+    fn reported(&self, frame: &Frame, id: u8) -> Option<Reported>;
+
+    /// Checks a command by itself: some are forbidden, whatever was requested.
+    ///
+    /// # Panics
+    ///
+    /// When it is forbidden.
+    fn check(&self, frame: &Frame);
+
+    /// Returns the ranges of the codes in its impedances. `None` where a command has one value.
+    fn ranges(&self) -> Option<&Ranges>;
+
+    /// Returns `true` when a reply may contain a part of the state.
+    fn reports_parts(&self) -> bool {
+        false
+    }
+
+    /// Returns `true` when the motor has registers, which a request to 0x7FF reads.
+    fn has_registers(&self) -> bool {
+        false
+    }
+}
+
+/// A command to a motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Order {
+    Start,
+    Stop,
+    SetZero,
+    GetFault,
+    ClearFault,
+    GetIndicator,
+    /// A read of one of the registers 21 to 23, in place of the command.
+    GetRegister,
+    /// An impedance. Velocity and torque are `neutral` when both stand for zero, which may lie
+    /// between two codes.
+    Impedance {
+        position: f64,
+        velocity: f64,
+        kp: f64,
+        kd: f64,
+        torque: f64,
+        neutral: bool,
+    },
+    /// A torque alone.
+    Torque(f64),
+    /// A speed alone.
+    Speed(f64),
+    /// A position alone.
+    Position(f64),
+    /// A command byte that a cycle never sends.
+    Other(u8),
+}
+
+impl Order {
+    /// Returns the command to the joint of a motor with this direction and this offset, rad, from that to the motor.
+    pub(crate) fn on_joint(self, direction: f64, offset: f64) -> Self {
+        match self {
+            Self::Impedance { position, velocity, kp, kd, torque, neutral } => Self::Impedance {
+                position: direction * position + offset,
+                velocity: direction * velocity,
+                kp,
+                kd,
+                torque: direction * torque,
+                neutral,
+            },
+            Self::Torque(torque) => Self::Torque(direction * torque),
+            Self::Speed(velocity) => Self::Speed(direction * velocity),
+            Self::Position(position) => Self::Position(direction * position + offset),
+            other => other,
+        }
+    }
+
+    /// Returns `true` for a request in addition to the command of a cycle.
+    pub(crate) const fn is_question(&self) -> bool {
+        matches!(self, Self::GetFault | Self::GetIndicator)
+    }
+}
+
+/// The motion of a motor, as a reply reports it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reported {
+    /// Position, rad, and velocity, rad/s.
+    State([f64; 2]),
+    /// The position alone, rad.
+    Angle(f64),
+    /// The velocity alone, rad/s.
+    Speed(f64),
+}
+
+/// Returns the eight bytes of a command in MIT and GIM.
+///
+/// # Panics
+///
+/// When they are not eight, or all zero.
+pub(super) fn eight_bytes(frame: &Frame) -> [u8; 8] {
+    let bytes = frame.payload().try_into().expect("every command has eight bytes");
+    assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
+    bytes
+}
