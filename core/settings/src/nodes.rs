@@ -13,6 +13,7 @@ pub fn nodes(settings: &Settings, bus: usize, reply_timeout: Duration) -> Nodes 
     let node = |motor: &MotorSettings| Node {
         command_id: motor.command_id(),
         host_id: motor.host_id,
+        commands: motor.addresses().commands,
         replies: motor.addresses().replies,
     };
     // The motors of a line are of one family.

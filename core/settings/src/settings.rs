@@ -261,11 +261,11 @@ pub struct MotorSettings {
 }
 
 impl MotorSettings {
-    /// The id of commands to it.
+    /// The id of a command to it: the highest, where its commands have several.
     #[must_use]
     #[inline]
     pub fn command_id(&self) -> FrameId {
-        self.addresses().commands
+        self.addresses().command_id
     }
 
     /// Its ids on the bus.

@@ -7,9 +7,9 @@
 //! until that is over.
 
 use motord_bus::transport::Hardware;
-use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Clock, Content, Duration, Frame, IdFilter, Inbox, Instant, Readiness};
 use motord_core::stopper::{BusFrames, PATIENCE};
-use motord_settings::settings::{MotorSettings, Settings};
+use motord_settings::settings::Settings;
 
 /// Frames are counted by windows of this length.
 const WINDOW: Duration = Duration::from_millis(100);
@@ -55,7 +55,7 @@ struct Counts {
 struct Monitor<'a> {
     name: &'a str,
     bus: &'a mut dyn Bus,
-    command_ids: Vec<FrameId>,
+    commands: Vec<IdFilter>,
     safe: BusFrames,
     /// The daemon starts beside the sender of its commands.
     is_tolerant: bool,
@@ -133,7 +133,7 @@ impl<'a> Monitor<'a> {
         Self {
             name: &settings.buses[index].name,
             bus,
-            command_ids: motors.map(MotorSettings::command_id).collect(),
+            commands: motors.map(|motor| motor.addresses().commands).collect(),
             safe: BusFrames::of(settings, index),
             is_tolerant: false,
             windows: [Counts::default(); WINDOWS],
@@ -168,7 +168,7 @@ impl<'a> Monitor<'a> {
         self.bus.receive(now, &mut inbox);
         for arrival in inbox.arrivals() {
             let Content::Frame(frame) = arrival.content else { continue };
-            if !self.command_ids.contains(&frame.id()) {
+            if !self.commands.iter().any(|ids| ids.matches(frame.id())) {
                 continue;
             }
             self.windows[0].all += 1;
@@ -205,6 +205,7 @@ impl<'a> Monitor<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_bus::FrameId;
     use motord_bus::{Arrival, Refusal, Sent, VirtualClock};
     use motord_configuration::{Machine, parse};
     use std::path::Path;

@@ -2,13 +2,13 @@
 
 use crate::control::ForeignFrames;
 use crate::stopper::BusFrames;
-use motord_bus::{Frame, FrameId};
+use motord_bus::{Frame, FrameId, IdFilter};
 use motord_settings::settings::Settings;
 
 /// Counts them by motor, from one read to the next.
 pub(crate) struct ForeignCommands {
-    /// Command id of a motor, the motor, and its counts.
-    commands: Vec<(FrameId, usize, ForeignFrames)>,
+    /// The ids of the commands to a motor, one of them, the motor, and its counts.
+    commands: Vec<(IdFilter, FrameId, usize, ForeignFrames)>,
     /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive after this process was
     /// frozen.
     safe: BusFrames,
@@ -25,8 +25,9 @@ impl ForeignCommands {
     /// Counts on the CAN bus with this index. Allocates; nothing after it does.
     pub(super) fn new(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
-        let commands =
-            motors.map(|(motor, settings)| (settings.command_id(), motor, ForeignFrames::default()));
+        let commands = motors.map(|(motor, settings)| {
+            (settings.addresses().commands, settings.command_id(), motor, ForeignFrames::default())
+        });
         Self {
             commands: commands.collect(),
             safe: BusFrames::of(settings, bus),
@@ -59,7 +60,9 @@ impl ForeignCommands {
     #[cold]
     pub(super) fn note(&mut self, frame: &Frame) {
         let Self { commands, safe, sent, is_any } = self;
-        let Some((.., frames)) = commands.iter_mut().find(|(id, ..)| *id == frame.id()) else { return };
+        let Some((.., frames)) = commands.iter_mut().find(|(ids, ..)| ids.matches(frame.id())) else {
+            return;
+        };
         if sent.iter().any(|batch| batch.contains(frame)) {
             return;
         }
@@ -78,7 +81,7 @@ impl ForeignCommands {
     #[cold]
     pub(crate) fn take(&mut self, mut pass: impl FnMut(FrameId, usize, ForeignFrames)) {
         self.is_any = false;
-        for (id, motor, frames) in self.commands.iter_mut().filter(|(.., frames)| frames.is_any()) {
+        for (_, id, motor, frames) in self.commands.iter_mut().filter(|(.., frames)| frames.is_any()) {
             pass(*id, *motor, core::mem::take(frames));
         }
     }

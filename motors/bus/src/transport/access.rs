@@ -85,10 +85,12 @@ pub trait Transport {
 /// A motor on a bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Node {
-    /// The id of the commands to it.
+    /// The id that the commands to it name on a line.
     pub command_id: FrameId,
     /// The id that its replies name on a line.
     pub host_id: FrameId,
+    /// The frames that command it on a CAN bus.
+    pub commands: IdFilter,
     /// The frames that are its replies on a CAN bus.
     pub replies: IdFilter,
 }

@@ -80,8 +80,8 @@ mod linux {
         fn open(&self, nodes: &Nodes, expected: Option<Identity>) -> Result<Opened, OpenError> {
             let Nodes { motors, sensor_ids, requests, .. } = nodes;
             let host_ids: Vec<_> = motors.iter().map(|motor| motor.replies).collect();
-            let commands = motors.iter().map(|motor| motor.command_id);
-            let others = commands.chain(sensor_ids.iter().copied()).map(IdFilter::exact);
+            let commands = motors.iter().map(|motor| motor.commands);
+            let others = commands.chain(sensor_ids.iter().copied().map(IdFilter::exact));
             let received: Vec<_> = host_ids.iter().copied().chain(others).collect();
             let mut bus = SocketCanBus::open(&Settings {
                 interface: self.interface_name()?,

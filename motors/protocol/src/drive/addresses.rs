@@ -6,8 +6,10 @@ use motord_bus::{FrameId, IdFilter};
 /// The ids by which a motor and its host address each other on a bus of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Addresses {
-    /// The id of the frames that command the motor. One from elsewhere is another master's.
-    pub commands: FrameId,
+    /// The id of a command to the motor: the highest, where its commands have several.
+    pub command_id: FrameId,
+    /// The ids of all frames that command the motor. One from elsewhere is another master's.
+    pub commands: IdFilter,
     /// The ids of the frames that the motor sends.
     pub replies: IdFilter,
 }
@@ -16,7 +18,11 @@ impl Addresses {
     /// A motor that is commanded at its `id`, and replies with its host id.
     #[must_use]
     pub fn by_id(id: u8, host_id: FrameId) -> Self {
-        Self { commands: FrameId::from(id), replies: IdFilter::exact(host_id) }
+        Self {
+            command_id: FrameId::from(id),
+            commands: IdFilter::exact(FrameId::from(id)),
+            replies: IdFilter::exact(host_id),
+        }
     }
 
     /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to it. Those of other modes

@@ -2,7 +2,7 @@
 
 use super::Robot;
 use super::ranges::ranges;
-use motord_bus::{IdFilter, Instant};
+use motord_bus::Instant;
 use motord_checker::protocol::Protocol;
 use motord_checker::protocol::mit::Mit;
 use motord_checker::robot::{Group, Limits, Motor, SafeStop};
@@ -96,14 +96,14 @@ fn description(robot: &Robot) -> motord_checker::robot::Robot {
 
 fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
     let bus = &robot.buses[settings.bus];
-    let (addresses, commands) = (settings.addresses(), IdFilter::exact(settings.command_id()));
+    let addresses = settings.addresses();
     Motor {
         name: settings.name.clone(),
         bus: settings.bus,
         id: settings.id,
-        commands,
+        commands: addresses.commands,
         // A reply on a line is recorded under the id of the motor that was asked.
-        replies: if bus.is_line() { commands } else { addresses.replies },
+        replies: if bus.is_line() { addresses.commands } else { addresses.replies },
         protocol: protocol(settings),
         turn: bus.every.get(),
         direction: f64::from(settings.transmission.direction()),

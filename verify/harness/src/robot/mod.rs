@@ -46,19 +46,20 @@ pub struct Sent {
     pub at: Instant,
     /// Index of the bus.
     pub bus: usize,
-    /// Arbitration id, which names the motor; 0x7FF of a request to a register.
+    /// The frame.
+    pub frame: Frame,
+    /// Id of the motor; 0x7FF of a request to a register.
     pub id: u16,
     /// Payload.
     pub bytes: [u8; 8],
-    /// Meaning of the bytes.
+    /// Meaning of the bytes in MIT.
     pub meaning: Meaning,
 }
 
 impl Sent {
     /// Returns the frame in the invariant checker's type.
     pub fn command(&self) -> Command {
-        let id = FrameId::new(self.id).expect("an id has eleven bits");
-        Command { ready: self.ready, bus: self.bus, frame: Frame::classic(id, self.bytes) }
+        Command { ready: self.ready, bus: self.bus, frame: self.frame }
     }
 }
 
@@ -196,7 +197,8 @@ impl Robot {
                 continue;
             }
             let mut motors = self.settings.motors.iter();
-            let motor = motors.find(|motor| (motor.bus, motor.command_id()) == (bus, frame.id()));
+            let motor =
+                motors.find(|motor| motor.bus == bus && motor.addresses().commands.matches(frame.id()));
             // A request to a register names its motor in the payload.
             let named = |motor: &&MotorConfig| {
                 motor.bus == bus && frame.payload().first() == Some(&motor.id) && motor.profile.has_registers
@@ -211,7 +213,8 @@ impl Robot {
                 ready: recorded.ready,
                 at,
                 bus,
-                id: u16::try_from(frame.id().raw()).expect("an id has eleven bits"),
+                frame,
+                id: if is_register { register::REQUEST_ID } else { motor.id.into() },
                 bytes,
                 meaning: Meaning::of(bytes, &ranges),
             });
