@@ -86,8 +86,10 @@ impl ImuFrames {
 /// the commands, and one more on a bus with a single motor, while it prepares its reply.
 fn blocking(settings: &Settings, bus: usize, frames: &[(u16, u32)]) -> u32 {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
-    let last =
-        motors().map(MotorSettings::addresses).flat_map(|ids| [ids.commands, ids.replies.highest()]).max();
+    let last = motors()
+        .map(MotorSettings::addresses)
+        .flat_map(|ids| [ids.commands.highest(), ids.replies.highest()])
+        .max();
     let Some(last) = last else { return 0 };
     let is_urgent = |frame: &&(u16, u32)| FrameId::new(frame.0).is_some_and(|id| id < last);
     let bits = |frame: &(u16, u32)| expected_bits(IdWidth::Standard, frame.1);

@@ -128,6 +128,6 @@ impl UnexpectedCounts {
 }
 
 fn ids(motor: &MotorSettings) -> [IdFilter; 2] {
-    let Addresses { commands, replies } = motor.addresses();
-    [IdFilter::exact(commands), replies]
+    let Addresses { commands, replies, .. } = motor.addresses();
+    [commands, replies]
 }

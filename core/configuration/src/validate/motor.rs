@@ -251,9 +251,10 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
     for (index, motor) in addresses.iter().enumerate() {
         let Some(motor) = motor else { continue };
         let keys = &items[index].keys.keys;
-        let Addresses { commands, replies } = motor.on_wire;
+        let Addresses { commands, replies, .. } = motor.on_wire;
         let mut before = on_bus(motor.bus).take_while(|(other, _)| *other < index);
-        if let Some((other, _)) = before.clone().find(|(_, other)| other.on_wire.commands == commands) {
+        if let Some((other, _)) = before.clone().find(|(_, other)| other.on_wire.commands.overlaps(commands))
+        {
             findings.error(keys.id.at, Wrong::DuplicateId { id: motor.id, other: named(other) });
             continue;
         }
@@ -268,7 +269,7 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         }
         let host_id = motor.host_id.raw();
         let default = motor.profile.ids.reply_offset + u16::from(motor.id);
-        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.commands).max();
+        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();
         if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
         } else if on_bus(motor.bus).any(|(_, other)| other.obeys(replies)) {

@@ -28,9 +28,9 @@ impl Addresses {
     /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to it. Those of other modes
     /// have 11 bits, like the commands that they are an offset from.
     pub fn obeyed(self, ids: &Ids) -> impl Iterator<Item = FrameId> {
-        let standard = u16::try_from(self.commands.raw()).ok().filter(|_| !self.commands.is_extended());
+        let standard = u16::try_from(self.command_id.raw()).ok().filter(|_| !self.command_id.is_extended());
         let others = ids.also_hears.iter().filter_map(move |offset| FrameId::new(standard? + offset));
-        core::iter::once(self.commands).chain(others)
+        core::iter::once(self.command_id).chain(others)
     }
 }
 
@@ -45,7 +45,7 @@ mod tests {
         let addresses = Addresses::by_id(5, short(0x15));
         let obeyed: Vec<_> = addresses.obeyed(&DAMIAO.ids).collect();
         assert_eq!(obeyed, [0x005, 0x105, 0x205, 0x305].map(short));
-        let addresses = Addresses { commands: FrameId::extended(5).unwrap(), ..addresses };
-        assert_eq!(addresses.obeyed(&DAMIAO.ids).collect::<Vec<_>>(), [addresses.commands]);
+        let addresses = Addresses { command_id: FrameId::extended(5).unwrap(), ..addresses };
+        assert_eq!(addresses.obeyed(&DAMIAO.ids).collect::<Vec<_>>(), [addresses.command_id]);
     }
 }
