@@ -294,11 +294,8 @@ fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
 fn observer(interface: InterfaceName) -> SocketCanBus {
     let ids = (1..=3).map(|id| IdFilter::exact(FrameId::from(id)));
     SocketCanBus::open(&socketcan::Settings {
-        interface,
-        index: None,
-        bitrate: BITRATE,
         host_ids: ids.collect(),
-        requests: 0,
+        ..socketcan::Settings::new(interface, BITRATE)
     })
     .unwrap()
 }

@@ -28,13 +28,8 @@ impl Bridge {
     /// The error of the interface, with the commands that correct it.
     pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
         let listening = addresses(&simulated);
-        let interface = SocketCanBus::open(&Settings {
-            interface,
-            index: None,
-            bitrate,
-            host_ids: listening.clone(),
-            requests: 0,
-        })?;
+        let settings = Settings { host_ids: listening.clone(), ..Settings::new(interface, bitrate) };
+        let interface = SocketCanBus::open(&settings)?;
         Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
     }
 

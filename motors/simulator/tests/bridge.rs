@@ -34,9 +34,8 @@ impl Robot {
         let simulated = SimulatedBus::new(bus, vec![motor("hip", 1), motor("knee", 2)], 7);
         let host_ids =
             [0x101, 0x102].map(|raw| IdFilter::exact(FrameId::new(raw).expect("11 bits"))).to_vec();
-        let host =
-            SocketCanBus::open(&Settings { interface, index: None, bitrate: BITRATE, host_ids, requests: 0 })
-                .expect("vcan is there");
+        let host = SocketCanBus::open(&Settings { host_ids, ..Settings::new(interface, BITRATE) })
+            .expect("vcan is there");
         Self { host, bridge: Bridge::open(simulated, interface, BITRATE).expect("vcan is there") }
     }
 

@@ -63,6 +63,12 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Returns the settings of a bus that receives no data frame yet, and sends none in a cycle.
+    #[must_use]
+    pub const fn new(interface: InterfaceName, bitrate: u32) -> Self {
+        Self { interface, index: None, bitrate, host_ids: Vec::new(), requests: 0 }
+    }
+
     /// Frames that may wait for the wire: those of two cycles, each with one poll for a fault.
     fn queue_length(&self) -> u32 {
         2 * (self.host_ids.len() as u32 + self.requests + 1)

@@ -84,11 +84,10 @@ mod linux {
             let others = commands.chain(sensor_ids.iter().copied().map(IdFilter::exact));
             let received: Vec<_> = host_ids.iter().copied().chain(others).collect();
             let mut bus = SocketCanBus::open(&Settings {
-                interface: self.interface_name()?,
                 index: expected.and_then(Identity::interface),
-                bitrate: self.bitrate,
                 host_ids,
                 requests: *requests,
+                ..Settings::new(self.interface_name()?, self.bitrate)
             })?;
             bus.listen(&received)?;
             let notes = bus.notes(self.bitrate).collect();

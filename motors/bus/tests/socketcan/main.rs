@@ -18,11 +18,5 @@ const BITRATE: u32 = 1_000_000;
 
 fn settings(interface: &str) -> Settings {
     let interface = interface.parse().expect("a valid name");
-    Settings {
-        interface,
-        index: None,
-        bitrate: BITRATE,
-        host_ids: HOST_IDS.map(IdFilter::exact).to_vec(),
-        requests: 0,
-    }
+    Settings { host_ids: HOST_IDS.map(IdFilter::exact).to_vec(), ..Settings::new(interface, BITRATE) }
 }
