@@ -4,10 +4,9 @@ use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Target, number};
-use motord_protocol::commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
+use motord_protocol::commissioning::{Apply, Change, Confirmation, Error, MotorRefusal, Native, check_value};
 use motord_protocol::gim::{
-    Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
-    ValueType,
+    Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Value, ValueType,
 };
 use motord_terminal::{Cell, Palette, Table, json};
 use serde::Serialize;
@@ -123,7 +122,7 @@ struct ItemRow {
 }
 
 impl ItemRow {
-    fn new(item: &'static ConfigurationItem, read: Result<Value, Refusal>) -> Self {
+    fn new(item: &'static ConfigurationItem, read: Result<Value, MotorRefusal>) -> Self {
         Self {
             name: item.name,
             value: read.ok().map(|value| match value {
@@ -144,7 +143,7 @@ impl ItemRow {
 pub(crate) fn read(
     motor: &mut Native<'_>,
     item: &'static ConfigurationItem,
-) -> Result<Result<Value, Refusal>, Error> {
+) -> Result<Result<Value, MotorRefusal>, Error> {
     match motor.configuration(item.key()) {
         Ok(value) => Ok(Ok(value)),
         Err(Error::Refused { refusal, .. }) => Ok(Err(refusal)),

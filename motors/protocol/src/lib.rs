@@ -44,6 +44,8 @@ pub mod fault;
 pub mod field;
 pub mod gim;
 pub mod imu;
+#[cfg(feature = "commissioning")]
+mod link;
 pub mod mit;
 pub mod model;
 pub mod profile;

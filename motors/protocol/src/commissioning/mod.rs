@@ -31,21 +31,15 @@
 //! # Ok::<(), motord_protocol::commissioning::Error>(())
 //! ```
 
-pub(crate) mod error;
-mod format;
-pub(crate) mod link;
-pub(crate) mod scan;
+mod apply;
+mod scan;
 mod survey;
-mod unprompted;
 
-pub use crate::gim::apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
+pub use crate::link::{Error, Formats, Heard, LASTING, Link, MotorRefusal, Unprompted, Wire};
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::ends::ends;
 pub use crate::reported::{ReportedMotor, ReportedProtocol};
-pub use error::Error;
-pub use format::Formats;
-pub use link::{Heard, Link, Wire};
+pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
-pub use unprompted::{LASTING, Unprompted};

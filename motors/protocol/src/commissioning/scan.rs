@@ -15,12 +15,12 @@
 //!   their reports. A silent one is not recognised: the frames with lasting effect on one with a factory id are not sent either
 //!   ([`LASTING`]).
 
-use crate::commissioning::error::Error;
-use crate::commissioning::format::Formats;
-use crate::commissioning::link::{Heard, Link, Wire};
-use crate::commissioning::unprompted::{LASTING, Unprompted};
 use crate::gim::commissioning::Native;
 use crate::gim::{Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply};
+use crate::link::Error;
+use crate::link::Formats;
+use crate::link::{Heard, Link, Wire};
+use crate::link::{LASTING, Unprompted};
 use crate::{Scales, mit};
 use motord_bus::{Duration, Frame, FrameId};
 use std::ops::RangeInclusive;

@@ -1,11 +1,11 @@
 //! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
 //! nothing.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::link::{Link, Wire};
 use crate::commissioning::scan::{Family, Found, identify, identify_in_mit};
 use crate::gim::commissioning::Native;
 use crate::gim::{ConfigurationItem, Value};
+use crate::link::Error;
+use crate::link::{Link, Wire};
 use crate::reported::{ReportedMotor, ReportedProtocol};
 use motord_bus::FrameId;
 

@@ -1,11 +1,10 @@
 //! The native commands, with types. Source: GIM document 3.2.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::link::{Heard, Link, Wire};
 use crate::gim::{
     Calibration, Command, ConfigurationItem, ConfigurationKey, ExecutionTime, Finite, Outcome, Pending,
     Refusal, Reply, State, Value, decode_command, decode_reply,
 };
+use crate::link::{Error, Heard, Link, MotorRefusal, Wire};
 use crate::mit::commissioning::Mit;
 use crate::{FaultBits, Scales};
 use motord_bus::{Duration, FrameId};
@@ -247,7 +246,7 @@ impl<'l> Native<'l> {
         }
         self.follow(key, value);
         self.confirm(item, value).map_err(|error| match error {
-            Error::Silent { id, .. } => Error::Unconfirmed { id, item: item.name, written: value },
+            Error::Silent { id, .. } => Error::Unconfirmed { id, item: item.name, written: value.as_f64() },
             error => error,
         })
     }
@@ -388,6 +387,7 @@ impl<'l> Native<'l> {
         if same(key, written, read) {
             return Ok(Confirmation::ReadBack(read));
         }
+        let (written, read) = (written.as_f64(), read.as_f64());
         Err(Error::NotKept { id: self.id, item: item.name, written, read })
     }
 
@@ -428,10 +428,10 @@ impl<'l> Native<'l> {
     }
 
     fn checked<T>(&self, command: &Command, outcome: Outcome<T>) -> Result<T, Error> {
-        outcome.map_err(|refusal: Refusal| Error::Refused {
+        outcome.map_err(|refusal| Error::Refused {
             id: self.id,
             request: command.code().name(),
-            refusal,
+            refusal: refusal.into(),
         })
     }
 
@@ -489,6 +489,12 @@ fn may_repeat(command: &Command) -> bool {
         | Command::AcknowledgeFault
         | Command::Calibration(_)
         | Command::UpdateFirmware => false,
+    }
+}
+
+impl From<Refusal> for MotorRefusal {
+    fn from(refusal: Refusal) -> Self {
+        Self { code: refusal.code(), reason: refusal.reason() }
     }
 }
 

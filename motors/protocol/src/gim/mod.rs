@@ -19,8 +19,6 @@
 //! - A reply identifies neither the motor nor, over CAN, the request. The host keeps one request
 //!   open and compares the command and the number in it ([`Reply::answers`]).
 
-#[cfg(feature = "commissioning")]
-pub(crate) mod apply;
 mod command;
 #[cfg(feature = "commissioning")]
 pub(crate) mod commissioning;

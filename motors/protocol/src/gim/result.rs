@@ -67,9 +67,11 @@ impl Refusal {
     }
 }
 
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let reason = match self {
+impl Refusal {
+    /// Returns the vendor's term.
+    #[must_use]
+    pub const fn reason(self) -> &'static str {
+        match self {
             Self::Failure => "failure",
             Self::UnknownCommand => "unknown command",
             Self::UnknownId => "unknown id",
@@ -79,8 +81,13 @@ impl fmt::Display for Refusal {
             Self::DataFormat => "data format",
             Self::WriteOnly => "write-only register",
             Self::Unlisted(_) => "reason not in the vendor's list",
-        };
-        write!(f, "the motor refused: {reason} (RES {:#04X})", self.code())
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the motor refused: {} (RES {:#04X})", self.reason(), self.code())
     }
 }
 

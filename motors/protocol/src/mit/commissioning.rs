@@ -1,7 +1,7 @@
 //! The MIT commands, with types. Source: MIT document, and those of the profiles.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::link::{Heard, Link};
+use crate::link::Error;
+use crate::link::{Heard, Link};
 use crate::mit::{Asked, Command, Impedance, Reply, State};
 use crate::profile::STEADYWIN;
 use crate::{Faults, Profile, Scales, register};

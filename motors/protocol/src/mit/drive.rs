@@ -337,7 +337,7 @@ impl Dialect for MitDialect {
 mod tests {
     use super::*;
     use crate::drive::{JointSide, Setpoint};
-    use crate::gim::ExecutionTime;
+    use crate::execution_time::ExecutionTime;
     use crate::mit::decode_command;
     use crate::profile::STEADYWIN;
 

@@ -1,7 +1,7 @@
 //! The ends of a motor's codes, as the motor itself reports them.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::link::{Heard, Link};
+use crate::link::Error;
+use crate::link::{Heard, Link};
 use crate::register::{PMAX, REQUEST_ID, TMAX, VMAX, read, value};
 use motord_bus::{Frame, FrameId};
 

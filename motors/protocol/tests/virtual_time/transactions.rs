@@ -63,16 +63,22 @@ fn refusal_uses_the_words_of_the_document() {
         let mut knee = Native::new(link, 3, None);
         let item = ConfigurationItem::POWER_OFF_POSITION.item().unwrap();
         let refused = knee.set_configuration(item, Value::Integer(5)).unwrap_err();
-        assert!(matches!(refused, Error::Refused { refusal: Refusal::ReadOnly, .. }), "{refused:?}");
+        assert!(
+            matches!(refused, Error::Refused { refusal, .. } if refusal == Refusal::ReadOnly.into()),
+            "{refused:?}"
+        );
         let said = refused.to_string();
         assert_eq!(said, "motor 3, modify configuration: the motor refused: read-only register (RES 0x04)");
         assert!(matches!(
             knee.indicator(0x40),
-            Err(Error::Refused { refusal: Refusal::UnknownRegister, .. })
+            Err(Error::Refused { refusal, .. }) if refusal == Refusal::UnknownRegister.into()
         ));
         // A motor refuses control before it was started.
         let torque = knee.torque(Finite::new(1.0).unwrap(), SECOND);
-        assert!(matches!(torque, Err(Error::Refused { refusal: Refusal::Failure, .. })), "{torque:?}");
+        assert!(
+            matches!(torque, Err(Error::Refused { refusal, .. }) if refusal == Refusal::Failure.into()),
+            "{torque:?}"
+        );
     });
 }
 

@@ -1,10 +1,10 @@
 //! Writes a configuration, item by item.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::link::Wire;
 use crate::commissioning::scan::is_taken;
 use crate::gim::commissioning::{Confirmation, Native, same};
 use crate::gim::{Access, CONFIGURATION, ConfigurationItem, Value};
+use crate::link::Error;
+use crate::link::Wire;
 
 /// An item to change.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,8 +153,16 @@ impl Apply<'_> {
         let refused = |reason| Err(Error::Protocol { id, reason });
         for change in self.changes {
             check_value(change.item, change.to).or_else(refused)?;
-            let (item, value) = (change.item, change.to.as_f64());
-            check_plausible(change).map_err(|meant| Error::Implausible { id, item, value, meant })?;
+            let ConfigurationItem { name: item, unit, plausible: range, .. } = *change.item;
+            let value = change.to.as_f64();
+            check_plausible(change).map_err(|meant| Error::Implausible {
+                id,
+                item,
+                unit,
+                range,
+                value,
+                meant,
+            })?;
         }
         if let Some(change) = self.change("can-baud-rate")
             && let (Value::Integer(from), Value::Integer(to)) = (change.from, change.to)

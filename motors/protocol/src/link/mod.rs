@@ -1,8 +1,15 @@
 //! A bus with one open request.
 
-use crate::commissioning::error::Error;
-use crate::commissioning::format::Formats;
-use crate::commissioning::unprompted::{Unprompted, reporting_motor};
+mod error;
+mod format;
+mod unprompted;
+
+pub use error::{Error, MotorRefusal};
+pub use format::Formats;
+pub use unprompted::{LASTING, Unprompted};
+
+use unprompted::reporting_motor;
+
 use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
 /// The kind of wire.

@@ -1,7 +1,22 @@
 //! Errors of transactions.
 
-use crate::gim::{ConfigurationItem, Refusal, Value};
+use core::fmt;
 use motord_bus::FrameId;
+
+/// Reason for which a motor refused a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotorRefusal {
+    /// The result code of the motor.
+    pub code: u8,
+    /// The vendor's term.
+    pub reason: &'static str,
+}
+
+impl fmt::Display for MotorRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the motor refused: {} (RES {:#04X})", self.reason, self.code)
+    }
+}
 
 /// Reason for which a transaction failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -22,7 +37,7 @@ pub enum Error {
         /// The request, by the document's name.
         request: &'static str,
         /// The vendor's term, and the code.
-        refusal: Refusal,
+        refusal: MotorRefusal,
     },
     /// The motor answered with an ACK frame: the request was damaged on the line (GIM document, Table 3).
     #[error("motor {id} could not read `{request}` (ACK frame): check wiring, termination and bit rate")]
@@ -36,26 +51,28 @@ pub enum Error {
     #[error("the bus accepts no frame: {}", reason(*.0))]
     Bus(motord_bus::Refusal),
     /// A written value reads back as another one.
-    #[error("motor {id}: {item} reads {read} after {written} was written", written = .written.as_f64(), read = .read.as_f64())]
+    #[error("motor {id}: {item} reads {read} after {written} was written")]
     NotKept {
         /// The motor.
         id: u8,
         /// The item's name.
         item: &'static str,
         /// The value that was written.
-        written: Value,
+        written: f64,
         /// The value that was read back.
-        read: Value,
+        read: f64,
     },
     /// A value was sent, and no motor answers at the address that the motor should now have.
-    #[error("motor {id} does not answer after {item} {written} was sent: it may have the old or the new value; find it with `motorctl scan`", written = .written.as_f64())]
+    #[error(
+        "motor {id} does not answer after {item} {written} was sent: it may have the old or the new value; find it with `motorctl scan`"
+    )]
     Unconfirmed {
         /// The motor, by the id that it should now have.
         id: u8,
         /// The item's name.
         item: &'static str,
         /// The value that was sent.
-        written: Value,
+        written: f64,
     },
     /// A written parameter reads back as another value.
     #[error("motor {id}: parameter {item} reads {read} after {written} was written")]
@@ -100,12 +117,16 @@ pub enum Error {
         taken: u8,
     },
     /// A value is one that no motor has: it may be in another unit.
-    #[error("motor {id}: {}", implausible(.item, *.value, *.meant))]
+    #[error("motor {id}: {}", implausible(.item, .unit, *.range, *.value, *.meant))]
     Implausible {
         /// The motor.
         id: u8,
-        /// The item.
-        item: &'static ConfigurationItem,
+        /// The item's name.
+        item: &'static str,
+        /// The unit of value and range; empty for a plain number.
+        unit: &'static str,
+        /// The values that a motor may have, both ends included.
+        range: Option<(f32, f32)>,
         /// The value that was to be written.
         value: f64,
         /// The nearest value that may have been meant.
@@ -125,13 +146,12 @@ pub enum Error {
 }
 
 /// Returns the sentence for a value that no motor has.
-fn implausible(item: &ConfigurationItem, value: f64, meant: Option<f64>) -> String {
-    let ConfigurationItem { name, unit, plausible, .. } = item;
+fn implausible(item: &str, unit: &str, range: Option<(f32, f32)>, value: f64, meant: Option<f64>) -> String {
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let range =
-        plausible.map_or_else(String::new, |(least, most)| format!(": a motor has {least} to {most}{unit}"));
+        range.map_or_else(String::new, |(least, most)| format!(": a motor has {least} to {most}{unit}"));
     let meant = meant.map_or_else(String::new, |meant| format!("; did you mean {}?", meant as f32));
-    format!("{name} {}{unit} is not written{range}{meant}", value as f32)
+    format!("{item} {}{unit} is not written{range}{meant}", value as f32)
 }
 
 fn reason(refusal: motord_bus::Refusal) -> String {
