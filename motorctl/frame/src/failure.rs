@@ -1,6 +1,6 @@
 //! The errors of the command.
 
-use crate::robot::RobotError;
+use motord_configuration::ConfigError;
 use motord_protocol::ScaleError;
 use motord_terminal::exit_status;
 use std::io;
@@ -21,7 +21,7 @@ pub enum FrameFailure {
     Scale(#[from] ScaleError),
     /// The configuration has mistakes.
     #[error(transparent)]
-    Robot(#[from] RobotError),
+    Configuration(#[from] ConfigError),
     /// Standard input or output failed.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -34,7 +34,7 @@ impl FrameFailure {
         match self {
             Self::Rejected { .. } => exit_status::DATA,
             Self::Scale(_) => exit_status::USAGE,
-            Self::Robot(_) => exit_status::CONFIG,
+            Self::Configuration(_) => exit_status::CONFIG,
             Self::Io(_) => exit_status::IO,
         }
     }

@@ -3,23 +3,8 @@
 use crate::object::Object;
 use crate::rejected::Rejected;
 use motord_bus::Frame;
-use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol, Measured, SampleField};
+use motord_protocol::imu::{CanDevice, Measured, SampleField};
 use motord_protocol::profile::STEADYWIN;
-use serde::Deserialize;
-
-/// The keys of an `[[imu]]` that this command uses.
-#[derive(Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct ImuConfig {
-    name: String,
-    #[serde(rename = "type")]
-    kind: String,
-    pub(super) bus: Option<String>,
-    node_id: Option<u8>,
-    can_id: Option<u16>,
-    master_id: Option<u16>,
-    firmware: Option<u16>,
-}
 
 /// An IMU on an interface.
 pub(super) struct LoggedImu {
@@ -29,17 +14,8 @@ pub(super) struct LoggedImu {
 }
 
 impl LoggedImu {
-    /// Returns the IMU on `interface`; `None` for one that is not on a CAN bus.
-    pub(super) fn new(config: ImuConfig, interface: String) -> Option<Self> {
-        let protocol = CanProtocol::ALL.into_iter().find(|protocol| protocol.name() == config.kind)?;
-        let new = CanAddress::default();
-        let address = CanAddress {
-            node_id: config.node_id.unwrap_or(new.node_id),
-            can_id: config.can_id.unwrap_or(new.can_id),
-            master_id: config.master_id.unwrap_or(new.master_id),
-            firmware: config.firmware.unwrap_or(new.firmware),
-        };
-        Some(Self { name: config.name, interface, device: CanDevice::new(protocol, address) })
+    pub(super) const fn new(name: String, interface: String, device: CanDevice) -> Self {
+        Self { name, interface, device }
     }
 
     /// Decodes a frame from or to this device; `None` for another frame.

@@ -3,7 +3,7 @@
 use crate::scale::Scale;
 use clap::{Args, ValueEnum};
 use motord_protocol::profile::PROFILES;
-use motord_protocol::{Model, Profile, ScaleError};
+use motord_protocol::{Model, MotorProtocol, Profile, ScaleError, gim, mit};
 use std::str::FromStr;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -14,6 +14,15 @@ pub(super) enum FrameProtocol {
     GimCan,
     /// GIM commands over RS485 and RS232.
     GimRs485,
+}
+
+impl FrameProtocol {
+    /// Returns the frames of a motor on a CAN bus; `None` for a family that this command does not decode.
+    pub(super) fn over_can(protocol: MotorProtocol) -> Option<Self> {
+        let name = protocol.family().name;
+        let families = [(mit::FAMILY.name, Self::Mit), (gim::FAMILY.name, Self::GimCan)];
+        families.into_iter().find_map(|(family, frames)| (family == name).then_some(frames))
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

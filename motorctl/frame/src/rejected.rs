@@ -49,6 +49,8 @@ pub(super) enum Rejected {
     LogLine(#[from] InvalidLine),
     #[error(transparent)]
     Capture(InvalidCapture),
+    #[error("motor {motor} has a protocol that this command does not decode")]
+    Family { motor: String },
     #[error("unsupported frame: expected a data frame with an 11-bit id and at most 8 bytes")]
     Unsupported,
     #[error("remote frame: no motor sends or reads one")]

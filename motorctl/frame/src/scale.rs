@@ -1,6 +1,6 @@
 //! The scales of a motor, with the constants that they were computed from.
 
-use motord_protocol::{Ends, Model, Profile, ScaleError, Scales};
+use motord_protocol::{Model, Profile, ScaleError, Scales};
 
 /// The scales of a motor whose torque code is known.
 #[derive(Debug, Clone, Copy)]
@@ -14,11 +14,6 @@ impl Scale {
     pub(super) fn new(torque_constant: f64, gear_ratio: f64) -> Result<Self, ScaleError> {
         let scales = Scales::by_current(torque_constant, gear_ratio)?;
         Ok(Self { constants: Some([torque_constant, gear_ratio]), scales })
-    }
-
-    /// Returns the scales of a motor whose codes have these ends.
-    pub(super) const fn of_ends(ends: &Ends) -> Self {
-        Self { constants: None, scales: Scales::of(ends) }
     }
 
     /// Returns the scales of a model. The constants count only where its torque code is a current.

@@ -400,6 +400,7 @@ bus = "front-left"
 id = 0x05
 host-id = 0x300
 protocol = "gim"
+model = "GIM8108-8"
 torque-constant-nm-per-a = 0.1
 gear-ratio = 8
 "#;
@@ -408,6 +409,16 @@ fn decode_log(options: &[&str], config: &str, log: &str) -> Output {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(config.as_bytes()).unwrap();
     frame("decode", &[options, &["--config", file.path().to_str().unwrap(), "-"]].concat(), log)
+}
+
+/// One file has one meaning for the daemon and for the decoder of its logs.
+#[test]
+fn configuration_the_daemon_refuses_is_refused() {
+    let refused = ROBOT.replace("gear-ratio = 8", "gear-ratio = -8");
+    let output = decode_log(&[], &refused, "(0.1) vcan0 001#FFFFFFFFFFFFFFFC\n");
+    let complaint = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(78), "{complaint}");
+    assert!(complaint.contains("motor.gear-ratio"), "{complaint}");
 }
 
 /// A motor with registers, whose answer begins like a state.
@@ -438,7 +449,9 @@ fn registers_of_damiao_are_no_states() {
 #[test]
 fn frames_of_imus_are_decoded_with_names() {
     let config = "\
+        [cycle]\nrate-hz = 400\n\
         [[bus]]\nname = 'front'\ntype = 'socketcan'\ninterface = 'vcan0'\n\
+        [[motor]]\nname = 'hip'\nbus = 'front'\nid = 2\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n\
         [[imu]]\nname = 'base'\ntype = 'damiao'\nbus = 'front'\n\
         [[imu]]\nname = 'head'\ntype = 'hipnuc-can'\nbus = 'front'\n";
     let log = "(0.1) vcan0 001#CC0200DD00000000\n\

@@ -123,7 +123,7 @@ fn capture_of_all_interfaces_needs_one_named() {
     let place = tempfile::tempdir().unwrap();
     let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
     std::fs::write(path("any.pcap"), capture).unwrap();
-    let two = format!("{ROBOT}[[bus]]\nname = \"vcan1\"\ntype = \"socketcan\"\n");
+    let two = format!("{ROBOT}[[bus]]\nname = \"vcan1\"\ntype = \"socketcan\"\ninterface = \"vcan1\"\n");
     for (robot, named) in [(ROBOT, false), (&two, false), (&two, true)] {
         std::fs::write(path("robot.toml"), robot).unwrap();
         let (robot_file, log) = (path("robot.toml"), path("any.pcap"));
