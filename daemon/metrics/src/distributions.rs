@@ -1,6 +1,6 @@
 //! Histograms of all latencies, since the start or the last reset.
 //!
-//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of IMU ages have two. They are
+//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of joints and IMUs have two. They are
 //! allocated once, and recording a value takes constant time.
 //!
 //! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it (coordinated
@@ -38,6 +38,7 @@ pub struct Distributions {
     publication: Histogram<u64>,
     delivery: Histogram<u64>,
     polled: Histogram<u64>,
+    /// Two significant digits, because there may be 64 joints.
     joints: Vec<Histogram<u64>>,
     /// Two significant digits: the age spreads over a period.
     imus: Vec<Histogram<u64>>,
@@ -95,7 +96,7 @@ impl Distributions {
             polled: histogram(),
             control: (0..groups).map(|_| control()).collect(),
             publications: Publications([(0, Instant::ZERO); Publications::KEPT]),
-            joints: (0..joints).map(|_| histogram()).collect(),
+            joints: (0..joints).map(|_| coarse_histogram()).collect(),
             imus: Vec::new(),
             aged: None,
             missed_replies: (0, 0),

@@ -269,8 +269,8 @@ fn histograms<'a>(
     family(name, help, MetricType::HISTOGRAM, samples.into_iter().map(metric))
 }
 
-/// Returns the values in buckets, s. A value within 0.1 % of a bound may count on its other side, because the
-/// histogram has three significant digits.
+/// Returns the values in buckets, s. A value within 0.1 % of a bound may count on its other side, because a
+/// histogram has three significant digits; within 1 % where it has two.
 fn buckets(values: &Distribution<u64>) -> Histogram {
     let mut buckets = Vec::with_capacity(BOUNDS_NS.len());
     let mut recorded = values.iter_recorded().peekable();

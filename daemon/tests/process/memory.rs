@@ -13,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 /// Twelve motors on four simulated buses.
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-simulated.toml");
 /// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the system permits it.
-const RESIDENT_MAX: u64 = 32 * 1024;
+const RESIDENT_MAX: u64 = 31 * 1024;
 /// A field of proc_pid_stat(5).
 const SCHEDULING_POLICY: usize = 41;
 const SCHED_OTHER: u32 = 0;
