@@ -6,7 +6,7 @@ mod echo;
 mod robots;
 
 use clap::{Parser, Subcommand, ValueEnum};
-use echo::{Daemon, INSTANCE, JOINTS, PATIENCE};
+use echo::{Daemon, INSTANCE, JOINTS, TIMEOUT};
 use iceoryx2::prelude::{Config, Node, NodeBuilder, Path as SystemPath, SemanticString, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use motord_bus::{Bus, Frame, Inbox, Instant as RobotTime, Readiness, Sent};
@@ -152,12 +152,12 @@ fn wake_up(count: usize) {
     let event = Arc::new(EventFd::from_flags(EfdFlags::EFD_SEMAPHORE).expect("the kernel gives one"));
     let (asked, ends) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
     let written = Arc::new(AtomicU64::new(0));
-    let (bell, asks, ended, writes) =
+    let (bell, requests, ended, writes) =
         (Arc::clone(&event), Arc::clone(&asked), Arc::clone(&ends), Arc::clone(&written));
     let waker = std::thread::spawn(move || {
         let mut done = 0;
         while !ended.load(Ordering::Relaxed) {
-            if asks.load(Ordering::Acquire) == done {
+            if requests.load(Ordering::Acquire) == done {
                 spin_loop();
                 continue;
             }
@@ -180,13 +180,13 @@ fn motord_trips(count: usize, trip: Trip) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
     let _daemon = Daemon::start(runtime.path(), trip.pause());
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
-    client.set_silence(PATIENCE);
+    client.set_silence(TIMEOUT);
     let mut claim = client.claim("all").expect("the group has no owner");
     let setpoints = [Setpoint::damping(1.0); JOINTS];
     time_trips(&format!("motord-{}", trip.name()), count, || {
         let begun_ns = clock::now_ns();
         claim.send(&setpoints).expect("the daemon runs");
-        let taken = if trip == Trip::Spin { client.spin(PATIENCE) } else { client.wait(PATIENCE) };
+        let taken = if trip == Trip::Spin { client.spin(TIMEOUT) } else { client.wait(TIMEOUT) };
         let state = black_box(taken.expect("the daemon answers"));
         trip.time_ns(begun_ns, state.publish_ns())
     });
@@ -197,10 +197,10 @@ fn motord_trips(count: usize, trip: Trip) {
 fn iceoryx2_trips(count: usize, trip: Trip) {
     let root = tempfile::tempdir().expect("the temporary directory is writable");
     let (open, opened) = std::sync::mpsc::channel();
-    let (ends, place) = (Arc::new(AtomicBool::new(false)), root.path().to_owned());
+    let (ends, directory) = (Arc::new(AtomicBool::new(false)), root.path().to_owned());
     let ended = Arc::clone(&ends);
     let echo = std::thread::spawn(move || {
-        let services = Services::open(&place);
+        let services = Services::open(&directory);
         let setpoints = services.setpoint.subscriber_builder().create().expect("a slot is free");
         let states = services.state.publisher_builder().create().expect("a slot is free");
         let event = services.event.notifier_builder().create().expect("a slot is free");

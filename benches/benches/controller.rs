@@ -22,7 +22,7 @@ const INSTANCE: &str = "demo";
 const GROUP: &str = "legs";
 /// `SCHED_FIFO` priority of the controller: below the daemon's threads.
 const PRIORITY: &str = "60";
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Number of setpoints remembered until a cycle uses them.
 const REMEMBERED: usize = 64;
 const HEADING: &str = "\
@@ -126,13 +126,13 @@ fn configured(options: &Options) -> String {
 /// Holds the robot in position, and prints a row about its own setpoints.
 fn control(runtime: &Path, options: &Options) -> Result<(), Error> {
     let client = Client::connect_in(runtime, INSTANCE)?;
-    client.set_silence(PATIENCE);
+    client.set_silence(TIMEOUT);
     let mut claim = start(&client)?;
     let mut watch = Watch::new(settled(&client)?);
     let computing = Duration::from_micros(options.computing[0]);
     let end = Instant::now() + Duration::from_secs_f64(options.seconds);
     while Instant::now() < end {
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait(TIMEOUT)?;
         let woken = Instant::now();
         watch.take(&state);
         while woken.elapsed() < computing {
@@ -143,7 +143,7 @@ fn control(runtime: &Path, options: &Options) -> Result<(), Error> {
     }
     watch.print(options.computing[0]);
     claim.disable()?;
-    claim.wait_for(Phase::Disarmed, PATIENCE)
+    claim.wait_for(Phase::Disarmed, TIMEOUT)
 }
 
 /// Starts the group and returns once it is active.
@@ -151,15 +151,15 @@ fn start(client: &Client) -> Result<Claim, Error> {
     let begun = Instant::now();
     loop {
         let mut claim = client.claim(GROUP)?;
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait(TIMEOUT)?;
         let started = claim
             .hold(&state, 40.0, 1.0)
             .and_then(|()| claim.commit())
             .and_then(|()| claim.enable())
-            .and_then(|()| claim.wait_for(Phase::Active, PATIENCE));
+            .and_then(|()| claim.wait_for(Phase::Active, TIMEOUT));
         match started {
             Ok(()) => return Ok(claim),
-            Err(error) if begun.elapsed() > PATIENCE => return Err(error),
+            Err(error) if begun.elapsed() > TIMEOUT => return Err(error),
             // The motors have not answered yet.
             Err(_) => std::thread::sleep(Duration::from_millis(50)),
         }
@@ -169,9 +169,9 @@ fn start(client: &Client) -> Result<Claim, Error> {
 /// Returns the sequence number of the last setpoint, once it is in use.
 fn settled(client: &Client) -> Result<u64, Error> {
     for _ in 0..5 {
-        client.wait(PATIENCE)?;
+        client.wait(TIMEOUT)?;
     }
-    Ok(client.wait(PATIENCE)?.group(0).map_or(0, |group| group.sequence))
+    Ok(client.wait(TIMEOUT)?.group(0).map_or(0, |group| group.sequence))
 }
 
 /// The states that a setpoint answers.

@@ -12,7 +12,7 @@
 mod echo;
 
 use criterion::{Bencher, BenchmarkId, Criterion, criterion_group, criterion_main};
-use echo::{Daemon, INSTANCE, JOINTS, PATIENCE};
+use echo::{Daemon, INSTANCE, JOINTS, TIMEOUT};
 use motord_client::{Claim, Client, Setpoint, State};
 use motord_ports::{ClientPorts, DaemonPorts, Instance};
 use motord_shared::StateMessage;
@@ -31,7 +31,7 @@ fn round_trip(
     take: fn(&Client, Duration) -> Result<State, motord_client::Error>,
 ) -> u64 {
     claim.send(&[Setpoint::damping(1.0); JOINTS]).expect("the daemon runs");
-    let state = take(client, PATIENCE).expect("the daemon answers");
+    let state = take(client, TIMEOUT).expect("the daemon answers");
     state.group(0).map_or(0, |group| group.sequence)
 }
 
@@ -39,7 +39,7 @@ fn ipc(criterion: &mut Criterion) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
     let _daemon = Daemon::start(runtime.path(), Duration::ZERO);
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
-    client.set_silence(PATIENCE);
+    client.set_silence(TIMEOUT);
     let mut claim = client.claim("all").expect("the group has no owner");
     let mut answered = 0;
     let mut group = criterion.benchmark_group("ipc round trip");

@@ -23,7 +23,7 @@ const GROUP: &str = "legs";
 const CYCLES: u64 = 10_000;
 /// Cycles in which one client watches and none connects.
 const QUIET_CYCLES: u64 = 4_000;
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Limit on the allocations of the ipc thread in a cycle without requests.
 const IPC_MAX: f64 = 0.05;
 /// Limit on the allocations of the telemetry thread in a second: iceoryx2 needs thousands in each
@@ -88,7 +88,7 @@ fn calls_of(threads: [i32; 3], run: impl FnOnce()) -> [(u64, u64); 3] {
     set(threads);
     run();
     set([0; 3]);
-    [0, 1, 2].map(|place| (take(&ALLOCATIONS[place]), take(&FREES[place])))
+    [0, 1, 2].map(|index| (take(&ALLOCATIONS[index]), take(&FREES[index])))
 }
 
 /// Returns the id of this process's thread `name`.
@@ -108,7 +108,7 @@ fn connect() -> Client {
     loop {
         match Client::connect(INSTANCE) {
             Ok(client) => return client,
-            Err(error) => assert!(begun.elapsed() < PATIENCE, "{error}"),
+            Err(error) => assert!(begun.elapsed() < TIMEOUT, "{error}"),
         }
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -116,7 +116,7 @@ fn connect() -> Client {
 
 /// Returns after this many cycles; missed ticks do not count.
 fn await_cycles(client: &Client, count: u64) {
-    let run = || client.wait(PATIENCE).map(|state| state.cycle() - state.overruns()).unwrap();
+    let run = || client.wait(TIMEOUT).map(|state| state.cycle() - state.overruns()).unwrap();
     let first = run();
     while run() < first + count {}
 }
@@ -124,7 +124,7 @@ fn await_cycles(client: &Client, count: u64) {
 /// Runs one client: it claims the robot if it is free, moves it, and ends in one of several ways.
 fn live(life: u64) -> Result<(), Error> {
     let client = Client::connect(INSTANCE)?;
-    client.wait(PATIENCE)?;
+    client.wait(TIMEOUT)?;
     client.reset(GROUP)?;
     let mut claim = client.claim(GROUP)?;
     follow(&client, &mut claim, 20)?;
@@ -146,7 +146,7 @@ fn live(life: u64) -> Result<(), Error> {
 /// Sends setpoints for this many cycles.
 fn follow(client: &Client, claim: &mut Claim, cycles: u64) -> Result<(), Error> {
     for cycle in 0..cycles {
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait(TIMEOUT)?;
         let swing = 0.002 * (cycle % 50) as f32;
         let hold = state
             .joints()

@@ -11,7 +11,7 @@ use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
 use motord_client::{Cause, Client, Error, Phase, RUNTIME_DIR_VARIABLE, State};
 use motord_configuration::{self as config, Machine};
-use motord_harness::daemon::{PATIENCE, until};
+use motord_harness::daemon::{TIMEOUT, until};
 use motord_ports::instance::Instance;
 use motord_simulator::{FaultVerb, SharedBus};
 use nix::sys::signal::{Signal, kill};
@@ -65,7 +65,7 @@ struct Process(Child);
 
 impl Drop for Process {
     fn drop(&mut self) {
-        let _gone = self.0.kill();
+        let _exited = self.0.kill();
         let _status = self.0.wait();
     }
 }
@@ -81,7 +81,7 @@ impl Process {
     }
 
     /// Writes a line to its standard input.
-    fn say(&mut self, line: &str) {
+    fn send_line(&mut self, line: &str) {
         writeln!(self.0.stdin.as_mut().unwrap(), "{line}").unwrap();
     }
 }
@@ -157,7 +157,7 @@ fn start_again(client: &Client) {
     until("the start", || {
         let _nothing_latched = client.reset(GROUP);
         client.enable(GROUP).ok()?;
-        client.wait_for(GROUP, Phase::Active, PATIENCE).ok()
+        client.wait_for(GROUP, Phase::Active, TIMEOUT).ok()
     });
     await_motion(client);
 }
@@ -230,14 +230,14 @@ fn template_controller_survives_stops_by_people() {
 #[test]
 fn template_controller_survives_stops_by_motors() {
     let mut scene = Scene::new();
-    scene.daemon.say("hip fault 0x02");
+    scene.daemon.send_line("hip fault 0x02");
     await_stop(&scene.client, Some(Cause::MotorFault));
-    scene.daemon.say("hip ok");
+    scene.daemon.send_line("hip ok");
     until("the end of the fault", || scene.client.clear_fault("hip").ok());
     start_again(&scene.client);
-    scene.daemon.say("knee off");
+    scene.daemon.send_line("knee off");
     await_stop(&scene.client, Some(Cause::MotorLost));
-    scene.daemon.say("knee ok");
+    scene.daemon.send_line("knee ok");
     start_again(&scene.client);
     scene.end();
 }
@@ -256,7 +256,7 @@ fn template_controller_survives_daemon_that_stands_still() {
 #[test]
 fn template_controller_survives_daemons_that_end_or_die() {
     let mut scene = Scene::new();
-    scene.daemon.say("");
+    scene.daemon.send_line("");
     assert!(scene.daemon.0.wait().unwrap().success(), "the daemon ends by itself");
     scene.start_next_daemon();
     scene.daemon.0.kill().unwrap();

@@ -56,10 +56,10 @@ model = "GIM8108-8"
 
 const NOT_FINITE: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 const ABSURD: [f32; 5] = [f32::MAX, f32::MIN, f32::MIN_POSITIVE / 2.0, -0.0, 500.0];
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         if let Some(found) = attempt() {
             return found;
@@ -77,7 +77,7 @@ fn rejections(state: &State) -> u32 {
 }
 
 /// Returns the setpoint with `value` in one of its five fields.
-fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
+fn corrupted(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
     let fields = [
         &mut setpoint.position,
         &mut setpoint.velocity,
@@ -101,7 +101,7 @@ impl Owner {
     fn new(directory: &Path) -> Self {
         let client = Client::connect_in(directory, "sweep").unwrap();
         // The test must not fail when the machine stalls for 50 ms.
-        client.set_silence(PATIENCE);
+        client.set_silence(TIMEOUT);
         let attachment = Instance::below(directory, "sweep").unwrap().attach().unwrap();
         let ports = ClientPorts::open(attachment.unwrap()).unwrap();
         let port = ports.setpoint_port().unwrap();
@@ -122,7 +122,7 @@ impl Owner {
     }
 
     fn state(&self) -> State {
-        self.client.wait(PATIENCE).unwrap()
+        self.client.wait(TIMEOUT).unwrap()
     }
 
     fn transmit(&mut self, setpoints: &[Setpoint]) {
@@ -168,7 +168,7 @@ fn absurd_value_is_rejected_or_limited() {
         .map(|frame| frame.frame.payload().try_into().unwrap())
         .collect();
     assert!(frames.len() < 1 << 16, "the record kept everything");
-    judge(&frames, torque_end, f64::from(torque_max));
+    check(&frames, torque_end, f64::from(torque_max));
 }
 
 /// Claims the robot, sends every absurd value, and returns how many messages had a value that is not finite.
@@ -193,7 +193,7 @@ fn send_absurd_values(directory: &Path) -> u32 {
     for (joint, field) in joints_and_fields {
         for value in NOT_FINITE.into_iter().chain(ABSURD) {
             let mut setpoints = hold.clone();
-            setpoints[joint] = spoiled(setpoints[joint], field, value);
+            setpoints[joint] = corrupted(setpoints[joint], field, value);
             let gain = field == 2 || field == 3;
             let state = owner.send(&setpoints);
             not_finite += u32::from(!value.is_finite());
@@ -222,7 +222,7 @@ fn rejected_by_status(directory: &Path) -> u32 {
 
 /// Checks that no frame to a motor is all zeros, moves its zero, or requests more than
 /// `torque_max`, N·m.
-fn judge(frames: &[[u8; 8]], full_scale: f64, torque_max: f64) {
+fn check(frames: &[[u8; 8]], full_scale: f64, torque_max: f64) {
     let starts = frames.iter().filter(|frame| **frame == [255, 255, 255, 255, 255, 255, 255, 0xFC]);
     assert_eq!(starts.count(), 3, "each motor was started once");
     for bytes in frames {

@@ -26,7 +26,7 @@ const EVERY: u32 = 2;
 const KP: f32 = 40.0;
 const KD: f32 = 1.0;
 /// Time without a state after which the connection counts as lost. Shorter stalls are tolerated.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Longer than the motors take to be damped and stopped.
 const STOP: Duration = Duration::from_secs(5);
 
@@ -50,17 +50,17 @@ fn rest(claim: &mut Claim, joints: &[Slot], state: &State) -> Result<Vec<f32>, E
 /// Runs one connection to the daemon: from the claim to the first error, or to the `end`.
 fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
-    client.set_silence(PATIENCE);
+    client.set_silence(TIMEOUT);
     let mut claim = client.claim(&options.group)?;
     let joints = claim.slots(claim.names())?;
-    let mut start = rest(&mut claim, &joints, &client.wait_cycles(EVERY, PATIENCE)?)?;
+    let mut start = rest(&mut claim, &joints, &client.wait_cycles(EVERY, TIMEOUT)?)?;
     claim.commit()?;
     if std::mem::take(may_enable) {
         claim.enable()?;
     }
     let (mut begun, mut stop) = (None, None);
     while !end.load(Ordering::Relaxed) {
-        let state = client.wait_cycles(EVERY, PATIENCE)?;
+        let state = client.wait_cycles(EVERY, TIMEOUT)?;
         let group = state.of(&claim)?;
         if group.stop() != stop {
             stop = group.stop();

@@ -23,7 +23,7 @@ struct Options {
 }
 
 /// Longer than a shared machine stalls.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Longer than motors take to start.
 const START: Duration = Duration::from_secs(5);
 
@@ -40,13 +40,13 @@ fn main() -> ExitCode {
 fn hold(options: &Options) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
     let mut claim = client.claim(&options.group)?;
-    claim.hold(&client.wait(PATIENCE)?, options.kp, options.kd)?;
+    claim.hold(&client.wait(TIMEOUT)?, options.kp, options.kd)?;
     claim.commit()?;
     claim.enable()?;
     claim.wait_for(Phase::Active, START)?;
     println!("holding {} joints of group {}", claim.joints().len(), claim.group());
     loop {
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait(TIMEOUT)?;
         // The error names the cause of the stop, and what to do.
         state.of(&claim)?.must_be_active()?;
         claim.commit()?;

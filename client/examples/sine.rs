@@ -44,7 +44,7 @@ struct Options {
 }
 
 /// Longer than a shared machine stalls.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Longer than motors take to start or to stop.
 const CHANGE: Duration = Duration::from_secs(5);
 /// Pause before another attempt.
@@ -74,7 +74,7 @@ fn passes(error: &Error) -> bool {
 fn sine(options: &Options) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
     let mut claim = client.claim(&options.group)?;
-    let start = client.wait(PATIENCE)?;
+    let start = client.wait(TIMEOUT)?;
     if options.persist && start.of(&claim)?.stop().is_some() {
         claim.wait_for(Phase::Disarmed, CHANGE)?;
         claim.reset()?;
@@ -91,9 +91,9 @@ fn sine(options: &Options) -> Result<(), Error> {
     let centres =
         moved.iter().map(|&slot| Ok(claim.setpoint(slot)?.position)).collect::<Result<Vec<_>, Error>>()?;
     println!("moving {names:?}");
-    let begun = client.wait(PATIENCE)?.time();
+    let begun = client.wait(TIMEOUT)?.time();
     loop {
-        let state = client.wait_cycles(options.every, PATIENCE)?;
+        let state = client.wait_cycles(options.every, TIMEOUT)?;
         state.of(&claim)?.must_be_active()?;
         let time = (state.time() - begun).as_secs_f32();
         if options.seconds.is_some_and(|seconds| time >= seconds) {

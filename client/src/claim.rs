@@ -111,7 +111,7 @@ impl Claim {
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
     pub fn limits(&self, joint: impl JointKey) -> Result<JointLimits, Error> {
-        Ok(self.members.limits[joint.place(&self.members)?])
+        Ok(self.members.limits[joint.joint_index(&self.members)?])
     }
 
     /// Stores the setpoint of a joint, for [`commit`](Self::commit) to send. It stays until it is
@@ -123,8 +123,8 @@ impl Claim {
     /// setpoint remains after an error.
     pub fn set(&mut self, joint: impl JointKey, setpoint: Setpoint) -> Result<(), Error> {
         self.link.check_process()?;
-        let place = joint.place(&self.members)?;
-        self.put(place, self.members.checked(place, setpoint)?);
+        let index = joint.joint_index(&self.members)?;
+        self.put(index, self.members.checked(index, setpoint)?);
         Ok(())
     }
 
@@ -133,7 +133,7 @@ impl Claim {
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
     pub fn setpoint(&self, joint: impl JointKey) -> Result<Setpoint, Error> {
-        Ok(Setpoint::from(&self.message.joints[joint.place(&self.members)?]))
+        Ok(Setpoint::from(&self.message.joints[joint.joint_index(&self.members)?]))
     }
 
     /// Stores for each joint the setpoint that holds its position in `state`, with the stiffness
@@ -150,20 +150,20 @@ impl Claim {
         if state.boot_id() != members.boot_id {
             return Err(Error::Restarted);
         }
-        let hold = |place: usize| {
-            let joint = state.joint(members.joints[place]);
+        let hold = |index: usize| {
+            let joint = state.joint(members.joints[index]);
             if joint.is_some_and(|joint| joint.is_excluded()) {
                 return Ok(Setpoint::torque(0.0));
             }
             let position = joint.and_then(|joint| joint.position());
-            let unheard = || Error::NotHeard { joint: members.names[place].clone() };
-            members.checked(place, Setpoint::hold(position.ok_or_else(unheard)?, kp, kd))
+            let unreported = || Error::NotHeard { joint: members.names[index].clone() };
+            members.checked(index, Setpoint::hold(position.ok_or_else(unreported)?, kp, kd))
         };
-        for place in 0..members.joints.len() {
-            hold(place)?;
+        for index in 0..members.joints.len() {
+            hold(index)?;
         }
-        for place in 0..members.joints.len() {
-            self.put(place, hold(place)?);
+        for index in 0..members.joints.len() {
+            self.put(index, hold(index)?);
         }
         Ok(())
     }
@@ -196,8 +196,8 @@ impl Claim {
     /// [`Error::NotSet`] naming a joint without a setpoint; those of [`send`](Self::send).
     pub fn commit(&mut self) -> Result<(), Error> {
         self.link.check_process()?;
-        if let Some(place) = (0..self.members.joints.len()).find(|place| self.set >> place & 1 == 0) {
-            return Err(Error::NotSet { joint: self.members.names[place].clone() });
+        if let Some(index) = (0..self.members.joints.len()).find(|index| self.set >> index & 1 == 0) {
+            return Err(Error::NotSet { joint: self.members.names[index].clone() });
         }
         self.check_daemon()?;
         self.message.cycle = self.link.answered();
@@ -225,10 +225,10 @@ impl Claim {
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
         }
-        for (place, setpoint) in setpoints.iter().enumerate() {
-            self.members.checked(place, *setpoint)?;
+        for (index, setpoint) in setpoints.iter().enumerate() {
+            self.members.checked(index, *setpoint)?;
         }
-        setpoints.iter().enumerate().for_each(|(place, setpoint)| self.put(place, *setpoint));
+        setpoints.iter().enumerate().for_each(|(index, setpoint)| self.put(index, *setpoint));
         self.commit()
     }
 
@@ -244,7 +244,7 @@ impl Claim {
         // The daemon reads requests and setpoints at different times of a cycle: it could read the
         // request first.
         let (begun, before) = (Instant::now(), self.message.sequence);
-        while before > 0 && !self.is_heard(before)? && begun.elapsed() < ANSWER_TIMEOUT {
+        while before > 0 && !self.is_accepted_after(before)? && begun.elapsed() < ANSWER_TIMEOUT {
             self.transmit()?;
             std::thread::sleep(REPEAT_PERIOD);
         }
@@ -342,9 +342,9 @@ impl Claim {
         &self.members
     }
 
-    fn put(&mut self, place: usize, setpoint: Setpoint) {
-        self.message.joints[place] = setpoint.into();
-        self.set |= 1 << place;
+    fn put(&mut self, index: usize, setpoint: Setpoint) {
+        self.message.joints[index] = setpoint.into();
+        self.set |= 1 << index;
     }
 
     /// Sends the message with the next sequence number and the current time.
@@ -404,7 +404,7 @@ impl Claim {
 
     /// Returns `true` if the daemon has accepted a setpoint of this claim sent after the one with
     /// sequence `before`.
-    fn is_heard(&self, before: u64) -> Result<bool, Error> {
+    fn is_accepted_after(&self, before: u64) -> Result<bool, Error> {
         self.ready()?;
         let group = self.link.try_group(self.members.index, 0);
         Ok(group.is_some_and(|group| group.lease == Some(self.members.lease) && group.sequence > before))

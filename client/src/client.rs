@@ -4,7 +4,7 @@ use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject, locked};
 use crate::publisher::{ImuPublisher, imu_of};
 use crate::records::Records;
-use crate::stop::{FIRST_WAY, FirstWay, stop_and_check};
+use crate::stop::{SOCKET_TIMEOUT, SocketStop, stop_and_check};
 use crate::view::View;
 use crate::{Error, State};
 use motord_ports::instance::Attachment;
@@ -181,9 +181,9 @@ impl Client {
     /// next call waits for its whole `timeout` before it returns that error again.
     /// [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
-        self.next_of(1, timeout, |link, view, seen, patience| {
+        self.next_of(1, timeout, |link, view, seen, remaining| {
             drop(view);
-            link.sleep(seen, patience)
+            link.sleep(seen, remaining)
         })
     }
 
@@ -200,13 +200,13 @@ impl Client {
     pub fn wait_cycles(&self, n: u32, timeout: Duration) -> Result<State, Error> {
         let (n, period) = (u64::from(n.max(1)), self.description().period());
         let early = EARLY_MAX.min(period / EARLY_SHARE);
-        self.next_of(n, timeout, |link, view, seen, patience| {
+        self.next_of(n, timeout, |link, view, seen, remaining| {
             let due_in = view.due_in(n, period).unwrap_or_default();
             drop(view);
             match due_in.saturating_sub(early) {
-                Duration::ZERO => link.sleep(seen, patience),
+                Duration::ZERO => link.sleep(seen, remaining),
                 until_early => {
-                    std::thread::sleep(until_early.min(patience));
+                    std::thread::sleep(until_early.min(remaining));
                     Ok(())
                 }
             }
@@ -230,7 +230,7 @@ impl Client {
             }
             let mut view = self.link.glance()?;
             if !view.is_unseen() {
-                self.link.patience(&mut view, begun.elapsed(), timeout)?;
+                self.link.remaining(&mut view, begun.elapsed(), timeout)?;
             }
         }
     }
@@ -276,8 +276,8 @@ impl Client {
             if let Some(state) = self.take(&mut view, n)? {
                 return Ok(state);
             }
-            let patience = self.link.patience(&mut view, begun.elapsed(), timeout)?;
-            pause(&self.link, view, seen, patience)?;
+            let remaining = self.link.remaining(&mut view, begun.elapsed(), timeout)?;
+            pause(&self.link, view, seen, remaining)?;
         }
     }
 
@@ -373,7 +373,7 @@ impl Client {
     }
 
     fn confirm_stop(&self) -> Result<(), Error> {
-        let mut first = FirstWay::send(self.link.instance());
+        let mut first = SocketStop::send(self.link.instance());
         if first.is_confirmed_soon() {
             return Ok(());
         }
@@ -398,7 +398,7 @@ impl Client {
     /// # Errors
     /// The stop is unconfirmed, and motors may still move.
     pub fn emergency_stop_signal_safe(&self) -> Result<(), StopError> {
-        self.link.stop_signal_safe(FIRST_WAY)
+        self.link.stop_signal_safe(SOCKET_TIMEOUT)
     }
 
     /// Sets the zero of a stopped motor to its current position.

@@ -475,7 +475,7 @@ impl fmt::Display for About {
             Self::Nothing => Ok(()),
             Self::Process(pid) => write!(f, " (process {pid})"),
             Self::Joint(name) => write!(f, " (joint {name})"),
-            Self::Position(place) => write!(f, " ({place})"),
+            Self::Position(text) => write!(f, " ({text})"),
             Self::Cause(cause) => write!(f, " ({cause}: {})", cause.sentence()),
         }
     }

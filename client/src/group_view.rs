@@ -79,7 +79,7 @@ impl GroupView<'_> {
     /// # Errors
     /// [`Error::UnknownJoint`], which lists the joints of the group; [`Error::OtherClaim`].
     pub fn joint(&self, joint: impl JointKey) -> Result<Joint, Error> {
-        Ok(self.at(joint.place(&self.members)?))
+        Ok(self.at(joint.joint_index(&self.members)?))
     }
 
     /// Returns the position of a joint, rad.
@@ -87,9 +87,9 @@ impl GroupView<'_> {
     /// # Errors
     /// Those of [`joint`](Self::joint); [`Error::NotHeard`] while the motor has not reported it.
     pub fn position(&self, joint: impl JointKey) -> Result<f32, Error> {
-        let place = joint.place(&self.members)?;
-        let unheard = || Error::NotHeard { joint: self.members.names[place].clone() };
-        self.at(place).position().ok_or_else(unheard)
+        let index = joint.joint_index(&self.members)?;
+        let unreported = || Error::NotHeard { joint: self.members.names[index].clone() };
+        self.at(index).position().ok_or_else(unreported)
     }
 
     /// Returns the positions of all joints, rad, in the order of the group. Allocates.
@@ -102,7 +102,7 @@ impl GroupView<'_> {
 
     /// Returns every joint of the group with its name, in the order of the group.
     pub fn joints(&self) -> impl ExactSizeIterator<Item = (&str, Joint)> {
-        self.members.names.iter().enumerate().map(|(place, name)| (name.as_str(), self.at(place)))
+        self.members.names.iter().enumerate().map(|(index, name)| (name.as_str(), self.at(index)))
     }
 
     /// Returns `true` if every motor of the group has reported its position since it came online.
@@ -113,7 +113,7 @@ impl GroupView<'_> {
     }
 
     /// [`State::of`] has checked that the state contains every joint of the group.
-    fn at(&self, place: usize) -> Joint {
-        self.state.joint(self.members.joints[place]).expect("the state has every joint of the group")
+    fn at(&self, index: usize) -> Joint {
+        self.state.joint(self.members.joints[index]).expect("the state has every joint of the group")
     }
 }

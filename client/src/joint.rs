@@ -198,8 +198,11 @@ mod tests {
         let silent = JointState { position: 0.5, velocity: 0.5, torque: 0.5, ..JointState::default() };
         let joint = Joint::from(&silent);
         assert_eq!((joint.position(), joint.velocity(), joint.torque()), (None, None, None));
-        let heard = Joint::from(&JointState { flags: JOINT_VALID, ..silent });
-        assert_eq!((heard.position(), heard.velocity(), heard.torque()), (Some(0.5), Some(0.5), Some(0.5)));
+        let reported = Joint::from(&JointState { flags: JOINT_VALID, ..silent });
+        assert_eq!(
+            (reported.position(), reported.velocity(), reported.torque()),
+            (Some(0.5), Some(0.5), Some(0.5))
+        );
     }
 
     #[test]

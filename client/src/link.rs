@@ -96,7 +96,7 @@ pub(crate) struct Connection {
     taken: AtomicU64,
     /// Time of the last received state, ns of `CLOCK_MONOTONIC`. Before the first state: time of
     /// the first check for one, or 0.
-    heard_ns: AtomicU64,
+    last_state_ns: AtomicU64,
     /// Longest time without a state that is no error, ns: set by the caller, or 0 for the default.
     silence_ns: AtomicU64,
     default_silence_ns: AtomicU64,
@@ -134,7 +134,7 @@ impl Connection {
             stop: Mutex::default(),
             cycle: AtomicU64::new(0),
             taken: AtomicU64::new(0),
-            heard_ns: AtomicU64::new(0),
+            last_state_ns: AtomicU64::new(0),
             silence_ns: AtomicU64::new(0),
             default_silence_ns: AtomicU64::new(nanos(SILENCE_MIN)),
         };
@@ -177,7 +177,7 @@ impl Connection {
     ) -> Result<MutexGuard<'a, View>, Error> {
         let mut arrived = None;
         let taken = ports.take_states(|message| {
-            let state = arrived.insert(view.places.copy(message));
+            let state = arrived.insert(view.pool.copy(message));
             match wanted {
                 Wanted::One if state.boot_id() == self.boot_id() => ControlFlow::Break(()),
                 Wanted::One | Wanted::All => ControlFlow::Continue(()),
@@ -185,8 +185,8 @@ impl Connection {
         });
         taken.map_err(|error| Error::of_service(error, &self.instance))?;
         let Some(state) = arrived else {
-            if self.heard_ns.load(Ordering::Relaxed) == 0 {
-                self.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
+            if self.last_state_ns.load(Ordering::Relaxed) == 0 {
+                self.last_state_ns.store(clock::now_ns(), Ordering::Relaxed);
             }
             return Ok(view);
         };
@@ -199,7 +199,7 @@ impl Connection {
         if state.boot_id() == self.boot_id() && view.is_newer(&state) {
             self.cycle.store(state.cycle(), Ordering::Relaxed);
             view.put(state);
-            self.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
+            self.last_state_ns.store(clock::now_ns(), Ordering::Relaxed);
         }
         Ok(view)
     }
@@ -215,7 +215,7 @@ impl Connection {
     pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
         self.ports.get()?.sleep(seen, at_most).map_err(|error| match error.obstacle {
             // The file was removed with its daemon.
-            Obstacle::Version if self.is_dead() => self.gone(),
+            Obstacle::Version if self.is_dead() => self.silence_error(),
             _ => Error::of_service(error, &self.instance),
         })
     }
@@ -223,7 +223,7 @@ impl Connection {
     /// Returns how long a caller that has waited for `waited` of `timeout` may continue. The first
     /// caller gets an error when the silence is too long; a caller that retries waits for its full
     /// time.
-    pub(crate) fn patience(
+    pub(crate) fn remaining(
         &self,
         view: &mut View,
         waited: Duration,
@@ -233,7 +233,7 @@ impl Connection {
         let until_silence = self.silence().saturating_sub(self.quiet());
         if until_silence.is_zero() && (left.is_zero() || !view.silence_reported) {
             view.silence_reported = true;
-            return Err(self.gone());
+            return Err(self.silence_error());
         }
         if left.is_zero() {
             return Err(Error::Timeout { waited });
@@ -340,7 +340,7 @@ impl Connection {
 
     /// Works like [`check_alive`](Self::check_alive), with the current time from the caller.
     pub(crate) fn check_alive_at(&self, now_ns: u64) -> Result<(), Error> {
-        if self.quiet_at(now_ns) >= self.silence() { Err(self.gone()) } else { Ok(()) }
+        if self.quiet_at(now_ns) >= self.silence() { Err(self.silence_error()) } else { Ok(()) }
     }
 
     pub(crate) fn set_silence(&self, silence: Duration) {
@@ -359,19 +359,19 @@ impl Connection {
     }
 
     fn quiet_at(&self, now_ns: u64) -> Duration {
-        match self.heard_ns.load(Ordering::Relaxed) {
+        match self.last_state_ns.load(Ordering::Relaxed) {
             0 => Duration::ZERO,
-            heard => Duration::from_nanos(now_ns.saturating_sub(heard)),
+            last_ns => Duration::from_nanos(now_ns.saturating_sub(last_ns)),
         }
     }
 
-    fn gone(&self) -> Error {
-        self.gone_for(self.quiet())
+    fn silence_error(&self) -> Error {
+        self.silence_error_after(self.quiet())
     }
 
     /// Returns the error for states that stopped `silent_for` ago: [`Error::Silent`] unless the
     /// daemon is dead.
-    pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
+    pub(crate) fn silence_error_after(&self, silent_for: Duration) -> Error {
         if self.is_dead() { Error::not_running(&self.instance) } else { Error::Silent { silent_for } }
     }
 
@@ -506,8 +506,8 @@ impl Connection {
     }
 
     /// Stops every motor through the socket alone. Async-signal-safe.
-    pub(crate) fn stop_signal_safe(&self, patience: Duration) -> Result<(), StopError> {
-        self.stop_path.as_ref().map_err(|error| *error)?.stop(patience)
+    pub(crate) fn stop_signal_safe(&self, timeout: Duration) -> Result<(), StopError> {
+        self.stop_path.as_ref().map_err(|error| *error)?.stop(timeout)
     }
 
     /// Returns the instance, for errors of a port of this link.

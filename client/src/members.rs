@@ -9,13 +9,13 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Slot {
     lease: Lease,
-    place: usize,
+    index: usize,
 }
 
 /// A joint of a claimed group: its name, or its [`Slot`], which saves the comparison of names.
 pub trait JointKey: sealed::Sealed {
     #[doc(hidden)]
-    fn place(&self, members: &Members) -> Result<usize, Error>;
+    fn joint_index(&self, members: &Members) -> Result<usize, Error>;
 }
 
 mod sealed {
@@ -27,21 +27,21 @@ mod sealed {
 }
 
 impl JointKey for &str {
-    fn place(&self, members: &Members) -> Result<usize, Error> {
-        members.place(self)
+    fn joint_index(&self, members: &Members) -> Result<usize, Error> {
+        members.joint_index(self)
     }
 }
 
 impl JointKey for &String {
-    fn place(&self, members: &Members) -> Result<usize, Error> {
-        members.place(self)
+    fn joint_index(&self, members: &Members) -> Result<usize, Error> {
+        members.joint_index(self)
     }
 }
 
 impl JointKey for Slot {
     /// A slot of another claim may mean another joint.
-    fn place(&self, members: &Members) -> Result<usize, Error> {
-        if self.lease == members.lease { Ok(self.place) } else { Err(Error::OtherClaim) }
+    fn joint_index(&self, members: &Members) -> Result<usize, Error> {
+        if self.lease == members.lease { Ok(self.index) } else { Err(Error::OtherClaim) }
     }
 }
 
@@ -84,24 +84,24 @@ impl Members {
     }
 
     pub(crate) fn slot(&self, name: &str) -> Result<Slot, Error> {
-        Ok(Slot { lease: self.lease, place: self.place(name)? })
+        Ok(Slot { lease: self.lease, index: self.joint_index(name)? })
     }
 
-    /// Returns `setpoint`, for the joint at `place`, if the daemon would accept its values.
-    pub(crate) fn checked(&self, place: usize, setpoint: Setpoint) -> Result<Setpoint, Error> {
+    /// Returns `setpoint`, for the joint at `index`, if the daemon would accept its values.
+    pub(crate) fn checked(&self, index: usize, setpoint: Setpoint) -> Result<Setpoint, Error> {
         match setpoint.rejection() {
-            Some(rejection) => Err(Error::BadSetpoint { joint: self.names[place].clone(), rejection }),
+            Some(rejection) => Err(Error::BadSetpoint { joint: self.names[index].clone(), rejection }),
             None => Ok(setpoint),
         }
     }
 
     /// Returns the name of the joint with this index in the description, if it belongs to the group.
     pub(crate) fn name_of(&self, joint: usize) -> Option<String> {
-        let place = self.joints.iter().position(|&own| own == joint)?;
-        self.names.get(place).cloned()
+        let index = self.joints.iter().position(|&own| own == joint)?;
+        self.names.get(index).cloned()
     }
 
-    fn place(&self, name: &str) -> Result<usize, Error> {
+    fn joint_index(&self, name: &str) -> Result<usize, Error> {
         let unknown = || Error::UnknownJoint { name: name.to_owned(), known: self.names.join(", ") };
         self.names.iter().position(|known| known == name).ok_or_else(unknown)
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Time without a record after which the daemon counts as silent or ended.
-const PATIENCE: Duration = Duration::from_millis(500);
+const TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Every cycle of one run of the daemon, with the setpoints used. The queue holds 512 cycles, half
 /// a second at 1 kHz: take them more often than that. A record causes no wake-up, and costs the
@@ -18,7 +18,7 @@ pub struct Records {
     // Declared before the link: the attachment must be dropped last.
     port: ForkGuard<RecordPort>,
     link: Arc<Connection>,
-    heard: Instant,
+    last_received: Instant,
     /// The sequence number and boot id of the previous record.
     before: Option<(u64, u64)>,
     lost: u64,
@@ -26,7 +26,7 @@ pub struct Records {
 
 impl Records {
     pub(crate) fn new(link: Arc<Connection>) -> Result<Self, Error> {
-        Ok(Self { port: link.record_port()?, link, heard: Instant::now(), before: None, lost: 0 })
+        Ok(Self { port: link.record_port()?, link, last_received: Instant::now(), before: None, lost: 0 })
     }
 
     /// Copies the oldest cycle that was not taken yet into `record`. Returns `true` if there was
@@ -40,10 +40,14 @@ impl Records {
         let taken = self.port.get()?.take(record);
         let taken = taken.map_err(|error| Error::of_service(error, self.link.instance()))?;
         if !taken {
-            let silent_for = self.heard.elapsed();
-            return if silent_for < PATIENCE { Ok(false) } else { Err(self.link.gone_for(silent_for)) };
+            let silent_for = self.last_received.elapsed();
+            return if silent_for < TIMEOUT {
+                Ok(false)
+            } else {
+                Err(self.link.silence_error_after(silent_for))
+            };
         }
-        self.heard = Instant::now();
+        self.last_received = Instant::now();
         let (sequence, boot_id) = (record.sequence, record.state.boot_id);
         if let Some((before, known_id)) = self.before {
             if known_id != boot_id {

@@ -23,24 +23,24 @@ pub struct State {
 }
 
 /// Limit on states whose memory is reused.
-const PLACES_MAX: usize = 4;
+const POOL_MAX: usize = 4;
 
 /// Memory for states. Released memory is reused for the next state. A controller that keeps fewer
 /// than three states causes no allocation after the first.
 #[derive(Debug, Default)]
-pub(crate) struct Places(Vec<Arc<StateMessage>>);
+pub(crate) struct StatePool(Vec<Arc<StateMessage>>);
 
-impl Places {
+impl StatePool {
     /// Copies `message`.
     pub(crate) fn copy(&mut self, message: &StateMessage) -> State {
-        if let Some(free) = self.0.iter_mut().find(|place| Arc::strong_count(place) == 1) {
+        if let Some(free) = self.0.iter_mut().find(|state| Arc::strong_count(state) == 1) {
             Arc::make_mut(free).copy_from(message);
             return State { message: Arc::clone(free) };
         }
         let mut new = StateMessage::default();
         new.copy_from(message);
         let state = State { message: Arc::new(new) };
-        if self.0.len() < PLACES_MAX {
+        if self.0.len() < POOL_MAX {
             self.0.push(Arc::clone(&state.message));
         }
         state
@@ -50,7 +50,7 @@ impl Places {
 impl From<&StateMessage> for State {
     /// Allocates.
     fn from(message: &StateMessage) -> Self {
-        Places::default().copy(message)
+        StatePool::default().copy(message)
     }
 }
 
@@ -368,7 +368,7 @@ mod tests {
         for bus in &mut message.buses {
             bus.condition = 77;
         }
-        let state = Places::default().copy(&message);
+        let state = StatePool::default().copy(&message);
         assert_eq!((state.joints().len(), state.groups().len(), state.buses().len()), (64, 8, 16));
         assert!(state.joints().all(|joint| joint.mode.is_none() && joint.temperature.is_none()));
         assert!(state.joints().all(|joint| joint.position().is_none() && joint.torque().is_none()));
@@ -386,8 +386,8 @@ mod tests {
 
     #[test]
     fn state_memory_is_reused_unless_held() {
-        let mut places = Places::default();
-        let mut copy = |cycle| places.copy(&StateMessage { cycle, ..Default::default() });
+        let mut pool = StatePool::default();
+        let mut copy = |cycle| pool.copy(&StateMessage { cycle, ..Default::default() });
         let held: Vec<State> = (0..10).map(&mut copy).collect();
         assert!(held.iter().map(State::cycle).eq(0..10), "{held:?}");
         drop(held);

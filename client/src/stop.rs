@@ -17,7 +17,7 @@ use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time after which the second path is also tried. A healthy daemon confirms within a cycle or two.
-pub(crate) const FIRST_WAY: Duration = Duration::from_millis(100);
+pub(crate) const SOCKET_TIMEOUT: Duration = Duration::from_millis(100);
 /// Interval at which the paths are checked for an answer.
 const POLL: Duration = Duration::from_millis(1);
 
@@ -74,7 +74,7 @@ pub struct AllStopped {
 /// second, however many daemons do not answer. Whether the motors answer is not checked.
 #[must_use]
 pub fn emergency_stop_all() -> AllStopped {
-    let AllStops { trusted, foreign, unreached } = running::stop_all(FIRST_WAY);
+    let AllStops { trusted, foreign, unreached } = running::stop_all(SOCKET_TIMEOUT);
     let again = |running: &RunningInstance| {
         stop(&Instance::below(&running.runtime, &running.name).map_err(Error::of_instance)?)
     };
@@ -111,8 +111,8 @@ enum Stopping<'scope> {
 
 /// Damps and stops every motor of `instance`. Whether the motors answer is not checked.
 fn stop(instance: &Instance) -> Result<(), Error> {
-    let mut first = FirstWay::send(instance);
-    if first.is_confirmed(FIRST_WAY) {
+    let mut first = SocketStop::send(instance);
+    if first.is_confirmed(SOCKET_TIMEOUT) {
         return Ok(());
     }
     // Access to damaged files may block a thread for longer than a person can wait.
@@ -136,16 +136,16 @@ fn stop(instance: &Instance) -> Result<(), Error> {
 
 /// A stop request through the socket.
 #[derive(Debug)]
-pub(crate) struct FirstWay {
+pub(crate) struct SocketStop {
     /// `None` once no further answer is expected.
     asked: Option<AskedStop>,
     error: StopError,
 }
 
-impl FirstWay {
-    /// Sends the request. Waits at most [`FIRST_WAY`] while the daemon has too many callers.
+impl SocketStop {
+    /// Sends the request. Waits at most [`SOCKET_TIMEOUT`] while the daemon has too many callers.
     pub(crate) fn send(instance: &Instance) -> Self {
-        match AskedStop::send(instance, FIRST_WAY) {
+        match AskedStop::send(instance, SOCKET_TIMEOUT) {
             Ok(asked) => Self { asked: Some(asked), error: StopError::NoReply },
             Err(error) => Self { asked: None, error },
         }
@@ -153,13 +153,13 @@ impl FirstWay {
 
     /// Returns `true` if the daemon confirms within the usual time.
     pub(crate) fn is_confirmed_soon(&mut self) -> bool {
-        self.is_confirmed(FIRST_WAY)
+        self.is_confirmed(SOCKET_TIMEOUT)
     }
 
-    /// Returns `true` if the daemon has confirmed. Waits at most `patience` plus a millisecond.
-    pub(crate) fn is_confirmed(&mut self, patience: Duration) -> bool {
+    /// Returns `true` if the daemon has confirmed. Waits at most `timeout` plus a millisecond.
+    pub(crate) fn is_confirmed(&mut self, timeout: Duration) -> bool {
         let Some(asked) = &self.asked else { return false };
-        match asked.confirm(patience) {
+        match asked.confirm(timeout) {
             Ok(()) => return true,
             Err(StopError::NoReply) => {}
             Err(error) => (self.asked, self.error) = (None, error),

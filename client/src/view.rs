@@ -1,6 +1,6 @@
 //! The newest state, as the threads of a client share it.
 
-use crate::state::{Places, State};
+use crate::state::{State, StatePool};
 use motord_ports::clock;
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use std::time::Duration;
 #[derive(Debug, Default)]
 pub(crate) struct View {
     pub(crate) newest: Option<State>,
-    pub(crate) places: Places,
+    pub(crate) pool: StatePool,
     unseen: bool,
     /// Number of the last cycle of this daemon whose state was taken; 0 before the first.
     taken: u64,
@@ -88,7 +88,7 @@ mod tests {
         let tick_ns = cycle * nanos(PERIOD);
         let publish_ns = tick_ns + delay_ns;
         let message = StateMessage { boot_id, cycle, tick_ns, publish_ns, ..Default::default() };
-        Places::default().copy(&message)
+        StatePool::default().copy(&message)
     }
 
     #[test]
@@ -127,7 +127,7 @@ mod tests {
         view.put(state(1, 101, 700_000));
         assert_eq!(view.publish_delay_ns, 700_000);
         let hostile = StateMessage { boot_id: 1, cycle: 102, publish_ns: u64::MAX, ..Default::default() };
-        view.put(Places::default().copy(&hostile));
+        view.put(StatePool::default().copy(&hostile));
         assert!(view.due_in(5, Duration::MAX).is_some(), "hostile times do no harm");
     }
 }

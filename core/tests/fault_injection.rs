@@ -283,14 +283,14 @@ impl Run {
     fn step(&mut self) {
         let Self { robot, checker, controllers, pending, .. } = self;
         robot.step();
-        checker.judge(robot);
+        checker.check(robot);
         if robot.state().cycle % REOPEN_CYCLES == 0 {
             reopen(robot);
         }
         let mut lost_turn = Vec::new();
         while let Some((ticket, reply)) = robot.take_answer() {
             pending.retain(|pending| *pending != ticket);
-            controllers.iter_mut().for_each(|controller| controller.hear(robot, ticket, &reply));
+            controllers.iter_mut().for_each(|controller| controller.receive_reply(robot, ticket, &reply));
             lost_turn.extend((reply.refusal == Refusal::TurnLost.code()).then_some(reply.detail as usize));
         }
         // The operator has looked at the joint.

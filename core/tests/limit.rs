@@ -112,8 +112,8 @@ fn unheard_joint_is_pulled_with_less_torque() {
     );
     circumstances.age = 0.009;
     let applied = limit(&Setpoint::impedance(wanted), &circumstances).setpoint.values;
-    for gone in [-0.18, 0.0, 0.18] {
-        assert!(applied.predicted_torque(gone, 20.0).abs() <= LIMITS.torque + 1e-4, "{gone}");
+    for travelled in [-0.18, 0.0, 0.18] {
+        assert!(applied.predicted_torque(travelled, 20.0).abs() <= LIMITS.torque + 1e-4, "{travelled}");
     }
 }
 

@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_bus::{Clock, Duration, Frame, FrameId, Instant, Readiness, Ready, Refusal};
-use motord_core::stopper::{BusFrames, Outlet, PATIENCE, Stopper};
+use motord_core::stopper::{BusFrames, Outlet, REFUSAL_TIMEOUT, Stopper};
 use motord_harness::robot;
 use motord_protocol::Ends;
 use motord_protocol::profile::PROFILES;
@@ -135,8 +135,8 @@ fn stopper_serves_unjammed_bus_and_abandons_jammed_one() {
     let mut stopper = Stopper::new([(); 3].map(|()| frames()), Duration::from_millis(100));
     let mut clock = Virtual(BEGIN);
     stopper.run(&mut clock, &mut outlets);
-    assert_eq!(stopper.owed().collect::<Vec<_>>(), [2]);
-    assert!(clock.0 < BEGIN + Duration::from_millis(100) + PATIENCE);
+    assert_eq!(stopper.unserved().collect::<Vec<_>>(), [2]);
+    assert!(clock.0 < BEGIN + Duration::from_millis(100) + REFUSAL_TIMEOUT);
     let whole = [frames().damp.concat().repeat(5), frames().stop.repeat(3)].concat();
     for (outlet, begin) in outlets.iter().zip([0, 500]) {
         assert!(outlet.taken.iter().map(|(_, frame)| *frame).eq(whole.iter().copied()));

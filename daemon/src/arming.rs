@@ -2,7 +2,7 @@
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
 //! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).
-//! A motor that does not answer yet is offline, and is judged by the lock file only. The cycle reads registers itself, at a motor's
+//! A motor that does not answer yet is offline, and is checked by the lock file only. The cycle reads registers itself, at a motor's
 //! first answer and after each silence (`core/src/control/motor/registers.rs`).
 
 use motord_bus::{Bus, Duration, Monotonic};
@@ -12,10 +12,10 @@ use motord_settings::settings::{MotorSettings, Settings};
 use std::path::Path;
 
 /// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
-const PATIENCE: Duration = Duration::from_millis(10);
+const TIMEOUT: Duration = Duration::from_millis(10);
 
 /// The buses, and the joints whose motors differ from their configuration.
-pub type Judged = (Vec<Box<dyn Bus>>, Vec<usize>);
+pub type Checked = (Vec<Box<dyn Bus>>, Vec<usize>);
 
 /// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
 /// difference with its cure. Returns the buses, and the indices of these motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
@@ -24,7 +24,7 @@ pub type Judged = (Vec<Box<dyn Bus>>, Vec<usize>);
 /// # Errors
 ///
 /// When there is a lock file that cannot be read.
-pub fn judge(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Result<Judged, LockError> {
+pub fn check(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Result<Checked, LockError> {
     let mut found = Lock::load(file)?.map_or_else(Vec::new, |lock| mismatches(settings, &lock));
     let (buses, reported): (Vec<_>, Vec<_>) =
         buses.into_iter().enumerate().map(|(index, bus)| ask_bus(settings, index, bus)).unzip();
@@ -47,7 +47,7 @@ fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus
     }
     let mut link = match kind.is_line() {
         true => Link::over(bus, Monotonic, Wire::Serial),
-        false => Link::over(bus, Monotonic, Wire::Can).with_patience(PATIENCE),
+        false => Link::over(bus, Monotonic, Wire::Can).with_timeout(TIMEOUT),
     };
     let mut found = Vec::new();
     for motor in settings.motors.iter().filter(|motor| motor.bus == index) {

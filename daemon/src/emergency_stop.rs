@@ -11,7 +11,7 @@
 //! A process that may read, write and enter the runtime directory may stop the robot. Its permission bits decide; access
 //! control lists are ignored.
 
-use crate::telemetry::askers::Askers;
+use crate::telemetry::programs::Programs;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::EmergencyStops;
 use motord_ports::instance::Instance as MotordInstance;
@@ -43,7 +43,7 @@ const IDLE: Duration = Duration::from_millis(250);
 /// Between two of the first tries to get the socket's name.
 const NAME_TURN: Duration = Duration::from_millis(50);
 /// Longest time for a cycle to execute a stop.
-const CYCLE_PATIENCE: Duration = Duration::from_millis(500);
+const CYCLE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Period of the checks whether the cycle has executed it.
 const POLL: Duration = Duration::from_micros(200);
 /// Between two lines of the log about stops, and between two tries to get the socket's name.
@@ -52,7 +52,12 @@ const BACKLOG: i32 = 128;
 
 /// Serves the socket of `instance` until `ended` returns true, in a dedicated thread, which loses the descriptors of all other
 /// threads. No thread waits for it.
-pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers, ended: impl Fn() -> bool) {
+pub fn run(
+    instance: &MotordInstance,
+    stops: Arc<EmergencyStops>,
+    programs: Programs,
+    ended: impl Fn() -> bool,
+) {
     let Some(listener) = await_name(instance, &ended) else { return };
     let mut server = Server {
         listener,
@@ -60,7 +65,7 @@ pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers
         eldest: 0,
         gate: Gate::new(instance),
         stops,
-        askers,
+        programs,
         logged: None,
         unlogged: 0,
     };
@@ -106,7 +111,7 @@ struct Server {
     eldest: usize,
     gate: Gate,
     stops: Arc<EmergencyStops>,
-    askers: Askers,
+    programs: Programs,
     /// Time of the last log line about a stop. `unlogged` counts the stops since then without a line.
     logged: Option<Instant>,
     unlogged: u32,
@@ -120,7 +125,7 @@ impl Server {
         self.accept();
         let mut asking: [Option<(OwnedFd, UnixCredentials)>; CALLERS_MAX] = from_fn(|_| None);
         for (caller, asking) in self.callers.iter_mut().zip(&mut asking) {
-            *asking = hear(caller).and_then(|caller| self.gate.judge(caller));
+            *asking = receive(caller).and_then(|caller| self.gate.admit(caller));
         }
         if let Some(first) = asking.iter().flatten().map(|(_, peer)| peer.pid().cast_unsigned()).next() {
             let outcome = self.carry_out(first);
@@ -157,8 +162,8 @@ impl Server {
     fn carry_out(&self, pid: u32) -> Result<(), StopError> {
         let request = self.stops.ask(pid);
         // The program's name is there as long as the process waits for its answer; nothing depends on it.
-        self.askers.note(pid);
-        let end = clock::monotonic() + CYCLE_PATIENCE;
+        self.programs.note(pid);
+        let end = clock::monotonic() + CYCLE_TIMEOUT;
         while !self.stops.is_done(request) {
             if clock::monotonic() >= end {
                 return Err(StopError::NoCycle);
@@ -169,13 +174,13 @@ impl Server {
     }
 
     /// At most one line a second: many may ask without pause.
-    fn log(&mut self, pid: u32, askers: usize, outcome: Result<(), StopError>) {
+    fn log(&mut self, pid: u32, programs: usize, outcome: Result<(), StopError>) {
         let now = clock::monotonic();
-        self.unlogged += askers as u32;
+        self.unlogged += programs as u32;
         if self.logged.is_some_and(|logged| now.since(logged) < SECOND) {
             return;
         }
-        let (requests, program) = (std::mem::take(&mut self.unlogged), self.askers.program(pid));
+        let (requests, program) = (std::mem::take(&mut self.unlogged), self.programs.program(pid));
         self.logged = Some(now);
         match outcome {
             Ok(()) => tracing::warn!(pid, program, requests, see = "emergency-stop", "emergency stop"),
@@ -191,7 +196,7 @@ impl Server {
 }
 
 /// Returns the caller if it requests a stop. Closes the connection of one that does not, or has disconnected.
-fn hear(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
+fn receive(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
     let mut message = [0; MESSAGE_BYTES_MAX];
     match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
         Ok(length) if message[..length] == *REQUEST => caller.take(),
@@ -205,7 +210,7 @@ fn hear(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
 
 /// A caller that is gone misses its answer.
 fn answer(caller: &OwnedFd, reply: &[u8]) {
-    let _gone = send(caller.as_raw_fd(), reply, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
+    let _disconnected = send(caller.as_raw_fd(), reply, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
 }
 
 /// Decides who may stop the robot.
@@ -229,7 +234,7 @@ impl Gate {
     }
 
     /// Returns the caller and its process if that may stop the robot. Otherwise refuses the request and closes the connection.
-    fn judge(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
+    fn admit(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
         self.seen = stat(self.directory.as_c_str()).ok().or(self.seen);
         let peer = getsockopt(&caller, sockopt::PeerCredentials).ok()?;
         let groups = peer_groups(caller.as_fd(), &mut self.groups).unwrap_or(&[]);
@@ -261,8 +266,8 @@ mod tests {
 
     #[test]
     fn socket_is_bound_when_runtime_directory_returns() {
-        let place = tempfile::tempdir().unwrap();
-        let directory = place.path().join("run");
+        let parent = tempfile::tempdir().unwrap();
+        let directory = parent.path().join("run");
         std::fs::create_dir(&directory).unwrap();
         let instance = MotordInstance::below(&directory, "robot").unwrap();
         std::fs::remove_dir_all(&directory).unwrap();
@@ -274,8 +279,8 @@ mod tests {
 
     #[test]
     fn members_of_runtime_directory_alone_may_stop() {
-        let place = tempfile::tempdir().unwrap();
-        let mut directory = stat(place.path()).unwrap();
+        let parent = tempfile::tempdir().unwrap();
+        let mut directory = stat(parent.path()).unwrap();
         (directory.st_uid, directory.st_gid) = (1000, 500);
         let mut may = |mode: u32, uid, gid, groups: &[u32]| {
             directory.st_mode = 0o40_000 | mode;

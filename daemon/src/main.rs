@@ -133,7 +133,7 @@ fn main() -> ExitCode {
             ended(pages.write(Arguments::command()), |_| exit_status::IO, &mut std::io::stderr())
         }
         Command::Run { config, wait_for_buses, plant } => {
-            let options = run::Options { patience: Duration::from_secs(wait_for_buses.into()), plant };
+            let options = run::Options { bus_timeout: Duration::from_secs(wait_for_buses.into()), plant };
             logged(log, || run::run(&config.path(), &options), RunError::exit_status)
         }
         Command::Deadman { config } => {
@@ -163,8 +163,8 @@ fn logged<E: Display>(
         Ok(log) => log,
         Err(error) => return ended(Err(error), |_| exit_status::OS, &mut std::io::stderr()),
     };
-    log.hear_panics();
-    log.hear_tracing(most);
+    log.capture_panics();
+    log.capture_tracing(most);
     let status = match command() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -98,7 +98,7 @@ struct Robot {
     client: LocalClient,
     tick: Tick,
     observer: SocketCanBus,
-    heard: Vec<(u32, Meaning)>,
+    received: Vec<(u32, Meaning)>,
     motors: Option<Motors>,
 }
 
@@ -120,7 +120,7 @@ impl Robot {
             interface,
             motor_side,
             observer: observer(motor_side),
-            heard: Vec::new(),
+            received: Vec::new(),
             motors: Some(Motors::on(motor_side, &settings)),
             settings,
             cycle,
@@ -149,7 +149,7 @@ impl Robot {
             self.follow(&joints);
         }
         assert_eq!(self.phase(), Phase::Active, "{}", self.group().cause);
-        self.heard();
+        self.received();
         joints
     }
 
@@ -217,9 +217,9 @@ impl Robot {
     }
 
     /// Commands to the motors since the last call: id and meaning.
-    fn heard(&mut self) -> Vec<(u32, Meaning)> {
+    fn received(&mut self) -> Vec<(u32, Meaning)> {
         self.listen();
-        std::mem::take(&mut self.heard)
+        std::mem::take(&mut self.received)
     }
 
     /// Reads the observer's frames; every step does, before its socket is full.
@@ -230,7 +230,7 @@ impl Robot {
         assert!(inbox.lost == 0 && inbox.free() > 0, "the observer must read more often");
         for arrival in inbox.arrivals() {
             if let Content::Frame(frame) = arrival.content {
-                self.heard.push((frame.id().raw(), meaning(&frame, torque_max)));
+                self.received.push((frame.id().raw(), meaning(&frame, torque_max)));
             }
         }
     }
@@ -239,8 +239,8 @@ impl Robot {
     fn rests_for(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.step();
-            let heard = self.heard();
-            assert!(heard.iter().all(|(_, meaning)| meaning.is_safe()), "{heard:?}");
+            let received = self.received();
+            assert!(received.iter().all(|(_, meaning)| meaning.is_safe()), "{received:?}");
         }
     }
 
@@ -282,7 +282,7 @@ impl Robot {
 impl Drop for Robot {
     fn drop(&mut self) {
         self.motors = None;
-        let _gone_already = Command::new("ip").args(["link", "del", self.interface.as_str()]).status();
+        let _already_removed = Command::new("ip").args(["link", "del", self.interface.as_str()]).status();
     }
 }
 
@@ -327,9 +327,9 @@ fn bus_off_pauses_sending_and_resumes_with_stops() {
     robot.report(ErrorFrame::BUS_OFF, 0);
     let (cause, cycles) = robot.stopped_within(&joints, 3);
     assert!(cause == Cause::BusOff && cycles <= 2, "{cause} after {cycles} cycles");
-    robot.heard();
+    robot.received();
     robot.steps(200);
-    assert_eq!((robot.heard(), robot.condition()), (vec![], BusCondition::Off));
+    assert_eq!((robot.received(), robot.condition()), (vec![], BusCondition::Off));
     robot.report(ErrorFrame::RESTARTED, 0);
     robot.recovers_on_request();
     assert_eq!(robot.condition(), BusCondition::Active);
@@ -399,15 +399,15 @@ fn partially_full_queue_drops_rest_of_cycle() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus();
     robot.disturb("tc qdisc add dev DEV root netem delay 2ms limit 2");
-    robot.heard();
+    robot.received();
     robot.follow(&joints);
     let now = robot.bus();
     assert_eq!((now.sent - before.sent, now.dropped - before.dropped), (2, 1));
     robot.disturb("tc qdisc del dev DEV root");
-    let heard: Vec<_> = robot.heard().into_iter().map(|(id, _)| id).collect();
-    assert_eq!(heard, [1, 2], "the first two, and no frame is tried again");
+    let received: Vec<_> = robot.received().into_iter().map(|(id, _)| id).collect();
+    assert_eq!(received, [1, 2], "the first two, and no frame is tried again");
     robot.follow(&joints);
-    assert_eq!((robot.heard().len(), robot.phase()), (3, Phase::Active));
+    assert_eq!((robot.received().len(), robot.phase()), (3, Phase::Active));
 }
 
 #[test]
@@ -429,18 +429,22 @@ fn refused_frames_are_never_sent_later() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus().sent;
     robot.disturb("tc qdisc add dev DEV root netem delay 40ms limit 4");
-    robot.heard();
+    robot.received();
     for _ in 0..300 {
         robot.follow(&joints);
     }
     robot.disturb("tc qdisc del dev DEV root");
     let bus = robot.bus();
-    let (accepted, heard) = ((bus.sent - before) as usize, robot.heard());
+    let (accepted, received) = ((bus.sent - before) as usize, robot.received());
     assert!(bus.dropped > 20, "{bus:?}");
-    assert!(!heard.is_empty() && heard.len() <= accepted, "{} heard, {accepted} accepted", heard.len());
-    let stale = heard.iter().take_while(|(_, meaning)| !meaning.is_safe()).count();
+    assert!(
+        !received.is_empty() && received.len() <= accepted,
+        "{} heard, {accepted} accepted",
+        received.len()
+    );
+    let stale = received.iter().take_while(|(_, meaning)| !meaning.is_safe()).count();
     assert!(stale <= 4, "{stale} frames were in the queue");
-    assert!(heard[stale..].iter().all(|(_, meaning)| meaning.is_safe()), "{heard:?}");
+    assert!(received[stale..].iter().all(|(_, meaning)| meaning.is_safe()), "{received:?}");
     robot.recovers_on_request();
 }
 
@@ -490,7 +494,7 @@ fn switch_serves_an_interface_that_appears_later() {
 
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let daemon = Channel::connect(&instance, motord_deadman::channel::PATIENCE).unwrap();
+    let daemon = Channel::connect(&instance, motord_deadman::channel::TIMEOUT).unwrap();
     daemon.send(&Request::Register(SafeFrames::of(&settings)), Some(&pulse)).unwrap();
     for _ in 0..2 {
         server.turn(clock::monotonic() + Duration::from_millis(10));
@@ -501,8 +505,8 @@ fn switch_serves_an_interface_that_appears_later() {
     run(&format!("ip link del {interface}"));
     drop(daemon);
     server.turn(clock::monotonic() + Duration::from_millis(10));
-    let owed = server.finish(clock::monotonic() + 3 * settings.safety.damp);
-    assert_eq!(owed, [interface.as_str()]);
+    let unserved = server.finish(clock::monotonic() + 3 * settings.safety.damp);
+    assert_eq!(unserved, [interface.as_str()]);
     plug_in(interface, motor_side);
     run(&format!("ip link set {interface} up"));
     let mut observer = observer(motor_side);
@@ -512,9 +516,9 @@ fn switch_serves_an_interface_that_appears_later() {
     let mut frames = Vec::new();
     // More frames than one inbox holds.
     for _ in 0..2 {
-        let mut heard = Inbox::new();
-        observer.receive(clock::monotonic(), &mut heard);
-        frames.extend(heard.arrivals().iter().filter_map(|arrival| match arrival.content {
+        let mut received = Inbox::new();
+        observer.receive(clock::monotonic(), &mut received);
+        frames.extend(received.arrivals().iter().filter_map(|arrival| match arrival.content {
             Content::Frame(frame) => Some((frame.id().raw(), meaning(&frame, torque_max))),
             _ => None,
         }));

@@ -22,7 +22,7 @@ pub(crate) fn not_checked(done: &str, error: &impl Display) -> String {
 }
 
 /// Describes motors that do not answer, after the words that confirm the stop.
-pub(crate) fn not_heard(motors: &str) -> String {
+pub(crate) fn motors_silent(motors: &str) -> String {
     format!("but these motors do not answer and may still move, so cut the power: {motors}")
 }
 

@@ -2,11 +2,11 @@
 
 use crate::advice::motorctl;
 use crate::confirmation;
+use crate::effect::print_effect;
 use crate::failure::Failure;
 use crate::instances::{foreign, line, listener_of};
 use crate::report::FirstStopReport;
-use crate::say::say;
-use crate::status::{self, PATIENCE};
+use crate::status::{self, TIMEOUT};
 use motord_client::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in, running_instances};
 use motord_client::{Client, DEFAULT_INSTANCE, Error, GroupHistory, RunningInstance, StopError, Telemetry};
 use motord_terminal::printable;
@@ -27,7 +27,7 @@ pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
         return stop_all();
     }
     match confirmed(emergency_stop(instance)) {
-        Ok(()) => tell(None, &motorctl(instance), status::connect(instance)),
+        Ok(()) => report_stop(None, &motorctl(instance), status::connect(instance)),
         // The motors of a daemon that died may still move: the stop of another one is no success.
         Err(error @ Error::NotRunning { died: None, .. }) => {
             elsewhere(instance).map_or(Err(Failure::NotStopped(error)), |only| stop(&only))
@@ -36,7 +36,7 @@ pub(crate) fn run(instance: &str, all: bool) -> Result<(), Failure> {
     }
 }
 
-/// Returns success for each confirmed stop: [`tell`] names the motors that do not answer.
+/// Returns success for each confirmed stop: [`report_stop`] names the motors that do not answer.
 fn confirmed(stopped: Result<(), Error>) -> Result<(), Error> {
     match stopped {
         Err(Error::MotorsOffline { .. } | Error::MotorsUnchecked { .. }) => Ok(()),
@@ -71,7 +71,7 @@ fn stop_all() -> Result<(), Failure> {
     for (running, outcome) in daemons {
         match outcome.map_err(Failure::NotStopped).and_then(|()| report_stop_of(&running)) {
             Ok(()) => {}
-            Err(Failure::NotHeard(motors)) => silent.push(motors),
+            Err(Failure::MotorsSilent(motors)) => silent.push(motors),
             // The alarm is printed once, before all of them.
             Err(Failure::NotStopped(error)) => unconfirmed.push(format!("{}: {error}", running.name)),
             Err(failure) => unconfirmed.push(format!("{}: {failure}", running.name)),
@@ -84,9 +84,9 @@ fn stop_all() -> Result<(), Failure> {
             }
             Ok(())
         }
-        (true, false) => Err(Failure::NotHeard(silent.join(", "))),
+        (true, false) => Err(Failure::MotorsSilent(silent.join(", "))),
         (false, _) => {
-            let silent = silent.into_iter().map(|motors| Failure::NotHeard(motors).to_string());
+            let silent = silent.into_iter().map(|motors| Failure::MotorsSilent(motors).to_string());
             let others = Some(others).filter(|others| !others.is_empty());
             Err(Failure::NotAllStopped(unconfirmed.into_iter().chain(silent).chain(others).collect()))
         }
@@ -108,12 +108,12 @@ fn stop(running: &RunningInstance) -> Result<(), Failure> {
 fn report_stop_of(running: &RunningInstance) -> Result<(), Failure> {
     let RunningInstance { name, runtime, pid, uid } = running;
     let who = format!("instance {name} in {} (process {pid}, user id {uid})", runtime.display());
-    tell(Some(&who), &line(running), Client::connect_in(runtime, name))
+    report_stop(Some(&who), &line(running), Client::connect_in(runtime, name))
 }
 
 /// Prints the outcome of a confirmed stop; `motorctl` is the command for its daemon. The motors are checked only now: no wait may
 /// delay the stop.
-fn tell(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Result<(), Failure> {
+fn report_stop(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Result<(), Failure> {
     let client = match client {
         // Any user may take the name of the socket in a directory of their own, and confirm.
         Err(error @ Error::NotRunning { .. }) if who.is_some() => return Err(Failure::NotStopped(error)),
@@ -122,21 +122,23 @@ fn tell(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Res
     let of = who.map(|who| format!(" of {who}")).unwrap_or_default();
     let silent = client.as_ref().map_err(Error::to_string);
     let silent =
-        silent.and_then(|client| client.offline_joints(None, PATIENCE).map_err(|error| error.to_string()));
+        silent.and_then(|client| client.offline_joints(None, TIMEOUT).map_err(|error| error.to_string()));
     let first = client.as_ref().map(first_causes).unwrap_or_default();
     let done = format!(
         "confirmed: every motor{of} is being damped, then stopped; `{motorctl} reset` clears the emergency stop{first}"
     );
     let outcome = confirmation::outcome(&done, silent);
-    say(&outcome.map_err(|silent| Failure::NotHeard(format!("{}{of}{first}", silent.join(", "))))?);
+    print_effect(
+        &outcome.map_err(|silent| Failure::MotorsSilent(format!("{}{of}{first}", silent.join(", "))))?,
+    );
     Ok(())
 }
 
 /// Returns what had stopped groups before, as a further part of a sentence; empty if nothing had. The emergency stop replaces
-/// their causes, and a person needs them to find the fault. Takes at most [`PATIENCE`] and one request.
+/// their causes, and a person needs them to find the fault. Takes at most [`TIMEOUT`] and one request.
 fn first_causes(client: &Client) -> String {
     let robot = client.description();
-    let end = Instant::now() + PATIENCE;
+    let end = Instant::now() + TIMEOUT;
     let groups = loop {
         let Ok(Telemetry { groups, .. }) = client.telemetry() else { return String::new() };
         // The daemon writes its history some milliseconds after the stop.
@@ -165,7 +167,7 @@ mod tests {
     fn confirmation_of_no_daemon_is_none() {
         let directory = tempfile::tempdir().unwrap();
         let client = Client::connect_in(directory.path(), DEFAULT_INSTANCE);
-        let outcome = tell(Some("instance robot"), "motorctl", client);
+        let outcome = report_stop(Some("instance robot"), "motorctl", client);
         assert!(matches!(outcome, Err(Failure::NotStopped(Error::NotRunning { .. }))), "{outcome:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use motord_client::Error;
 pub(crate) use motord_terminal::exit_status::{
-    DATA, INTERRUPTED, IO, NOT_HEARD, NOT_STOPPED, UNAVAILABLE, USAGE,
+    DATA, INTERRUPTED, IO, MOTORS_SILENT, NOT_STOPPED, UNAVAILABLE, USAGE,
 };
 
 /// Returns the exit status of an unconfirmed emergency stop. A missing daemon, a missing permission

@@ -37,8 +37,8 @@ pub(crate) enum Failure {
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {}", .0.join("\nmotorctl: "))]
     NotAllStopped(Vec<String>),
     /// An emergency stop was confirmed, but these motors do not answer.
-    #[error("the stop is confirmed, {}", confirmation::not_heard(.0))]
-    NotHeard(String),
+    #[error("the stop is confirmed, {}", confirmation::motors_silent(.0))]
+    MotorsSilent(String),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
@@ -104,7 +104,7 @@ impl Failure {
             Self::NotStopped(error) => exit_status::of_stop(error),
             Self::NothingToStop(_) => exit_status::UNAVAILABLE,
             Self::NotAllStopped(_) => exit_status::NOT_STOPPED,
-            Self::NotHeard(_) => exit_status::NOT_HEARD,
+            Self::MotorsSilent(_) => exit_status::MOTORS_SILENT,
             Self::Output(_) => exit_status::IO,
             Self::Command(failure) => failure.status(),
             Self::Doctor(failure) => failure.status(),

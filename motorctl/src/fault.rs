@@ -33,7 +33,7 @@ struct JointFaults {
 /// No daemon answers, or the output cannot be written.
 pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
     let client = status::connect(instance)?;
-    let report = FaultReport::new(&client, &client.wait(status::PATIENCE)?);
+    let report = FaultReport::new(&client, &client.wait(status::TIMEOUT)?);
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &report)?;
@@ -51,7 +51,7 @@ pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
 pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Failure> {
     let client = status::connect(instance)?;
     let index = client.joint_named(joint)?;
-    let faults = client.wait(status::PATIENCE)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
+    let faults = client.wait(status::TIMEOUT)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
     let faults = JointFaults::new(joint, faults);
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &faults)?);

@@ -15,7 +15,7 @@ pub(crate) fn run(instance: &str, asked: &Indicators) -> Result<(), Failure> {
     let client = status::connect(instance)?;
     let index = client.joint_named(joint)?;
     asked.print(|number| {
-        let state = client.wait(status::PATIENCE)?;
+        let state = client.wait(status::TIMEOUT)?;
         let known = state.indicators(index).ok_or_else(|| none_of(joint))?;
         Ok(Indicator::try_from(u32::from(number)).ok().and_then(|indicator| known.get(indicator)))
     })

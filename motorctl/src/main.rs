@@ -9,6 +9,7 @@
 mod advice;
 mod confirmation;
 mod demo;
+mod effect;
 mod estop;
 mod exit_status;
 mod explain;
@@ -27,7 +28,6 @@ mod operate;
 mod outcome;
 mod refusal;
 mod report;
-mod say;
 mod sim;
 mod status;
 mod watch;

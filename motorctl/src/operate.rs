@@ -2,10 +2,10 @@
 
 use crate::advice::motorctl;
 use crate::confirmation;
+use crate::effect::print_effect;
 use crate::estop;
 use crate::failure::Failure;
-use crate::say::say;
-use crate::status::{self, PATIENCE};
+use crate::status::{self, TIMEOUT};
 use clap::Subcommand;
 use motord_client::{Client, Error, JointDescription, Phase, Refusal};
 use motord_direct::Confirm;
@@ -116,7 +116,7 @@ fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
 /// Returns true if the motors of the group follow their owner or are starting.
 fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
     let index = client.group_named(group)?;
-    let phase = client.wait(PATIENCE)?.group(index).and_then(|group| group.phase);
+    let phase = client.wait(TIMEOUT)?.group(index).and_then(|group| group.phase);
     Ok(matches!(phase, Some(Phase::Starting | Phase::Active)))
 }
 
@@ -126,16 +126,16 @@ fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     let (mut silent, mut outcome) = (Vec::new(), Ok(()));
     for group in groups(&client, group) {
         let stopped = client.disable(&group).and_then(|()| client.wait_for(&group, Phase::Disarmed, STOPPED));
-        let offline = stopped.map(|()| client.offline_joints(Some(&group), PATIENCE));
+        let offline = stopped.map(|()| client.offline_joints(Some(&group), TIMEOUT));
         let done = format!("{group}: stopped, after damping what moves");
         match offline.map(|offline| confirmation::outcome(&done, offline)) {
-            Ok(Ok(done)) => say(&done),
+            Ok(Ok(done)) => print_effect(&done),
             Ok(Err(offline)) => silent.extend(offline),
             Err(refusal) => outcome = outcome.and(Err(refusal)),
         }
     }
     outcome?;
-    if silent.is_empty() { Ok(()) } else { Err(Failure::NotHeard(silent.join(", "))) }
+    if silent.is_empty() { Ok(()) } else { Err(Failure::MotorsSilent(silent.join(", "))) }
 }
 
 /// Returns the names of `group`, or of all groups.
@@ -159,7 +159,7 @@ fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {
 /// `motorctl release --force`: removes the owner of a group.
 fn release(instance: &str, group: &str) -> Result<(), Failure> {
     Client::connect(instance)?.force_release(group)?;
-    say(&format!("{group}: has no owner now"));
+    print_effect(&format!("{group}: has no owner now"));
     Ok(())
 }
 
@@ -167,7 +167,7 @@ fn release(instance: &str, group: &str) -> Result<(), Failure> {
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.clear_fault(joint)?;
     let status = format!("{} status", motorctl(instance));
-    say(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"));
+    print_effect(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"));
     Ok(())
 }
 
@@ -175,14 +175,14 @@ pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
 fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.exclude(joint)?;
     let include = format!("{} include {joint}", motorctl(instance));
-    say(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"));
+    print_effect(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"));
     Ok(())
 }
 
 /// `motorctl include`: ends the exclusion of a joint.
 fn include(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.include(joint)?;
-    say(&format!("{joint}: is included again"));
+    print_effect(&format!("{joint}: is included again"));
     Ok(())
 }
 
@@ -191,10 +191,10 @@ pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), 
     let client = status::connect(instance)?;
     let index = client.joint_named(joint)?;
     let robot = client.description();
-    let position = client.wait(PATIENCE)?.joint(index).and_then(|joint| joint.position());
+    let position = client.wait(TIMEOUT)?.joint(index).and_then(|joint| joint.position());
     confirm.ask(&effect_of_zero(&robot.joints[index], position))?;
     client.set_zero(joint)?;
-    say(&format!("{joint}: the present position is now zero"));
+    print_effect(&format!("{joint}: the present position is now zero"));
     Ok(())
 }
 
@@ -226,7 +226,7 @@ fn for_groups(
     let mut outcome = Ok(());
     for group in groups(&client, group) {
         match request(&client, &group) {
-            Ok(done) => say(&format!("{group}: {done}")),
+            Ok(done) => print_effect(&format!("{group}: {done}")),
             Err(refusal) => outcome = outcome.and(Err(refusal)),
         }
     }

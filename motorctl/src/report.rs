@@ -218,8 +218,8 @@ impl RobotReport {
             let Some(stop) = &mut group.stop else { continue };
             stop.first = history.first.as_ref().map(|first| FirstStopReport::new(first, robot));
             let Some(process) = &history.stopped_by else { continue };
-            if let Some(asker) = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid) {
-                *asker = process.into();
+            if let Some(requester) = stop.asked_by.as_mut().filter(|requester| requester.pid == process.pid) {
+                *requester = process.into();
             }
         }
     }

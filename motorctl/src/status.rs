@@ -9,16 +9,16 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 /// Longest wait for a state before a command reports an error.
-pub(crate) const PATIENCE: Duration = Duration::from_millis(300);
+pub(crate) const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Connects with [`PATIENCE`].
+/// Connects with [`TIMEOUT`].
 ///
 /// # Errors
 ///
 /// When no daemon answers.
 pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
     let client = Client::connect(instance)?;
-    client.set_silence(PATIENCE);
+    client.set_silence(TIMEOUT);
     Ok(client)
 }
 
@@ -30,7 +30,7 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
 /// [`Failure::Troubled`].
 pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Failure> {
     let client = connect(instance)?;
-    let state = client.wait(PATIENCE)?;
+    let state = client.wait(TIMEOUT)?;
     let mut report = RobotReport::new(&client.description(), &state);
     report.add_history(&client.description(), History::default().telemetry(&client, &state));
     let out = &mut io::stdout().lock();

@@ -29,8 +29,8 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
     let period = Duration::from_secs_f64(1.0 / hz);
     let mut output = Output::new(as_json);
     let mut next = Instant::now();
-    while !interrupt.came() {
-        match client.wait(status::PATIENCE) {
+    while !interrupt.is_raised() {
+        match client.wait(status::TIMEOUT) {
             Ok(state) => output.show(&client, &state)?,
             Err(error) => output.absence.report(&error),
         }

@@ -1,6 +1,6 @@
 //! `motorctl complete-words`: the names of the running daemon for the completions of a shell.
 //!
-//! A shell runs it at each press of TAB. It ends within [`PATIENCE`] whatever the daemon does, and prints nothing but words.
+//! A shell runs it at each press of TAB. It ends within [`TIMEOUT`] whatever the daemon does, and prints nothing but words.
 
 use crate::explain;
 use clap::{Arg, Command};
@@ -10,7 +10,7 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 /// Longest time to wait for the daemon.
-const PATIENCE: Duration = Duration::from_millis(300);
+const TIMEOUT: Duration = Duration::from_millis(300);
 /// The option that names the daemon.
 const INSTANCE: &str = "instance";
 
@@ -43,7 +43,7 @@ pub(crate) fn print(program: &Command, instance: &str, line: &[String]) {
     let (found, names) = channel();
     // A frozen daemon may block the thread. The process does not wait for it.
     let _refused = std::thread::Builder::new().spawn(move || found.send(known(kind, &instance)));
-    let names = names.recv_timeout(PATIENCE).unwrap_or_default();
+    let names = names.recv_timeout(TIMEOUT).unwrap_or_default();
     let mut out = io::stdout().lock();
     for name in names.iter().filter(|name| is_plain(name) && name.starts_with(begun.word)) {
         let _closed = writeln!(out, "{name}");
@@ -79,7 +79,7 @@ fn begun<'l>(program: &Command, line: &[&'l str]) -> Begun<'l> {
     let Some((word, before)) = line.split_last() else {
         return Begun { kind: None, instance: None, word: "" };
     };
-    let (mut command, mut place, mut value_of, mut instance) = (program, 0, None, None);
+    let (mut command, mut position, mut value_of, mut instance) = (program, 0, None, None);
     for word in before {
         if let Some(option) = value_of.take() {
             if is_instance(option) {
@@ -97,12 +97,12 @@ fn begun<'l>(program: &Command, line: &[&'l str]) -> Begun<'l> {
                 _ => {}
             }
         } else if let Some(below) = command.find_subcommand(word) {
-            (command, place) = (below, 0);
+            (command, position) = (below, 0);
         } else if !word.starts_with('-') {
-            place += 1;
+            position += 1;
         }
     }
-    let argument = value_of.or_else(|| command.get_positionals().nth(place));
+    let argument = value_of.or_else(|| command.get_positionals().nth(position));
     let kind = argument.filter(|_| value_of.is_some() || !word.starts_with('-'));
     Begun { kind: kind.and_then(|argument| self::kind(command, argument)), instance, word }
 }

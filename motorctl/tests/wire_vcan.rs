@@ -104,8 +104,8 @@ fn every_configuration_item_is_written_over_can() {
         })
         .collect();
     std::fs::write(line.path("knee.toml"), format!("[configuration]\n{items}")).unwrap();
-    let said = line.good("config apply knee.toml @ --yes");
-    assert!(said.contains("25 items written, each read back"), "{said}");
+    let printed = line.good("config apply knee.toml @ --yes");
+    assert!(printed.contains("25 items written, each read back"), "{printed}");
     line.good("config diff knee.toml @");
     let refused = line.bad("config set zero-position 100000 @ --yes", 1);
     assert!(refused.contains("data format (RES 0x07)"), "{refused}");
@@ -119,14 +119,14 @@ fn every_writable_item_is_set_over_can() {
     line::write_every_item(&line);
     line::write_every_address(&line);
     for (code, bitrate) in [(5, 500_000), (10, 1_000_000)] {
-        let said = line.good(&format!("config set can-baud-rate {code} @ --yes"));
-        assert!(said.contains("unreachable until this bus has its bit rate"), "{said}");
+        let printed = line.good(&format!("config set can-baud-rate {code} @ --yes"));
+        assert!(printed.contains("unreachable until this bus has its bit rate"), "{printed}");
         line.bad("ping @", 69);
         line.inject(&format!("line bitrate {bitrate}"));
         assert_eq!(line.json("config get can-baud-rate @")["value"], code);
     }
-    let said = line.good("config set can-protocol 1 @ --yes");
-    assert!(said.contains("the motor answers in MIT now"), "{said}");
+    let printed = line.good("config set can-protocol 1 @ --yes");
+    assert!(printed.contains("the motor answers in MIT now"), "{printed}");
     assert_eq!(line.json("ping @")["protocol"], "mit");
 }
 
@@ -152,8 +152,8 @@ fn factory_reset_is_undone_over_can() {
         let here = format!("--bus LINE --id {id}");
         line.good(&format!("config set rated-current {id} {here} --yes"));
         line.good(&format!("config dump knee.toml {here}"));
-        let said = line.good(&format!("config reset {here} --yes"));
-        assert!(said.contains("it answers as id 1"), "{said}");
+        let printed = line.good(&format!("config reset {here} --yes"));
+        assert!(printed.contains("it answers as id 1"), "{printed}");
         line.bad("config diff knee.toml --bus LINE --id 1", 1);
         line.good("config apply knee.toml --bus LINE --id 1 --yes");
         line.good(&format!("config diff knee.toml {here}"));
@@ -187,8 +187,8 @@ fn unconfirmed_start_over_can_is_stopped() {
 fn mit_motor_continues_after_killed_jog_until_stopped() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     let position = || -> f64 {
-        let said = line.good("jog @ --seconds 0.01 --rad-s 0.001 --yes");
-        said.split(" stopped at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap()
+        let printed = line.good("jog @ --seconds 0.01 --rad-s 0.001 --yes");
+        printed.split(" stopped at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap()
     };
     let begin = position();
     let mut jog =
@@ -221,8 +221,8 @@ fn mit_motor_is_found_jogged_and_zeroed() {
     drop(line);
 
     let line = knee();
-    let said = line.good("protocol mit @ --yes");
-    assert!(said.contains("the motor answers in MIT now"), "{said}");
+    let printed = line.good("protocol mit @ --yes");
+    assert!(printed.contains("the motor answers in MIT now"), "{printed}");
     assert_eq!(line.json("ping @")["protocol"], "mit");
 }
 
@@ -248,19 +248,19 @@ fn hipnuc_on_can_is_set() {
     let line = Line::hipnuc_on_can("vcan0", vec![MotorSettings { host_id: 0x103, ..motor("knee", 3) }]);
     let set = line.json("imu set --bus vcan0 --node 8 --rate-hz 200 --yes");
     assert!((set["measured_hz"].as_f64().unwrap() - 200.0).abs() < 20.0, "{set}");
-    let said = line.good("imu set --bus vcan0 --node 8 --new-node 9 --new-bitrate 1000000 --yes");
-    assert!(said.contains("stored node 9 and 1000000 bit/s, as read back"), "{said}");
+    let printed = line.good("imu set --bus vcan0 --node 8 --new-node 9 --new-bitrate 1000000 --yes");
+    assert!(printed.contains("stored node 9 and 1000000 bit/s, as read back"), "{printed}");
     line.inject("base power-cycle");
     assert_eq!(line.json("imu find --bus vcan0")["imus"][0]["node_id"], 9);
-    let said = line.bad("imu set --bus vcan0 --node 8 --rate-hz 100 --yes", 1);
-    assert!(said.contains("so nothing is written"), "{said}");
+    let printed = line.bad("imu set --bus vcan0 --node 8 --rate-hz 100 --yes", 1);
+    assert!(printed.contains("so nothing is written"), "{printed}");
     for (values, reason) in [
         ("--rate-hz 500", "a HiPNUC on CAN has 10, "),
         ("--new-node 65", "expected 1 to 64"),
         ("--new-bitrate 9600", "expected 125000"),
     ] {
-        let said = line.bad(&format!("imu set --bus vcan0 --node 9 {values} --yes"), 64);
-        assert!(said.contains(reason), "{said}");
+        let printed = line.bad(&format!("imu set --bus vcan0 --node 9 {values} --yes"), 64);
+        assert!(printed.contains(reason), "{printed}");
     }
     let held = motord_bus::BusLock::interface("vcan0".parse().unwrap()).unwrap();
     line.bad("imu set --bus vcan0 --node 9 --rate-hz 100 --yes", 75);

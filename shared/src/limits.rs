@@ -26,7 +26,7 @@ pub const RECORDS_KEPT: usize = 256;
 /// Limit on the processes that send administrative requests.
 pub const ADMINS_MAX: usize = 32;
 /// Slots of `ADMINS_MAX` that are reserved for emergency stops.
-pub const STOP_PLACES: usize = 4;
+pub const STOP_SLOTS: usize = 4;
 /// Limit on the open requests of one client: an ordinary one and an emergency stop.
 pub const REQUESTS_PER_CLIENT: usize = 2;
 /// Limit on the indicators of one motor.

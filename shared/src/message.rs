@@ -306,8 +306,8 @@ impl CycleRecord {
 
     /// Sets the setpoint of a joint.
     pub fn set_setpoint(&mut self, joint: usize, setpoint: JointSetpoint) {
-        if let Some(place) = self.setpoints.get_mut(joint) {
-            *place = setpoint;
+        if let Some(slot) = self.setpoints.get_mut(joint) {
+            *slot = setpoint;
             self.known |= 1 << joint;
         }
     }

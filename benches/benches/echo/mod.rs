@@ -23,7 +23,7 @@ const BOOT_ID: u64 = 7;
 /// The first lease of the first group.
 const LEASE: Lease = Lease::new(0, 1, 0).unwrap();
 /// Longer than any stall, and than the pauses without states between two measurements.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(3600);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(3600);
 
 /// Replaces the cycle, and answers every setpoint with a state that contains its sequence.
 struct Echo {

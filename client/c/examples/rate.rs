@@ -6,7 +6,7 @@
 use motord_client::{Client, Error, Phase};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Cycles that are not measured.
 const FIRST: usize = 100;
 
@@ -17,16 +17,16 @@ fn main() -> Result<(), Error> {
     let seconds: f64 = arguments.next().and_then(|seconds| seconds.parse().ok()).unwrap_or(10.0);
     let client = Client::connect(&instance)?;
     let mut claim = client.claim(&group)?;
-    claim.wait_for(Phase::Disarmed, 5 * PATIENCE)?;
-    claim.hold(&client.wait(PATIENCE)?, 20.0, 0.5)?;
+    claim.wait_for(Phase::Disarmed, 5 * TIMEOUT)?;
+    claim.hold(&client.wait(TIMEOUT)?, 20.0, 0.5)?;
     claim.commit()?;
     claim.enable()?;
-    claim.wait_for(Phase::Active, 5 * PATIENCE)?;
+    claim.wait_for(Phase::Active, 5 * TIMEOUT)?;
     let cycles = (seconds * 1000.0) as usize;
     let mut times = Vec::with_capacity(cycles);
     let (mut first, mut last) = ((0, 0), (0, 0));
     for cycle in 0..cycles + FIRST {
-        let state = client.wait(PATIENCE)?;
+        let state = client.wait(TIMEOUT)?;
         let view = state.of(&claim)?;
         view.must_be_active()?;
         if let Some(group) = state.group(claim.index()) {

@@ -134,10 +134,10 @@ pub struct Setpoints<'a, N> {
 impl<N: Number> Setpoints<'_, N> {
     /// Returns the setpoint of the joint at this place.
     #[must_use]
-    pub fn at(&self, place: usize) -> Setpoint {
+    pub fn at(&self, index: usize) -> Setpoint {
         let [position, velocity, kp, kd, torque] = self
             .values
-            .map(|values| values.and_then(|values| values.get(place)).map_or(0.0, |value| value.value()));
+            .map(|values| values.and_then(|values| values.get(index)).map_or(0.0, |value| value.value()));
         Setpoint::impedance(position, velocity, kp, kd, torque)
     }
 }
@@ -153,7 +153,7 @@ impl<N: Number> Setpoints<'_, N> {
         let sent = all
             .get_mut(..count)
             .ok_or(Error::SetpointCount { expected: claim.joints().len(), received: count })?;
-        sent.iter_mut().enumerate().for_each(|(place, setpoint)| *setpoint = self.at(place));
+        sent.iter_mut().enumerate().for_each(|(index, setpoint)| *setpoint = self.at(index));
         claim.send(sent)
     }
 }

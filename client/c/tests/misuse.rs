@@ -199,8 +199,8 @@ fn forked_process_is_refused_and_frees_nothing() {
 
 #[test]
 fn missing_daemon_and_bad_names_are_explained() {
-    let place = std::env::temp_dir().join(format!("motord-c-{}", std::process::id()));
-    let runtime = format!("{}\0", place.display());
+    let directory = std::env::temp_dir().join(format!("motord-c-{}", std::process::id()));
+    let runtime = format!("{}\0", directory.display());
     let mut client = ptr::null_mut();
     // SAFETY: texts that end with a null byte, and a place for the result.
     let mut connect = |instance: &[u8]| unsafe {

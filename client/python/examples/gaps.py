@@ -66,7 +66,7 @@ WORLDS: dict[str, Callable[[Mujoco], Twin]] = {
 }
 
 
-def judged(build: Callable[[Mujoco], Twin], kd: float, seconds: float) -> str:
+def outcome(build: Callable[[Mujoco], Twin], kd: float, seconds: float) -> str:
     """Walks, and says how it was."""
     plant = Watched()
     robot = build(plant)

@@ -6,7 +6,7 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Times, s, and the setpoints that a cycle used.
 #[derive(Default)]
@@ -35,7 +35,7 @@ fn control(client: &Client, claim: &mut ClientClaim, every: u32, seconds: f64) -
     let mut measured = Measured::default();
     let (begun, mut in_use) = (Instant::now(), 0);
     while begun.elapsed().as_secs_f64() < seconds {
-        let state = client.wait_cycles(every, PATIENCE)?;
+        let state = client.wait_cycles(every, TIMEOUT)?;
         let woken = state.age();
         state.of(claim)?.must_be_active()?;
         let before = Instant::now();

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Longer than a shared machine stalls.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Longer than motors take to start or to stop.
 const CHANGE: Duration = Duration::from_secs(60);
 
@@ -23,7 +23,7 @@ pub(crate) struct Claim {
     owned: Mutex<Owned>,
     order: Arc<Order>,
     /// The place in the claim of each entry of `order`.
-    places: Vec<usize>,
+    slots: Vec<usize>,
     group: String,
 }
 
@@ -39,19 +39,19 @@ struct Owned {
 const HOLD: (f64, f64) = (20.0, 0.5);
 
 /// Returns the place in the group of each of `names`, which must be all of `known`.
-fn places(group: &str, known: &[&str], names: &[String]) -> PyResult<Vec<usize>> {
+fn slots(group: &str, known: &[&str], names: &[String]) -> PyResult<Vec<usize>> {
     let bad = |text: String| Err(PyValueError::new_err(format!("{text}; {group} has {}", known.join(", "))));
-    let mut places = Vec::new();
+    let mut slots = Vec::new();
     for name in names {
         match known.iter().position(|other| other == name) {
             None => return bad(format!("there is no joint {name:?}")),
-            Some(place) if places.contains(&place) => return bad(format!("names has {name} twice")),
-            Some(place) => places.push(place),
+            Some(slot) if slots.contains(&slot) => return bad(format!("names has {name} twice")),
+            Some(slot) => slots.push(slot),
         }
     }
-    match known.iter().enumerate().find(|(place, _)| !places.contains(place)) {
+    match known.iter().enumerate().find(|(slot, _)| !slots.contains(slot)) {
         Some((_, name)) => bad(format!("names lacks {name}: name each joint of the group")),
-        None => Ok(places),
+        None => Ok(slots),
     }
 }
 
@@ -59,20 +59,20 @@ impl Claim {
     /// Wraps a claim, with its joints in the order of `names`.
     pub(crate) fn new(client: Arc<Client>, claim: ClientClaim, names: Option<Vec<String>>) -> PyResult<Self> {
         let known: Vec<_> = claim.names().collect();
-        let places = match &names {
+        let slots = match &names {
             None => (0..known.len()).collect(),
-            Some(names) => places(claim.group(), &known, names)?,
+            Some(names) => slots(claim.group(), &known, names)?,
         };
         let order = Order {
-            joints: places.iter().map(|place| claim.joints()[*place]).collect(),
-            names: places.iter().map(|place| known[*place].to_owned()).collect(),
+            joints: slots.iter().map(|slot| claim.joints()[*slot]).collect(),
+            names: slots.iter().map(|slot| known[*slot].to_owned()).collect(),
             imus: client.description().imus.iter().map(|imu| imu.name.clone()).collect(),
             has_samples: true,
             group: Some(claim.index()),
         };
         let group = claim.group().to_owned();
         let owned = Mutex::new(Owned { claim: Some(claim), hold: HOLD });
-        Ok(Self { client, owned, order: Arc::new(order), places, group })
+        Ok(Self { client, owned, order: Arc::new(order), slots, group })
     }
 
     fn owned(&self) -> PyResult<MutexGuard<'_, Owned>> {
@@ -143,7 +143,7 @@ impl Claim {
         let (kp, kd) = (hold.0 as f32, hold.1 as f32);
         self.call(py, |client, claim| {
             claim.wait_for(Phase::Disarmed, CHANGE)?;
-            claim.hold(&client.wait(PATIENCE)?, kp, kd)?;
+            claim.hold(&client.wait(TIMEOUT)?, kp, kd)?;
             match claim.commit() {
                 // The daemon refuses to enable it, and names the cause.
                 Ok(()) | Err(Error::Stopped { .. }) => claim.enable()?,
@@ -197,8 +197,8 @@ impl Claim {
         let hold = self.owned()?.hold;
         let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], hold, &self.order.names)?;
         let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
-        for (at, place) in self.places.iter().enumerate() {
-            setpoints[*place] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
+        for (at, slot) in self.slots.iter().enumerate() {
+            setpoints[*slot] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
         }
         self.with(|claim| {
             let sent = caught(|| claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])))?;
@@ -224,14 +224,14 @@ impl Claim {
         let seconds = duration("seconds", seconds)?.as_secs_f64();
         let goals = self::pose(pose, &self.order.names)?;
         let (kp, kd) = self.gains(kp, kd)?;
-        let mut of_place = [[0.0; 3]; JOINTS_MAX];
-        for (at, place) in self.places.iter().enumerate() {
-            of_place[*place] = [goals[at], kp[at], kd[at]];
+        let mut by_slot = [[0.0; 3]; JOINTS_MAX];
+        for (at, slot) in self.slots.iter().enumerate() {
+            by_slot[*slot] = [goals[at], kp[at], kd[at]];
         }
         let motion = self.call(py, |client, claim| {
             claim.set_horizon(Duration::ZERO)?;
-            let state = client.wait(PATIENCE)?;
-            Begun::plan(claim, &state, |place| of_place[place], seconds)
+            let state = client.wait(TIMEOUT)?;
+            Begun::plan(claim, &state, |slot| by_slot[slot], seconds)
         })?;
         let motion = motion.map_err(PyValueError::new_err)?;
         while !self.call(py, |client, claim| motion.advance(client, claim))? {

@@ -10,7 +10,7 @@ use std::time::Duration;
 const PEAK: f32 = 1.875;
 /// Longest time without a check for Ctrl-C, cycles.
 const CYCLES: u32 = 50;
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The motion of a joint.
 #[derive(Debug, Clone, Copy)]
@@ -112,9 +112,9 @@ impl Motion {
         let at = if self.seconds > 0.0 { time / self.seconds } else { 1.0 };
         let (distance, speed) = share(at);
         let per_second = if self.seconds > 0.0 { speed / self.seconds as f32 } else { 0.0 };
-        let way = |path: &Path| path.goal - path.start;
-        let positions = self.paths.iter().map(|path| path.start + way(path) * distance);
-        let velocities = self.paths.iter().map(|path| way(path) * per_second);
+        let span = |path: &Path| path.goal - path.start;
+        let positions = self.paths.iter().map(|path| path.start + span(path) * distance);
+        let velocities = self.paths.iter().map(|path| span(path) * per_second);
         (positions.collect(), velocities.collect(), at >= 1.0)
     }
 }
@@ -143,11 +143,11 @@ impl Begun {
         let group = state.of(claim)?;
         group.must_be_active()?;
         let (mut joints, mut gains) = (Vec::new(), Vec::new());
-        for (place, name) in claim.names().enumerate() {
+        for (index, name) in claim.names().enumerate() {
             let joint = group.joint(name)?;
             let measured = group.position(name)?;
             let start = if joint.applied.kp > 0.0 { joint.applied.position } else { measured };
-            let [goal, kp, kd] = goals(place);
+            let [goal, kp, kd] = goals(index);
             joints.push((name, claim.limits(name)?, Path { start, goal }));
             gains.push([kp, kd]);
         }
@@ -161,7 +161,7 @@ impl Begun {
     /// Those of waiting and sending; [`Error::Stopped`] when the group is stopped.
     pub(crate) fn advance(&self, client: &Client, claim: &mut Claim) -> Result<bool, Error> {
         for _ in 0..CYCLES {
-            let state = client.wait(PATIENCE)?;
+            let state = client.wait(TIMEOUT)?;
             state.of(claim)?.must_be_active()?;
             let (positions, velocities, is_at_goal) =
                 self.motion.at(state.time().saturating_sub(self.begun).as_secs_f64());

@@ -121,7 +121,7 @@ def _with(key: str, at: int, value: str) -> dict[str, str]:
     return {key: ",".join(values)}
 
 
-def spoiled(folder: Path) -> dict[str, tuple[Path, str]]:
+def corrupted(folder: Path) -> dict[str, tuple[Path, str]]:
     """Saves the spoiled policies. Returns each by its name, with a pattern of the sentence that must name its fault."""
     made: dict[str, tuple[Path, str]] = {}
 
@@ -196,5 +196,5 @@ if __name__ == "__main__":
     target = Path(sys.argv[1])
     target.mkdir(parents=True, exist_ok=True)
     print(save(target / "good.onnx"))
-    for path, _ in spoiled(target).values():
+    for path, _ in corrupted(target).values():
         print(path)

@@ -41,9 +41,9 @@ def good(folder: Path) -> Path:
 
 
 def test_every_spoiled_policy_is_refused(robot: motord.Robot, folder: Path) -> None:
-    spoiled = policies.spoiled(folder)
-    assert len(spoiled) >= 20
-    for name, (path, pattern) in spoiled.items():
+    corrupted = policies.corrupted(folder)
+    assert len(corrupted) >= 20
+    for name, (path, pattern) in corrupted.items():
         with pytest.raises(motord.PolicyError) as refused:
             motord.Policy(path).check(robot.description, "legs")
         text = str(refused.value)
@@ -52,7 +52,7 @@ def test_every_spoiled_policy_is_refused(robot: motord.Robot, folder: Path) -> N
 
 
 def test_policies_replace_those_of_before(tmp_path: Path) -> None:
-    assert policies.spoiled(tmp_path) == policies.spoiled(tmp_path)
+    assert policies.corrupted(tmp_path) == policies.corrupted(tmp_path)
 
 
 def test_rate_and_group_must_fit(robot: motord.Robot, good: Path) -> None:
@@ -188,15 +188,15 @@ def test_results_without_joints_are_refused() -> None:
 def test_absolute_positions_are_observed_as_measured(robot: motord.Robot, folder: Path) -> None:
     terms = policies.TERMS.replace("joint_pos_rel", "joint_pos")
     unsaid = policies.save(folder / "unsaid.onnx", {"observation_names": terms})
-    said = policies.save(folder / "said.onnx", {"observation_names": terms, "joint_pos": "absolute"})
+    printed = policies.save(folder / "said.onnx", {"observation_names": terms, "joint_pos": "absolute"})
     state = robot.wait()
     measured = robot.wait(names=policies.ORDER).q
-    for policy in (motord.Policy(said), motord.Policy(unsaid, joint_pos="absolute")):
+    for policy in (motord.Policy(printed), motord.Policy(unsaid, joint_pos="absolute")):
         assert policy.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured, abs=0.02)
     relative = motord.Policy(unsaid, joint_pos="relative")
     assert relative.observe(state, imu=state.imu["base"])[9:21] == pytest.approx(measured - np.asarray(relative.default), abs=0.02)
     with pytest.raises(motord.PolicyError, match="joint_pos is absolute in the metadata, and relative in the call"):
-        motord.Policy(said, joint_pos="relative")
+        motord.Policy(printed, joint_pos="relative")
 
 
 def test_zero_gains_are_warned_of(daemon: Daemon, folder: Path) -> None:

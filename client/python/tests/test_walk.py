@@ -29,12 +29,12 @@ class Watched(Mujoco):
 
     def __init__(self) -> None:
         super().__init__(MODEL, imu="imu", key="stand")
-        self.way: list[list[float]] = []
+        self.route: list[list[float]] = []
 
     def step(self, torques, seconds, q, dq):  # type: ignore[no-untyped-def]
         super().step(torques, seconds, q, dq)
         w, x, y, z = self.data.qpos[3:7]
-        self.way.append([*self.data.qpos[:3], np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
+        self.route.append([*self.data.qpos[:3], np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
 
 
 NAMED: set[str] = set()
@@ -70,7 +70,7 @@ def test_quadruped_walks_two_metres_straight(world: type[Twin]) -> None:
     body = Watched()
     robot = world(CONFIG, body, compute_us=300, seed=2)
     walk(robot, 9.5)
-    forward, left, _, yaw = np.array(body.way).T
+    forward, left, _, yaw = np.array(body.route).T
     print(f"{world.__name__}: {forward.max():.2f} m in 9.5 s, {np.abs(left).max():.2f} m to the side")
     assert forward.max() > 1.9 and np.abs(left).max() < 0.2 and np.abs(yaw).max() < 0.2
 
@@ -78,7 +78,7 @@ def test_quadruped_walks_two_metres_straight(world: type[Twin]) -> None:
 def test_quadruped_turns_left() -> None:
     body = Watched()
     walk(Twin(CONFIG, body, seed=2), 4.0, speed=0.3, turn=1.0)
-    assert max(yaw for *_, yaw in body.way) > 0.3
+    assert max(yaw for *_, yaw in body.route) > 0.3
 
 
 @pytest.mark.parametrize(("verb", "cause"), [("fl-knee off", "motor-lost"), ("rr-thigh fault 0x02", "motor-fault")])

@@ -1,38 +1,38 @@
 //! Claims from creation to release.
 
 use super::fake_daemon::Running;
-use super::{PATIENCE, connect, place, until};
+use super::{TIMEOUT, connect, directory, until};
 use motord_client::{Cause, Claim, Client, Error, Lateness, Phase, Refusal, Setpoint, Stop};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[test]
 fn states_report_a_claim_taken_away() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let (client, other) = (connect(&place), connect(&place));
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let (client, other) = (connect(&directory), connect(&directory));
     let claim = client.claim("leg").unwrap();
     for _ in 0..20 {
-        client.wait(PATIENCE).unwrap().of(&claim).unwrap();
+        client.wait(TIMEOUT).unwrap().of(&claim).unwrap();
     }
     other.force_release("leg").unwrap();
-    let lost = until("the loss", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    let lost = until("the loss", || client.wait(TIMEOUT).unwrap().of(&claim).err());
     assert_eq!(lost, Error::ClaimLost { group: "leg".into() });
     assert!(lost.is_transient());
 }
 
 #[test]
 fn setpoints_continue_while_waiting_for_the_group() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let (client, operator) = (connect(&place), connect(&place));
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let (client, operator) = (connect(&directory), connect(&directory));
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     claim.enable().unwrap();
     let before = daemon.setpoints().len();
-    claim.wait_for(Phase::Active, PATIENCE).unwrap();
-    operator.wait_for("leg", Phase::Starting, PATIENCE).unwrap();
-    assert!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().must_be_active().is_ok());
+    claim.wait_for(Phase::Active, TIMEOUT).unwrap();
+    operator.wait_for("leg", Phase::Starting, TIMEOUT).unwrap();
+    assert!(client.wait(TIMEOUT).unwrap().of(&claim).unwrap().must_be_active().is_ok());
     assert!(daemon.setpoints().len() > before, "the daemon received setpoints of the waiting owner");
     let expected = Error::NotReached {
         group: "leg".into(),
@@ -42,19 +42,19 @@ fn setpoints_continue_while_waiting_for_the_group() {
     };
     assert_eq!(operator.wait_for("leg", Phase::Disarmed, Duration::from_millis(20)), Err(expected));
     claim.disable().unwrap();
-    claim.wait_for(Phase::Disarmed, PATIENCE).unwrap();
+    claim.wait_for(Phase::Disarmed, TIMEOUT).unwrap();
 }
 
 #[test]
 fn starting_group_asks_for_patience_not_enable() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     let error = until("a start", || {
         claim.enable().unwrap();
-        let state = client.wait(PATIENCE).unwrap();
+        let state = client.wait(TIMEOUT).unwrap();
         let group = state.of(&claim).unwrap();
         group.must_be_active().err().filter(|_| group.phase() == Some(Phase::Starting))
     });
@@ -64,25 +64,25 @@ fn starting_group_asks_for_patience_not_enable() {
 
 #[test]
 fn stop_during_start_reports_cause_and_joint() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     claim.enable().unwrap();
     daemon.cause.store(Cause::MotorLost.code(), Ordering::Relaxed);
     let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()), pid: None, lateness: None };
     let stopped = Error::Stopped { group: "leg".into(), stop: stop.clone() };
-    client.wait(PATIENCE).unwrap();
-    assert_eq!(claim.wait_for(Phase::Active, 4 * PATIENCE), Err(stopped.clone()));
-    assert_eq!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().must_be_active(), Err(stopped.clone()));
-    assert_eq!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().stop(), Some(stop));
+    client.wait(TIMEOUT).unwrap();
+    assert_eq!(claim.wait_for(Phase::Active, 4 * TIMEOUT), Err(stopped.clone()));
+    assert_eq!(client.wait(TIMEOUT).unwrap().of(&claim).unwrap().must_be_active(), Err(stopped.clone()));
+    assert_eq!(client.wait(TIMEOUT).unwrap().of(&claim).unwrap().stop(), Some(stop));
     assert_eq!(
         stopped.to_string(),
         "group leg was stopped: A motor stopped answering (joint knee). Check the motor's power, its CAN cable and its id, \
          then reset the group"
     );
-    claim.wait_for(Phase::Disarmed, PATIENCE).unwrap();
+    claim.wait_for(Phase::Disarmed, TIMEOUT).unwrap();
 }
 
 /// Claims the group, and starts it.
@@ -90,16 +90,16 @@ fn active(client: &Client) -> Claim {
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     claim.enable().unwrap();
-    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    claim.wait_for(Phase::Active, TIMEOUT).unwrap();
     claim
 }
 
 /// The loop of a slow controller has its first state a period later.
 #[test]
 fn last_setpoints_of_start_get_longest_horizon() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = active(&client);
     let horizons = || daemon.setpoints().iter().map(|message| message.horizon_ns).collect::<Vec<_>>();
     let sent = until("the last setpoint", || Some(horizons()).filter(|all| all.last() == Some(&40_000_000)));
@@ -108,8 +108,8 @@ fn last_setpoints_of_start_get_longest_horizon() {
     until("the own horizon", || horizons().last().filter(|horizon| **horizon == 0).copied());
     let before = daemon.setpoints().len();
     claim.keep_for(Duration::from_millis(1)).unwrap();
-    client.wait(PATIENCE).unwrap();
-    client.wait(PATIENCE).unwrap();
+    client.wait(TIMEOUT).unwrap();
+    client.wait(TIMEOUT).unwrap();
     assert_eq!(daemon.setpoints().len(), before, "the last one is young enough");
     claim.keep_for(Duration::from_millis(45)).unwrap();
     until("what 45 ms need", || horizons().last().filter(|horizon| **horizon == 25_000_000).copied());
@@ -118,13 +118,13 @@ fn last_setpoints_of_start_get_longest_horizon() {
 /// Goal: a claim measures its own stop, after it has seen that of its predecessor.
 #[test]
 fn stop_of_predecessor_hides_no_later_gap() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
-    let error = claim.wait_for(Phase::Active, PATIENCE).unwrap_err();
+    let error = claim.wait_for(Phase::Active, TIMEOUT).unwrap_err();
     let of_predecessor = matches!(
         &error,
         Error::Stopped { stop: Stop::Cause { cause: Cause::SetpointTimeout, lateness: None, .. }, .. }
@@ -132,29 +132,29 @@ fn stop_of_predecessor_hides_no_later_gap() {
     assert!(of_predecessor, "{error:?}");
     daemon.cause.store(0, Ordering::Relaxed);
     claim.enable().unwrap();
-    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    claim.wait_for(Phase::Active, TIMEOUT).unwrap();
     std::thread::sleep(Duration::from_millis(80));
     daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
-    let error = until("the stop", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    let error = until("the stop", || client.wait(TIMEOUT).unwrap().of(&claim).err());
     let is_measured = matches!(&error, Error::Stopped { stop: Stop::Cause { lateness: Some(_), .. }, .. });
     assert!(is_measured, "{error:?}");
 }
 
 #[test]
 fn late_owner_gets_stop_with_measured_gap() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = active(&client);
     std::thread::sleep(Duration::from_millis(80));
     daemon.cause.store(Cause::SetpointTimeout.code(), Ordering::Relaxed);
-    let error = until("the stop", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    let error = until("the stop", || client.wait(TIMEOUT).unwrap().of(&claim).err());
     let Error::Stopped { stop: Stop::Cause { cause, lateness: Some(late), .. }, .. } = error.clone() else {
         panic!("{error}")
     };
     let [horizon, timeout] = [40, 20].map(Duration::from_millis);
     assert_eq!((cause, late), (Cause::SetpointTimeout, Lateness { gap: late.gap, horizon, timeout }));
-    assert!(late.gap >= Duration::from_millis(80) && late.gap < PATIENCE, "{late:?}");
+    assert!(late.gap >= Duration::from_millis(80) && late.gap < TIMEOUT, "{late:?}");
     let text = error.to_string();
     let gap = late.gap.as_nanos() as f64 / 1e6;
     for part in
@@ -170,9 +170,9 @@ fn late_owner_gets_stop_with_measured_gap() {
 
 #[test]
 fn setpoints_after_a_stop_fail_until_reset() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = active(&client);
     daemon.cause.store(Cause::EmergencyStop.code(), Ordering::Relaxed);
     let error = until("the stop", || claim.commit().err());
@@ -180,7 +180,7 @@ fn setpoints_after_a_stop_fail_until_reset() {
     assert_eq!(claim.send(&[Setpoint::damping(1.0); 2]), Err(error));
     let before = daemon.setpoints().len();
     until("setpoints that keep the claim", || {
-        client.wait(PATIENCE).unwrap();
+        client.wait(TIMEOUT).unwrap();
         assert!(claim.commit().is_err());
         (daemon.setpoints().len() > before).then_some(())
     });
@@ -191,16 +191,16 @@ fn setpoints_after_a_stop_fail_until_reset() {
     daemon.cause.store(Cause::EmergencyStop.code(), Ordering::Relaxed);
     let mut claim = client.claim("leg").unwrap();
     for _ in 0..5 {
-        client.wait(PATIENCE).unwrap();
+        client.wait(TIMEOUT).unwrap();
         claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     }
 }
 
 #[test]
 fn setpoints_of_a_removed_owner_fail() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let (client, other) = (connect(&place), connect(&place));
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let (client, other) = (connect(&directory), connect(&directory));
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     other.force_release("leg").unwrap();
@@ -210,20 +210,20 @@ fn setpoints_of_a_removed_owner_fail() {
 
 #[test]
 fn setpoint_with_wrong_joint_count_is_not_sent() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     assert_eq!(claim.send(&[Setpoint::damping(1.0)]), Err(Error::SetpointCount { expected: 2, received: 1 }));
-    client.wait(PATIENCE).unwrap();
+    client.wait(TIMEOUT).unwrap();
     assert_eq!(daemon.setpoints(), []);
 }
 
 #[test]
 fn one_setpoint_is_enough_to_enable() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     for _ in 0..20 {
         let mut claim = client.claim("leg").unwrap();
         let early = claim.enable().unwrap_err();
@@ -235,9 +235,9 @@ fn one_setpoint_is_enough_to_enable() {
 
 #[test]
 fn a_dropped_claim_leaves_the_group_to_others() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let (first, second) = (connect(&place), connect(&place));
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let (first, second) = (connect(&directory), connect(&directory));
     let claim = first.claim("leg").unwrap();
     let refused = second.claim("leg").unwrap_err();
     assert!(matches!(refused, Error::Refused { refusal: Refusal::Owned, .. }), "{refused}");

@@ -1,7 +1,7 @@
 //! Connecting, and the refusals of a client.
 
 use super::fake_daemon::Running;
-use super::{INSTANCE, PATIENCE, connect, place};
+use super::{INSTANCE, TIMEOUT, connect, directory};
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{Client, Error, Obstacle};
 use motord_ports::{DaemonPorts, Housekeeper, Instance};
@@ -14,8 +14,8 @@ use std::time::Duration;
 
 #[test]
 fn where_no_daemon_runs_connecting_says_so() {
-    let place = place();
-    for runtime in [place.path().to_owned(), place.path().join("missing")] {
+    let directory = directory();
+    for runtime in [directory.path().to_owned(), directory.path().join("missing")] {
         let error = Client::connect_in(&runtime, INSTANCE).unwrap_err();
         assert!(matches!(error, Error::NotRunning { .. }), "{error}");
         assert!(error.to_string().contains(&runtime.display().to_string()), "{error}");
@@ -25,30 +25,30 @@ fn where_no_daemon_runs_connecting_says_so() {
 
 #[test]
 fn connecting_after_daemon_exit_reports_none_running() {
-    let place = place();
-    drop(Running::start(place.path(), 1));
-    let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();
+    let directory = directory();
+    drop(Running::start(directory.path(), 1));
+    let error = Client::connect_in(directory.path(), INSTANCE).unwrap_err();
     assert!(matches!(error, Error::NotRunning { .. }), "{error}");
 }
 
 #[test]
 fn names_that_could_leave_the_directory_are_refused() {
-    let place = place();
+    let directory = directory();
     for name in ["", "..", "a/b", "A", "a b", "a\n", "0123456789012345678901234567890123"] {
-        let error = Client::connect_in(place.path(), name).unwrap_err();
+        let error = Client::connect_in(directory.path(), name).unwrap_err();
         assert_eq!(error.exit_status(), 64, "{name:?}: {error}");
     }
 }
 
 #[test]
 fn sleeping_and_spinning_clients_receive_states() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     assert_eq!((client.joint("knee"), client.group("leg"), client.joint("toe")), (Some(1), Some(0), None));
     let mut last = 0;
     for turn in 0..200 {
-        let state = if turn % 2 == 0 { client.wait(PATIENCE) } else { client.spin(PATIENCE) }.unwrap();
+        let state = if turn % 2 == 0 { client.wait(TIMEOUT) } else { client.spin(TIMEOUT) }.unwrap();
         assert!(state.cycle() > last, "no state is given twice, none is older than the one before");
         last = state.cycle();
     }
@@ -64,12 +64,12 @@ fn is_readable(client: &Client, at_most: Duration) -> bool {
 
 #[test]
 fn descriptor_is_readable_with_each_state() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let (mut states, mut readable) = (0, 0);
     while states < 200 {
-        assert!(is_readable(&client, PATIENCE));
+        assert!(is_readable(&client, TIMEOUT));
         readable += 1;
         states += u32::from(client.newest().unwrap().is_some());
     }
@@ -77,16 +77,16 @@ fn descriptor_is_readable_with_each_state() {
     drop(daemon);
     let _left = client.newest();
     assert!(!is_readable(&client, Duration::from_millis(50)), "no state arrives");
-    let _next = Running::start(place.path(), 2);
-    assert!(is_readable(&client, PATIENCE));
+    let _next = Running::start(directory.path(), 2);
+    assert!(is_readable(&client, TIMEOUT));
     assert!(matches!(client.newest(), Err(Error::Restarted)));
-    assert!(is_readable(&client, PATIENCE) && client.wait(PATIENCE).is_ok());
+    assert!(is_readable(&client, TIMEOUT) && client.wait(TIMEOUT).is_ok());
 }
 
 #[test]
 fn watcher_that_never_reads_leaks_no_memory() {
-    let place = place();
-    let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
+    let directory = directory();
+    let lock = Instance::below(directory.path(), INSTANCE).unwrap().lock().unwrap();
     let ports = DaemonPorts::open(&lock).unwrap();
     let housekeeper = Housekeeper::open(&lock).unwrap();
     let attach = || motord_ports::ClientPorts::open(lock.instance().attach().unwrap().unwrap()).unwrap();
@@ -103,10 +103,10 @@ fn watcher_that_never_reads_leaks_no_memory() {
 
 #[test]
 fn a_lying_joint_count_reaches_nobody() {
-    let place = place();
-    let _daemon = Running::start_with(place.path(), 1, u32::MAX, 1000.0);
-    let client = connect(&place);
-    assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
+    let directory = directory();
+    let _daemon = Running::start_with(directory.path(), 1, u32::MAX, 1000.0);
+    let client = connect(&directory);
+    assert_eq!(client.wait(TIMEOUT).unwrap().joints().count(), 64);
 }
 
 /// Removes the file of the service `record`, as if the daemon lacked that service.
@@ -125,10 +125,10 @@ fn forget_records(directory: &Path) {
 
 #[test]
 fn daemon_without_records_is_reported_as_other_version() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    forget_records(&place.path().join("iox"));
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
+    forget_records(&directory.path().join("iox"));
     let error = client.records().unwrap_err();
     assert!(matches!(error, Error::Version { service: "record", .. }), "{error}");
 }
@@ -140,16 +140,16 @@ fn another_layout_is_told_as_another_version() {
     #[repr(C)]
     struct Newer(u64);
 
-    let place = place();
-    let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
+    let directory = directory();
+    let lock = Instance::below(directory.path(), INSTANCE).unwrap().lock().unwrap();
     let mut config = Config::default();
-    let root = place.path().join("iox").join(INSTANCE);
+    let root = directory.path().join("iox").join(INSTANCE);
     config.global.set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_bytes()).unwrap());
     config.global.prefix = FileName::new(b"m_").unwrap();
     let node = NodeBuilder::new().config(&config).create::<motord_ports::service::Service>().unwrap();
     let name = ServiceName::new("motord/robot/state").unwrap();
     let _newer = node.service_builder(&name).publish_subscribe::<Newer>().create().unwrap();
-    let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();
+    let error = Client::connect_in(directory.path(), INSTANCE).unwrap_err();
     assert!(matches!(&error, Error::Version { daemon, .. } if daemon == "motord.State.v9"), "{error}");
     let error = DaemonPorts::open(&lock).unwrap_err();
     assert_eq!(error.obstacle, Obstacle::Version, "{error}");

@@ -88,12 +88,13 @@ impl FakeDaemon {
             group_count: 1,
             ..StateMessage::default()
         };
-        for (place, joint) in state.joints.iter_mut().enumerate() {
-            let is_heard = place != 1 || !self.mute.load(Ordering::Relaxed);
-            let (position, flags) = if is_heard { (0.5 + place as f32, JOINT_VALID) } else { (f32::NAN, 0) };
-            let is_excluded = place == 1 && self.excluded.load(Ordering::Relaxed);
+        for (index, joint) in state.joints.iter_mut().enumerate() {
+            let is_reported = index != 1 || !self.mute.load(Ordering::Relaxed);
+            let (position, flags) =
+                if is_reported { (0.5 + index as f32, JOINT_VALID) } else { (f32::NAN, 0) };
+            let is_excluded = index == 1 && self.excluded.load(Ordering::Relaxed);
             let mode = if is_excluded { MotorMode::Excluded } else { MotorMode::Idle }.code();
-            let receive_ns = if is_heard { clock::now_ns() } else { 0 };
+            let receive_ns = if is_reported { clock::now_ns() } else { 0 };
             *joint = JointState { position, flags, mode, receive_ns, ..JointState::default() };
         }
         state.groups[0] = GroupState {

@@ -1,7 +1,7 @@
 //! Objects in a process that was forked from the one that created them.
 
 use super::fake_daemon::Running;
-use super::{INSTANCE, PATIENCE, connect, place, spawn, until};
+use super::{INSTANCE, TIMEOUT, connect, directory, spawn, until};
 use motord_client::{Claim, Client, Error, Phase, Records, Setpoint, State};
 use motord_shared::CycleRecord;
 use nix::sys::wait::{WaitStatus, waitpid};
@@ -48,11 +48,11 @@ struct Objects {
 }
 
 impl Objects {
-    fn of(place: &tempfile::TempDir) -> Self {
-        let client = connect(place);
+    fn of(directory: &tempfile::TempDir) -> Self {
+        let client = connect(directory);
         let mut claim = client.claim("leg").unwrap();
         client.file_descriptor().unwrap();
-        let state = client.wait(PATIENCE).unwrap();
+        let state = client.wait(TIMEOUT).unwrap();
         claim.hold(&state, 1.0, 1.0).unwrap();
         claim.commit().unwrap();
         Self { claim, records: client.records().unwrap(), state, client }
@@ -64,17 +64,17 @@ impl Objects {
         vec![
             ("check_process", client.check_process().err()),
             ("newest", client.newest().err()),
-            ("wait", client.wait(PATIENCE).err()),
-            ("wait_cycles", client.wait_cycles(2, PATIENCE).err()),
-            ("spin", client.spin(PATIENCE).err()),
+            ("wait", client.wait(TIMEOUT).err()),
+            ("wait_cycles", client.wait_cycles(2, TIMEOUT).err()),
+            ("spin", client.spin(TIMEOUT).err()),
             ("file_descriptor", client.file_descriptor().err()),
             ("records", client.records().err()),
             ("claim", client.claim("leg").err()),
             ("enable", client.enable("leg").err()),
             ("disable", client.disable("leg").err()),
             ("reset", client.reset("leg").err()),
-            ("wait_for", client.wait_for("leg", Phase::Disarmed, PATIENCE).err()),
-            ("offline_joints", client.offline_joints(None, PATIENCE).err()),
+            ("wait_for", client.wait_for("leg", Phase::Disarmed, TIMEOUT).err()),
+            ("offline_joints", client.offline_joints(None, TIMEOUT).err()),
             ("force_release", client.force_release("leg").err()),
             ("set_zero", client.set_zero("hip").err()),
             ("clear_fault", client.clear_fault("hip").err()),
@@ -95,10 +95,10 @@ impl Objects {
             ("hold", claim.hold(state, 1.0, 1.0).err()),
             ("set_horizon", claim.set_horizon(Duration::ZERO).err()),
             ("commit", claim.commit().err()),
-            ("keep_for", claim.keep_for(PATIENCE).err()),
+            ("keep_for", claim.keep_for(TIMEOUT).err()),
             ("send", claim.send(&[Setpoint::damping(1.0); 2]).err()),
             ("enable", claim.enable().err()),
-            ("wait_for", claim.wait_for(Phase::Active, PATIENCE).err()),
+            ("wait_for", claim.wait_for(Phase::Active, TIMEOUT).err()),
             ("disable", claim.disable().err()),
             ("reset", claim.reset().err()),
             ("take", records.take(&mut CycleRecord::default()).err()),
@@ -134,19 +134,19 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 /// Goal: a child that uses and ends what it inherited changes nothing for its parent.
 #[test]
 fn forked_process_is_refused_and_changes_nothing() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let mut objects = Objects::of(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let mut objects = Objects::of(&directory);
     until("the setpoint of the parent", || daemon.setpoints().first().map(drop));
-    let (before, setpoints) = (files(place.path()), daemon.setpoints().len());
+    let (before, setpoints) = (files(directory.path()), daemon.setpoints().len());
     // The child owns its copy of the objects.
     let copy = std::ptr::from_ref(&objects);
     // SAFETY: the parent drops the original, and the child, which never drops it, this copy.
     in_child(|| unsafe { copy.read() }.are_refused()).unwrap();
-    assert_eq!(files(place.path()), before);
+    assert_eq!(files(directory.path()), before);
     assert_eq!(daemon.setpoints().len(), setpoints, "the child sent nothing");
     for _ in 0..20 {
-        objects.client.wait(PATIENCE).unwrap().of(&objects.claim).unwrap();
+        objects.client.wait(TIMEOUT).unwrap().of(&objects.claim).unwrap();
         objects.claim.commit().unwrap();
     }
     objects.records.take(&mut CycleRecord::default()).unwrap();
@@ -156,14 +156,14 @@ fn forked_process_is_refused_and_changes_nothing() {
 /// A fork copies the locks that other threads hold, and not the threads.
 #[test]
 fn fork_beside_waiting_threads_hangs_no_child() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let (client, end) = (connect(&place), AtomicBool::new(false));
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let (client, end) = (connect(&directory), AtomicBool::new(false));
     std::thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
                 while !end.load(Ordering::Relaxed) {
-                    client.spin(PATIENCE).unwrap();
+                    client.spin(TIMEOUT).unwrap();
                     let _ = client.description();
                 }
             });
@@ -180,9 +180,9 @@ fn fork_beside_waiting_threads_hangs_no_child() {
 
 /// Runs the ignored test `body` in a process without a daemon: the daemon's threads would hold locks of iceoryx2 in a fork.
 fn in_controller(body: &str) {
-    let place = place();
-    let mut daemon = spawn("killed_daemon", &place, 1);
-    let ended = spawn(body, &place, 1).wait();
+    let directory = directory();
+    let mut daemon = spawn("killed_daemon", &directory, 1);
+    let ended = spawn(body, &directory, 1).wait();
     daemon.kill().unwrap();
     daemon.wait().unwrap();
     assert!(ended.unwrap().success(), "{body}");
@@ -198,7 +198,7 @@ fn controller() -> Option<PathBuf> {
 /// Connects in a forked process and waits for a state.
 fn connect_anew(runtime: &Path) -> Result<Client, String> {
     let own = Client::connect_in(runtime, INSTANCE).map_err(|error| error.to_string())?;
-    own.wait(PATIENCE).map_err(|error| error.to_string())?;
+    own.wait(TIMEOUT).map_err(|error| error.to_string())?;
     Ok(own)
 }
 
@@ -223,7 +223,7 @@ fn controller_whose_child_stops() {
         inherited.emergency_stop().map_err(|error| error.to_string())
     })
     .unwrap();
-    inherited.wait(PATIENCE).unwrap().of(&claim).unwrap();
+    inherited.wait(TIMEOUT).unwrap().of(&claim).unwrap();
 }
 
 /// A fork copies the locks of iceoryx2 that other threads hold while they connect and disconnect.

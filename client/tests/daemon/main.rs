@@ -21,23 +21,23 @@ use tempfile::TempDir;
 
 const INSTANCE: &str = "robot";
 /// Long enough for stalls of the machine.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 
-fn place() -> TempDir {
+fn directory() -> TempDir {
     tempfile::tempdir_in("/tmp").unwrap()
 }
 
-fn connect(place: &TempDir) -> Client {
-    let client = Client::connect_in(place.path(), INSTANCE).unwrap();
+fn connect(directory: &TempDir) -> Client {
+    let client = Client::connect_in(directory.path(), INSTANCE).unwrap();
     client.set_silence(Duration::from_millis(500));
     client
 }
 
 /// Runs the ignored test `role` of this file in a separate process.
-fn spawn(role: &str, place: &TempDir, boot_id: u64) -> Child {
+fn spawn(role: &str, directory: &TempDir, boot_id: u64) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--ignored", "--exact", role])
-        .env("MOTORD_TEST_RUNTIME", place.path())
+        .env("MOTORD_TEST_RUNTIME", directory.path())
         .env("MOTORD_TEST_BOOT_ID", boot_id.to_string())
         .stdout(std::process::Stdio::null())
         .spawn()
@@ -50,7 +50,7 @@ fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
         if let Some(done) = attempt() {
             return done;
         }
-        assert!(begun.elapsed() < 4 * PATIENCE, "{what} did not happen");
+        assert!(begun.elapsed() < 4 * TIMEOUT, "{what} did not happen");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -63,11 +63,11 @@ fn killed_controller() {
     // The daemon frees the slots of dead processes within a quarter of a second after this process
     // connected.
     let mut claim = until("a free slot", || client.claim("leg").ok());
-    let end = Instant::now() + 4 * PATIENCE;
+    let end = Instant::now() + 4 * TIMEOUT;
     // Runs until it is killed. The fake daemon publishes no states during its cleanup, which must
     // not end this process.
     while Instant::now() < end {
-        let _silent = client.wait(PATIENCE);
+        let _silent = client.wait(TIMEOUT);
         let _ = claim.send(&[Setpoint::damping(1.0); 2]);
     }
 }

@@ -1,7 +1,7 @@
 //! Setpoints from the client to the daemon.
 
 use super::fake_daemon::{Running, granted};
-use super::{PATIENCE, connect, place, until};
+use super::{TIMEOUT, connect, directory, until};
 use motord_client::{Client, Error, JointLimits, Rejection, Setpoint, State};
 use motord_shared::JointSetpoint;
 use std::sync::atomic::Ordering;
@@ -9,12 +9,12 @@ use std::time::Duration;
 
 #[test]
 fn setpoints_arrive_whole_with_rising_sequence() {
-    let place = place();
-    let daemon = Running::start(place.path(), 7);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 7);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     for turn in 0..50_u8 {
-        client.wait(PATIENCE).unwrap();
+        client.wait(TIMEOUT).unwrap();
         claim.send(&[Setpoint::torque(f32::from(turn)), Setpoint::damping(f32::from(turn))]).unwrap();
     }
     until("the last setpoint", || daemon.setpoints().last().filter(|last| last.sequence == 50).copied());
@@ -37,9 +37,9 @@ fn last_of(daemon: &Running, sequence: u64) -> [JointSetpoint; 2] {
 
 #[test]
 fn setpoints_by_name_and_slot_reach_their_joints() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     let [knee, hip] = claim.slots(["knee", "hip"]).unwrap()[..] else { panic!("two slots") };
     claim.set("knee", Setpoint::torque(2.0)).unwrap();
@@ -58,9 +58,9 @@ fn setpoints_by_name_and_slot_reach_their_joints() {
 /// The daemon would reject the whole group, and stop it a setpoint timeout later for a cause that hides the mistake.
 #[test]
 fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     claim.set("knee", Setpoint::torque(1.0)).unwrap();
     for (bad, rejection) in [
@@ -72,7 +72,7 @@ fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
         assert_eq!(claim.set("knee", bad), refused);
         assert_eq!(claim.send(&[Setpoint::torque(2.0), bad]), refused);
     }
-    let state = client.wait(PATIENCE).unwrap();
+    let state = client.wait(TIMEOUT).unwrap();
     assert!(matches!(claim.hold(&state, f32::NAN, 0.5), Err(Error::BadSetpoint { .. })));
     assert!(matches!(claim.hold(&state, 5.0, -0.5), Err(Error::BadSetpoint { .. })));
     assert_eq!(claim.setpoint("knee"), Ok(Setpoint::torque(1.0)));
@@ -82,13 +82,13 @@ fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
 /// A joint without a setpoint would be limp.
 #[test]
 fn group_is_not_sent_before_all_joints_set() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     claim.set("hip", Setpoint::damping(1.0)).unwrap();
     assert_eq!(claim.commit(), Err(Error::NotSet { joint: "knee".into() }));
-    client.wait(PATIENCE).unwrap();
+    client.wait(TIMEOUT).unwrap();
     assert_eq!(daemon.setpoints(), []);
     claim.set("knee", Setpoint::damping(1.0)).unwrap();
     claim.commit().unwrap();
@@ -97,30 +97,30 @@ fn group_is_not_sent_before_all_joints_set() {
 /// After a restart with another configuration it could be another joint.
 #[test]
 fn a_slot_of_another_claim_is_refused() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let old = client.claim("leg").unwrap().slot("knee").unwrap();
     let mut claim = client.claim("leg").unwrap();
     assert_eq!(claim.set(old, Setpoint::torque(1.0)), Err(Error::OtherClaim));
     assert_eq!(claim.limits(old), Err(Error::OtherClaim));
-    let state = client.wait(PATIENCE).unwrap();
+    let state = client.wait(TIMEOUT).unwrap();
     assert_eq!(state.of(&claim).unwrap().joint(old), Err(Error::OtherClaim));
 }
 
 /// Returns the next state whose second joint has replied or not, as `is_heard` requires.
 fn state_with(client: &Client, is_heard: bool) -> State {
     until("such a state", || {
-        Some(client.wait(PATIENCE).unwrap())
+        Some(client.wait(TIMEOUT).unwrap())
             .filter(|state| state.joint(1).unwrap().position().is_some() == is_heard)
     })
 }
 
 #[test]
 fn hold_needs_a_state_of_every_joint() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     daemon.mute.store(true, Ordering::Relaxed);
     let state = state_with(&client, false);
@@ -144,9 +144,9 @@ fn hold_needs_a_state_of_every_joint() {
 
 #[test]
 fn group_holds_without_its_absent_excluded_joint() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     daemon.excluded.store(true, Ordering::Relaxed);
     daemon.mute.store(true, Ordering::Relaxed);
@@ -160,9 +160,9 @@ fn group_holds_without_its_absent_excluded_joint() {
 
 #[test]
 fn horizon_is_sent_or_refused_by_the_client() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let mut claim = client.claim("leg").unwrap();
     let most = client.description().setpoint_horizon_max;
     claim.set_horizon(most).unwrap();

@@ -1,17 +1,17 @@
 //! Emergency stops of motors that do not answer.
 
 use super::fake_daemon::Running;
-use super::{INSTANCE, connect, place};
+use super::{INSTANCE, connect, directory};
 use motord_client::{Error, emergency_stop_in};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[test]
 fn stop_with_silent_motor_is_no_success() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    let stops = || [client.emergency_stop(), emergency_stop_in(place.path(), INSTANCE)];
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
+    let stops = || [client.emergency_stop(), emergency_stop_in(directory.path(), INSTANCE)];
     assert_eq!(stops(), [Ok(()), Ok(())]);
     daemon.mute.store(true, Ordering::Relaxed);
     for outcome in stops() {
@@ -26,12 +26,12 @@ fn stop_with_silent_motor_is_no_success() {
 
 #[test]
 fn stop_without_states_is_no_success() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     daemon.silent.store(true, Ordering::Relaxed);
     std::thread::sleep(Duration::from_millis(50));
-    for outcome in [client.emergency_stop(), emergency_stop_in(place.path(), INSTANCE)] {
+    for outcome in [client.emergency_stop(), emergency_stop_in(directory.path(), INSTANCE)] {
         assert!(matches!(outcome, Err(Error::MotorsUnchecked { .. })), "{outcome:?}");
     }
 }
@@ -39,9 +39,9 @@ fn stop_without_states_is_no_success() {
 /// A loop in another thread must get the state that it waits for.
 #[test]
 fn check_of_answers_leaves_states_to_loops() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
     let before = client.newest().unwrap().map_or(0, |state| state.cycle());
     assert_eq!(client.offline_joints(None, Duration::from_secs(5)), Ok(vec![]));
     daemon.silent.store(true, Ordering::Relaxed);

@@ -1,7 +1,7 @@
 //! Clients that several threads share.
 
 use super::fake_daemon::Running;
-use super::{PATIENCE, connect, place, until};
+use super::{TIMEOUT, connect, directory, until};
 use motord_client::{Claim, Client, Error, Setpoint};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -15,10 +15,10 @@ const _: () = {
 };
 
 /// A daemon that serves but publishes nothing, a client that has read its last state, and the client's claim.
-fn silent_daemon(place: &TempDir) -> (Running, Client, Claim) {
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(place);
-    client.set_silence(4 * PATIENCE);
+fn silent_daemon(directory: &TempDir) -> (Running, Client, Claim) {
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(directory);
+    client.set_silence(4 * TIMEOUT);
     let claim = client.claim("leg").unwrap();
     daemon.silent.store(true, Ordering::Relaxed);
     until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
@@ -39,10 +39,10 @@ fn is_confirmed(client: &Client) -> bool {
 /// are done.
 #[test]
 fn waiting_thread_blocks_neither_send_nor_stop() {
-    let place = place();
-    let (daemon, client, mut claim) = silent_daemon(&place);
+    let directory = directory();
+    let (daemon, client, mut claim) = silent_daemon(&directory);
     std::thread::scope(|scope| {
-        let waiting = scope.spawn(|| client.wait(3 * PATIENCE));
+        let waiting = scope.spawn(|| client.wait(3 * TIMEOUT));
         std::thread::sleep(Duration::from_millis(50));
         for _ in 0..STOPS {
             claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
@@ -57,10 +57,10 @@ fn waiting_thread_blocks_neither_send_nor_stop() {
 
 #[test]
 fn spinning_thread_blocks_neither_send_nor_stop() {
-    let place = place();
-    let (daemon, client, mut claim) = silent_daemon(&place);
+    let directory = directory();
+    let (daemon, client, mut claim) = silent_daemon(&directory);
     std::thread::scope(|scope| {
-        let spinning = scope.spawn(|| client.spin(3 * PATIENCE));
+        let spinning = scope.spawn(|| client.spin(3 * TIMEOUT));
         for _ in 0..STOPS {
             claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
             assert!(is_confirmed(&client));
@@ -73,10 +73,10 @@ fn spinning_thread_blocks_neither_send_nor_stop() {
 
 #[test]
 fn pending_request_blocks_no_emergency_stop() {
-    let place = place();
-    let _daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    client.wait(PATIENCE).unwrap();
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
+    client.wait(TIMEOUT).unwrap();
     std::thread::scope(|scope| {
         let asking = scope.spawn(|| client.clear_fault("hip"));
         std::thread::sleep(Duration::from_millis(50));
@@ -89,11 +89,11 @@ fn pending_request_blocks_no_emergency_stop() {
 /// Goal: each state is returned to one thread, and a sleeping thread does not delay another.
 #[test]
 fn two_threads_that_wait_share_the_states() {
-    let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    client.set_silence(4 * PATIENCE);
-    let cycles = || (0..100).map(|_| client.wait(PATIENCE).unwrap().cycle()).collect::<Vec<_>>();
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
+    client.set_silence(4 * TIMEOUT);
+    let cycles = || (0..100).map(|_| client.wait(TIMEOUT).unwrap().cycle()).collect::<Vec<_>>();
     let mut seen = std::thread::scope(|scope| {
         let (one, other) = (scope.spawn(cycles), scope.spawn(cycles));
         [one.join().unwrap(), other.join().unwrap()].concat()
@@ -103,7 +103,7 @@ fn two_threads_that_wait_share_the_states() {
     daemon.silent.store(true, Ordering::Relaxed);
     until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
     std::thread::scope(|scope| {
-        let patient = scope.spawn(|| client.wait(3 * PATIENCE));
+        let patient = scope.spawn(|| client.wait(3 * TIMEOUT));
         std::thread::sleep(Duration::from_millis(50));
         let error = client.wait(Duration::from_millis(20)).unwrap_err();
         assert!(matches!(error, Error::Timeout { .. }), "{error}");

@@ -182,8 +182,8 @@ impl<T: Value> Rule<T> {
     }
 
     /// Returns the warning for a valid value, if any.
-    pub(super) fn doubt(&self, value: &T) -> Option<Wrong> {
-        if let Some(wrong) = value.doubt() {
+    pub(super) fn warning(&self, value: &T) -> Option<Wrong> {
+        if let Some(wrong) = value.warning() {
             return Some(wrong);
         }
         let number = value.number().filter(|number| self.is_angle && number.abs() > TAU)?;

@@ -9,7 +9,7 @@ use motord_shared::limits::NAME_BYTES_MAX;
 
 use super::entry::{At, Entry, Item};
 use super::machine::Machine;
-use super::problem::{Place, Problem, Wrong, plain};
+use super::problem::{Location, Problem, Wrong, plain};
 use super::similar::suggestion;
 
 /// Letters of a rejected name in a report.
@@ -26,17 +26,17 @@ pub(super) struct Findings<'a> {
     errors: Vec<Problem>,
     warnings: Vec<Problem>,
     /// Lists that are in the file under a wrong name or with a wrong value.
-    spoilt: Vec<&'static str>,
+    malformed: Vec<&'static str>,
 }
 
 impl<'a> Findings<'a> {
     pub(super) fn new(file: &'a Path, text: &'a str, machine: &'a Machine) -> Self {
-        Self { file, text, machine, errors: Vec::new(), warnings: Vec::new(), spoilt: Vec::new() }
+        Self { file, text, machine, errors: Vec::new(), warnings: Vec::new(), malformed: Vec::new() }
     }
 
     /// Errors and warnings, each in the order of the file.
     pub(super) fn into_problems(self) -> (Vec<Problem>, Vec<Problem>) {
-        let line = |problem: &Problem| problem.place.as_ref().map(|place| place.line);
+        let line = |problem: &Problem| problem.location.as_ref().map(|location| location.line);
         let Self { mut errors, mut warnings, .. } = self;
         errors.sort_by_key(line);
         warnings.sort_by_key(line);
@@ -64,14 +64,14 @@ impl<'a> Findings<'a> {
     /// An error of a key that the table of keys does not have.
     pub(super) fn error_of_key(&mut self, section: &str, key: &str, offset: usize, wrong: Wrong) {
         if !self.is_full() || self.errors.is_empty() {
-            let problem = self.place(offset, path(section, &plain(key)), wrong);
+            let problem = self.location(offset, path(section, &plain(key)), wrong);
             self.errors.push(problem);
         }
     }
 
     /// Notes that the tables of `list` are in the file in a wrong form, which was reported.
-    pub(super) fn spoil(&mut self, list: &'static str) {
-        self.spoilt.push(list);
+    pub(super) fn mark_malformed(&mut self, list: &'static str) {
+        self.malformed.push(list);
     }
 
     /// Returns the part of the file at `span`.
@@ -80,17 +80,17 @@ impl<'a> Findings<'a> {
     }
 
     fn problem(&self, at: At, wrong: Wrong) -> Problem {
-        self.place(at.offset, path(at.section, at.key), wrong)
+        self.location(at.offset, path(at.section, at.key), wrong)
     }
 
-    fn place(&self, offset: usize, key: String, wrong: Wrong) -> Problem {
-        let place = Place::at(self.text.as_bytes(), offset, Some(key));
-        Problem { file: self.file.into(), place: Some(place), wrong }
+    fn location(&self, offset: usize, key: String, wrong: Wrong) -> Problem {
+        let location = Location::at(self.text.as_bytes(), offset, Some(key));
+        Problem { file: self.file.into(), location: Some(location), wrong }
     }
 
     /// Reports fewer than one and more than `max` tables `[[list]]`.
     pub(super) fn count<T>(&mut self, items: &[Item<T>], list: &'static str, max: usize) {
-        if items.is_empty() && !self.spoilt.contains(&list) {
+        if items.is_empty() && !self.malformed.contains(&list) {
             let whole_file = At { offset: 0, section: list, key: "" };
             let hint = match list {
                 "bus" => "motord needs at least one: write [[bus]] with its name and type",
@@ -159,7 +159,7 @@ impl<'a> Findings<'a> {
         let index = names.clone().position(|known| known.value.as_deref() == Some(name));
         let known: Vec<_> = names.clone().filter_map(|known| known.value.as_deref()).collect();
         let is_whole = known.iter().collect::<HashSet<_>>().len() == names.count();
-        if index.is_none() && !self.spoilt.contains(&list) && !known.is_empty() && is_whole {
+        if index.is_none() && !self.malformed.contains(&list) && !known.is_empty() && is_whole {
             let hint = suggestion(name, known.into_iter());
             self.error(at, wrong(name.to_owned(), hint));
         }
@@ -179,7 +179,7 @@ impl<'a> Findings<'a> {
 
     /// Reports a priority beyond the limit of this machine: an error where real time is required,
     /// otherwise a warning.
-    pub(super) fn judge_priority(&mut self, at: At, priority: u8, require_realtime: bool) {
+    pub(super) fn check_priority(&mut self, at: At, priority: u8, require_realtime: bool) {
         let allowed = self.machine.priority_max;
         let wrong = Wrong::Priority { priority, allowed };
         match priority > allowed {
@@ -212,18 +212,21 @@ const REPEATED_MIN: usize = 3;
 /// Joins equal errors of one key, such as the same unknown key in every motor.
 fn without_repetitions(errors: Vec<Problem>) -> Vec<Problem> {
     let key = |problem: &Problem| {
-        let key = problem.place.as_ref().and_then(|place| place.key.clone());
+        let key = problem.location.as_ref().and_then(|location| location.key.clone());
         (key, problem.wrong.to_string())
     };
     let mut lines: HashMap<_, Vec<usize>> = HashMap::new();
     for problem in &errors {
-        lines.entry(key(problem)).or_default().extend(problem.place.as_ref().map(|place| place.line));
+        lines
+            .entry(key(problem))
+            .or_default()
+            .extend(problem.location.as_ref().map(|location| location.line));
     }
     let joined = |mut problem: Problem| {
         let lines = lines.get(&key(&problem)).filter(|lines| lines.len() >= REPEATED_MIN);
         let Some(lines) = lines else { return Some(problem) };
         let count = lines.len();
-        if problem.place.as_ref().map(|place| place.line) != lines.first().copied() {
+        if problem.location.as_ref().map(|location| location.line) != lines.first().copied() {
             return None;
         }
         let others: Vec<_> = lines[1..].iter().take(3).map(ToString::to_string).collect();

@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 pub use describe::describe;
 pub use machine::Machine;
 pub use origin::{Limit, Origin};
-pub use problem::{Place, Problem, Wrong};
+pub use problem::{Location, Problem, Wrong};
 pub use reference::reference;
 pub use similar::suggestion;
 
@@ -112,7 +112,7 @@ impl std::error::Error for ConfigError {}
 /// Every problem found, with file, line and key.
 pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
     let bytes =
-        read(path).map_err(|wrong| ConfigError::of(Problem { file: path.into(), place: None, wrong }))?;
+        read(path).map_err(|wrong| ConfigError::of(Problem { file: path.into(), location: None, wrong }))?;
     parse(path, &bytes, &Machine::here())
 }
 
@@ -123,11 +123,11 @@ pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
 ///
 /// The problem with the file.
 pub fn text(path: &Path) -> Result<String, Problem> {
-    let problem = |place, wrong| Problem { file: path.into(), place, wrong };
+    let problem = |location, wrong| Problem { file: path.into(), location, wrong };
     let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
     String::from_utf8(bytes).map_err(|error| {
-        let place = Place::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
-        problem(Some(place), Wrong::no_utf8(error.as_bytes()))
+        let location = Location::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
+        problem(Some(location), Wrong::no_utf8(error.as_bytes()))
     })
 }
 
@@ -145,8 +145,8 @@ pub fn has_changed(path: &Path, hash: u64) -> bool {
 /// Every problem found, with file, line and key.
 pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
     let refuse = |offset, key, wrong| {
-        let place = Place::at(bytes, offset, key);
-        ConfigError::of(Problem { file: file.into(), place: Some(place), wrong })
+        let location = Location::at(bytes, offset, key);
+        ConfigError::of(Problem { file: file.into(), location: Some(location), wrong })
     };
     if is_utf16(bytes) {
         return Err(refuse(0, None, Wrong::Utf16));
@@ -158,10 +158,10 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
         return Err(refuse(offset, key, wrong));
     }
     if root.get_ref().is_empty() {
-        return Err(ConfigError::of(Problem { file: file.into(), place: None, wrong: Wrong::Empty }));
+        return Err(ConfigError::of(Problem { file: file.into(), location: None, wrong: Wrong::Empty }));
     }
     if let Some(wrong) = document::foreign(root.get_ref()) {
-        return Err(ConfigError::of(Problem { file: file.into(), place: None, wrong }));
+        return Err(ConfigError::of(Problem { file: file.into(), location: None, wrong }));
     }
     let mut findings = Findings::new(file, text, machine);
     let document = Document::read(root.get_ref(), &mut findings);

@@ -15,7 +15,7 @@ pub struct Problem {
     /// The file, as named by the caller.
     pub file: PathBuf,
     /// The place in the file; `None` for a problem of the file itself.
-    pub place: Option<Place>,
+    pub location: Option<Location>,
     /// The problem itself.
     pub wrong: Wrong,
 }
@@ -24,7 +24,7 @@ impl std::error::Error for Problem {}
 
 /// A place in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct Location {
     /// Counted from 1.
     pub line: usize,
     /// Characters from the begin of the line, counted from 1.
@@ -33,7 +33,7 @@ pub struct Place {
     pub key: Option<String>,
 }
 
-impl Place {
+impl Location {
     /// Returns the place of the byte at `offset`.
     pub(super) fn at(text: &[u8], offset: usize, key: Option<String>) -> Self {
         let before = &text[..offset.min(text.len())];
@@ -52,9 +52,9 @@ impl fmt::Display for Problem {
     /// `FILE:LINE:COLUMN: KEY: what is wrong; what to do`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:", self.file.display())?;
-        if let Some(place) = &self.place {
-            write!(f, "{}:{}:", place.line, place.column)?;
-            if let Some(key) = &place.key {
+        if let Some(location) = &self.location {
+            write!(f, "{}:{}:", location.line, location.column)?;
+            if let Some(key) = &location.key {
                 write!(f, " {key}:")?;
             }
         }
@@ -311,7 +311,7 @@ pub enum Wrong {
     )]
     ShortDuration { duration_ms: i64, round_ms: f64, least_ms: f64 },
     #[error("its group cannot be enabled without this joint; add may-be-excluded = true if it may")]
-    ExcludedInVain,
+    NeedlesslyExcluded,
     #[error("unknown model {model:?}; {hint}")]
     UnknownModel { model: String, hint: String },
     #[error("has no effect on a {model}, whose torque code is in N·m and not a current; remove it")]

@@ -74,7 +74,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let source = self.findings.source(written.span());
         let value = match rule.read(key, Written { value: written, source }, unit) {
             Ok(value) => {
-                rule.doubt(&value).into_iter().for_each(|wrong| self.findings.warn(at, wrong));
+                rule.warning(&value).into_iter().for_each(|wrong| self.findings.warn(at, wrong));
                 value
             }
             Err(wrong) => {
@@ -121,14 +121,14 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let mut items: Vec<_> = items.map_or_else(|| vec![written], |items| items.iter().collect());
         // One more than any list may have, for the error. The checks of more would take minutes.
         if items.len() > LIST_MAX {
-            self.findings.spoil(S::PATH);
+            self.findings.mark_malformed(S::PATH);
             items.truncate(LIST_MAX + 1);
         }
         if items.iter().any(|item| !item.get_ref().is_table()) {
             let expected = if written.get_ref().is_array() { "tables" } else { "a table" };
             let wrong = self.no_table(expected, written, &below_header(&format!("[[{}]]", S::PATH)));
             self.findings.error(at(S::PATH, written), wrong);
-            self.findings.spoil(S::PATH);
+            self.findings.mark_malformed(S::PATH);
         }
         items.into_iter().filter_map(|item| self.item(item)).collect()
     }
@@ -185,7 +185,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     fn unknown_table(&mut self, name: &str, table: String, known: &[&'static str]) -> Wrong {
         let hint = match closest(name, known.iter().copied()) {
             Some(near) => {
-                self.findings.spoil(near);
+                self.findings.mark_malformed(near);
                 format!("did you mean {}?", header(near))
             }
             None => {
@@ -199,13 +199,13 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     /// The hint for a table of the file that was written below another one. Problems that only follow are not reported.
     fn of_file_table(&mut self, name: &str) -> Option<String> {
         let (path, _) = *self.known.iter().find(|(path, _)| *path == name)?;
-        self.findings.spoil(path);
+        self.findings.mark_malformed(path);
         let own = self.table.and_then(|table| table.get("name")?.get_ref().as_str().map(plain));
-        let place = match (path, self.path, own) {
+        let more = match (path, self.path, own) {
             ("motor", "bus", Some(bus)) => format!(", and in it bus = {bus:?}"),
             _ => String::new(),
         };
-        Some(format!("it is no part of {}: write {}{place}", header(self.path), header(path)))
+        Some(format!("it is no part of {}: write {}{more}", header(self.path), header(path)))
     }
 
     /// Returns the tables that an unknown key belongs to: one of the same list, or the one or two that

@@ -47,7 +47,7 @@ pub(super) trait Value: Sized {
     }
 
     /// A warning about a valid value.
-    fn doubt(&self) -> Option<Wrong> {
+    fn warning(&self) -> Option<Wrong> {
         None
     }
 
@@ -180,7 +180,7 @@ impl Value for [f64; 3] {
     }
 
     /// Small angles, one of them near a multiple of π/2.
-    fn doubt(&self) -> Option<Wrong> {
+    fn warning(&self) -> Option<Wrong> {
         let is_right = |angle: &&f64| {
             let turns = (angle.abs() / FRAC_PI_2).round();
             turns >= 1.0 && (angle.abs() - turns * FRAC_PI_2).abs() < 0.01

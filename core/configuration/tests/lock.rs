@@ -87,10 +87,10 @@ fn every_difference_names_motor_value_and_cure() {
         ),
     ];
     for (change, complaint, cure) in cases {
-        let said = differing(change);
+        let answer = differing(change);
         assert!(
-            said.iter().any(|line| line.contains(complaint) && line.contains(cure)),
-            "{complaint}: {said:?}"
+            answer.iter().any(|line| line.contains(complaint) && line.contains(cure)),
+            "{complaint}: {answer:?}"
         );
     }
 }
@@ -143,7 +143,7 @@ fn a_motor_of_another_family_is_named() {
 fn unreadable_value_is_unknown_not_agreed() {
     let settings = settings();
     let hip = settings.motors.iter().find(|motor| motor.name == "hip").unwrap();
-    let said = ReportedMotor {
+    let answer = ReportedMotor {
         name: "hip".into(),
         id: 3,
         host_id: Some(0x103),
@@ -155,7 +155,7 @@ fn unreadable_value_is_unknown_not_agreed() {
         findings(&settings, hip, reported).iter().find(|finding| finding.value == value).unwrap().verdict
     };
     for value in ["torque-constant", "gear-ratio", "pole-pairs"] {
-        assert_eq!(verdict(value, Some(&said)), Verdict::Unknown, "{value}");
+        assert_eq!(verdict(value, Some(&answer)), Verdict::Unknown, "{value}");
     }
     assert_eq!(verdict("answer", None), Verdict::Unknown);
 }

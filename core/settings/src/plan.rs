@@ -71,9 +71,9 @@ impl BusPlan {
     fn of_can(settings: &Settings, bus: usize, bitrates: [u32; 2]) -> Self {
         let [bitrate, _] = bitrates;
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
-        let turn = |(place, (index, motor)): (usize, (usize, &MotorSettings))| {
+        let turn = |(rank, (index, motor)): (usize, (usize, &MotorSettings))| {
             let answering = settings.simulation.get(index).map_or(ANSWERING_TIME, |it| it.reply_latency);
-            (settings.first_turn(bus, place), TransactionBits::of(motor, answering, bitrates))
+            (settings.first_turn(bus, rank), TransactionBits::of(motor, answering, bitrates))
         };
         let turns: Vec<_> = motors.enumerate().map(turn).collect();
         let cycle = &settings.cycle;
@@ -177,10 +177,10 @@ fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: 
         return Duration::ZERO;
     }
     let mut free = HOST_TIME + wire_time(requests.iter().map(|(request, ..)| request).sum(), bitrate);
-    let mut heard = HOST_TIME;
+    let mut received = HOST_TIME;
     for (request, reply, answering) in requests {
-        heard += wire_time(request, bitrate);
-        free = free.max(heard + answering) + wire_time(reply, bitrate);
+        received += wire_time(request, bitrate);
+        free = free.max(received + answering) + wire_time(reply, bitrate);
     }
     free + wire_time(imus.blocking, bitrate)
 }

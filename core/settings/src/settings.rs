@@ -39,8 +39,8 @@ impl Settings {
     #[must_use]
     pub fn turns(&self, bus: usize) -> usize {
         let motors = self.motors.iter().filter(|motor| motor.bus == bus).count();
-        let asks = self.safety.fault_poll_hz > 0.0 || self.cycle.indicator_hz > 0.0;
-        motors + usize::from(asks && self.buses[bus].is_line())
+        let polls = self.safety.fault_poll_hz > 0.0 || self.cycle.indicator_hz > 0.0;
+        motors + usize::from(polls && self.buses[bus].is_line())
     }
 
     /// Returns whether a bus has an IMU.
@@ -184,7 +184,7 @@ impl BusSettings {
 
     /// Not every motor gets a command in every cycle.
     #[must_use]
-    pub const fn takes_turns(&self) -> bool {
+    pub const fn has_turns(&self) -> bool {
         self.every.get() > 1
     }
 
@@ -298,7 +298,7 @@ impl MotorSettings {
     /// Returns whether the motor accepts setpoints of this mode.
     #[must_use]
     #[inline]
-    pub fn takes(&self, mode: SetpointMode) -> bool {
+    pub fn accepts(&self, mode: SetpointMode) -> bool {
         !self.capabilities.impedance || mode == SetpointMode::Impedance
     }
 }

@@ -1,10 +1,10 @@
 //! Administrative requests: which are granted, and why the others are refused.
 
 use super::answers::{Refused, reply};
-use super::asker::{Asker, Right};
 use super::group::Group;
 use super::motor::{Kind, Motor};
-use super::{Control, Place};
+use super::requester::{Requester, Right};
+use super::{Control, GroupSlot};
 use core::ops::Range;
 use motord_bus::Instant;
 use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Operation, Phase, Refusal, message};
@@ -75,27 +75,27 @@ impl Control {
     /// groups and joints.
     pub fn request(&mut self, ticket: u32, request: &AdminRequest, now: Instant) -> Option<AdminReply> {
         self.context.now = now;
-        let asker = Asker::of(request);
+        let requester = Requester::of(request);
         let request = match Request::read(request) {
             Ok(request) => request,
             Err(refused) => return Some(reply(Err(refused))),
         };
-        if let Some(lease) = asker.lease() {
-            self.groups.iter_mut().for_each(|group| group.hear_owner(lease, now));
+        if let Some(lease) = requester.lease() {
+            self.groups.iter_mut().for_each(|group| group.refresh_owner(lease, now));
         }
         let outcome = match request {
             Request::Serve(kind, joint) => match self.serve(kind, ticket, joint) {
                 Ok(()) => return None,
                 Err(refused) => Err(refused),
             },
-            Request::Claim(group) => self.claim(group, &asker),
-            Request::Release => self.release(&asker),
-            Request::ForceRelease(group) => self.force_release(group, &asker),
-            Request::Enable(groups) => self.enable(groups, &asker),
-            Request::Disable(groups) => self.disable(groups, &asker),
+            Request::Claim(group) => self.claim(group, &requester),
+            Request::Release => self.release(&requester),
+            Request::ForceRelease(group) => self.force_release(group, &requester),
+            Request::Enable(groups) => self.enable(groups, &requester),
+            Request::Disable(groups) => self.disable(groups, &requester),
             Request::Reset(groups) => self.reset(groups),
             Request::EmergencyStop => {
-                self.emergency_stop(asker.pid);
+                self.emergency_stop(requester.pid);
                 Ok(None)
             }
             Request::Exclude(joint) => self.exclude(joint, true),
@@ -104,7 +104,7 @@ impl Control {
         Some(reply(outcome))
     }
 
-    fn claim(&mut self, group: usize, asker: &Asker) -> Granted {
+    fn claim(&mut self, group: usize, requester: &Requester) -> Granted {
         let index = self.one_group(group)?;
         if self.shutting_down {
             return Err(Refused::new(Refusal::ShuttingDown));
@@ -114,20 +114,20 @@ impl Control {
             return Err(Refused::owned(owner.pid));
         }
         let lease = self.leases.next(index).ok_or(Refused::new(Refusal::NoLease))?;
-        group.own(lease, asker.pid, &mut self.context);
+        group.own(lease, requester.pid, &mut self.context);
         Ok(Some(lease))
     }
 
-    fn release(&mut self, asker: &Asker) -> Granted {
+    fn release(&mut self, requester: &Requester) -> Granted {
         let owned =
-            asker.lease().and_then(|lease| self.groups.iter_mut().find(|group| group.is_owned_by(lease)));
+            requester.lease().and_then(|lease| self.groups.iter_mut().find(|group| group.is_owned_by(lease)));
         let group = owned.ok_or(Refused::new(Refusal::NotOwner))?;
         group.begin_damping(true, &mut self.context);
         group.disown(&mut self.context);
         Ok(None)
     }
 
-    fn force_release(&mut self, group: usize, asker: &Asker) -> Granted {
+    fn force_release(&mut self, group: usize, requester: &Requester) -> Granted {
         let index = self.one_group(group)?;
         let Self { groups, context, .. } = self;
         let group = &mut groups[index];
@@ -135,16 +135,16 @@ impl Control {
             return Err(Refused::new(Refusal::NoOwner));
         }
         if group.phase() != Phase::Disarmed {
-            group.stop_for(Cause::OwnerLost, asker.pid, context);
+            group.stop_for(Cause::OwnerLost, requester.pid, context);
         }
         group.disown(context);
         Ok(None)
     }
 
-    fn enable(&mut self, groups: Groups, asker: &Asker) -> Granted {
+    fn enable(&mut self, groups: Groups, requester: &Requester) -> Granted {
         let range = self.some_groups(groups)?;
         for group in &self.groups[range.clone()] {
-            self.may_enable(group, asker.right)?;
+            self.may_enable(group, requester.right)?;
         }
         let Self { groups, context, .. } = self;
         groups[range].iter_mut().for_each(|group| group.start(context));
@@ -215,18 +215,18 @@ impl Control {
         }
     }
 
-    fn disable(&mut self, groups: Groups, asker: &Asker) -> Granted {
+    fn disable(&mut self, groups: Groups, requester: &Requester) -> Granted {
         let range = self.some_groups(groups)?;
         let Self { groups, context, .. } = self;
         let groups = &mut groups[range];
-        if !groups.iter().all(|group| group.obeys(asker.right)) {
+        if !groups.iter().all(|group| group.obeys(requester.right)) {
             return Err(Refused::new(Refusal::NotOwner));
         }
         for group in groups {
-            if group.is_asked_by_owner(asker) {
+            if group.is_asked_by_owner(requester) {
                 group.begin_damping(true, context);
             } else {
-                group.stop_for(Cause::Disabled, asker.pid, context);
+                group.stop_for(Cause::Disabled, requester.pid, context);
             }
         }
         Ok(None)
@@ -264,31 +264,31 @@ impl Control {
     }
 
     fn exclude(&mut self, joint: usize, excluded: bool) -> Granted {
-        let Place { group, place } =
-            *self.places.get(joint).ok_or(Refused::unknown(Refusal::UnknownJoint, joint as u32))?;
+        let GroupSlot { group, slot } =
+            *self.slots.get(joint).ok_or(Refused::unknown(Refusal::UnknownJoint, joint as u32))?;
         let Self { groups, context, .. } = self;
         let group = &mut groups[group];
         if group.phase() != Phase::Disarmed {
             return Err(Refused::joint(Refusal::NotDisarmed, joint));
         }
-        if group.motors[place].request.is_some() {
+        if group.motors[slot].request.is_some() {
             return Err(Refused::joint(Refusal::Busy, joint));
         }
-        group.exclude(place, excluded, context);
+        group.exclude(slot, excluded, context);
         Ok(None)
     }
 
     fn serve(&mut self, kind: Kind, ticket: u32, joint: usize) -> Result<(), Refused> {
-        let Place { group, place } = self.may_serve(kind, joint)?;
+        let GroupSlot { group, slot } = self.may_serve(kind, joint)?;
         let now = self.context.now;
-        self.groups[group].motors[place].serve(kind, ticket, now);
+        self.groups[group].motors[slot].serve(kind, ticket, now);
         Ok(())
     }
 
-    fn may_serve(&self, kind: Kind, joint: usize) -> Result<Place, Refused> {
-        let place = *self.places.get(joint).ok_or(Refused::unknown(Refusal::UnknownJoint, joint as u32))?;
-        let group = &self.groups[place.group];
-        let motor = &group.motors[place.place];
+    fn may_serve(&self, kind: Kind, joint: usize) -> Result<GroupSlot, Refused> {
+        let entry = *self.slots.get(joint).ok_or(Refused::unknown(Refusal::UnknownJoint, joint as u32))?;
+        let group = &self.groups[entry.group];
+        let motor = &group.motors[entry.slot];
         if group.phase() != Phase::Disarmed {
             return Err(Refused::joint(Refusal::NotDisarmed, joint));
         }
@@ -305,7 +305,7 @@ impl Control {
             (_, Kind::SetZero) if motor.was_zeroed(self.context.now) => {
                 Err(Refused::joint(Refusal::TooSoon, joint))
             }
-            _ => Ok(place),
+            _ => Ok(entry),
         }
     }
 

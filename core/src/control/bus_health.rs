@@ -73,7 +73,7 @@ impl BusHealth {
     }
 
     /// Records whether the bus accepted all frames of this cycle.
-    pub(super) const fn took(&mut self, all: bool) {
+    pub(super) const fn record_acceptance(&mut self, all: bool) {
         self.stalled = if all { 0 } else { self.stalled.saturating_add(1) };
     }
 }

@@ -81,7 +81,7 @@ impl Imu {
     }
 
     /// Finds out at `tick` whether it is lost. Returns whether that has changed.
-    fn judge(&mut self, tick: Instant) -> bool {
+    fn check_loss(&mut self, tick: Instant) -> bool {
         let ImuReading { received, sequence, is_connected, .. } = self.reading;
         let is_lost = !is_connected || sequence == 0 || tick.since(received) > self.lost_after;
         core::mem::replace(&mut self.is_lost, is_lost) != is_lost
@@ -129,13 +129,13 @@ impl Imus {
             if let Some(Finding { contradictions, up, acceleration }) = imu.receive(reading) {
                 cx.push(Event::Gravity { imu: index, contradictions, up, acceleration });
             }
-            judge(index, imu, cx);
+            check_loss(index, imu, cx);
         }
     }
 
     /// Finds out which IMUs are lost, and reports each change. Bounded by IMUs.
     pub(super) fn watch(&mut self, cx: &mut Context) {
-        self.0.iter_mut().enumerate().for_each(|(index, imu)| judge(index, imu, cx));
+        self.0.iter_mut().enumerate().for_each(|(index, imu)| check_loss(index, imu, cx));
     }
 
     /// Reports the IMUs that have never delivered a sample. Bounded by IMUs.
@@ -159,9 +159,9 @@ impl Imus {
     }
 }
 
-/// Judges by the tick of the cycle, not by its beginning: the samples that arrive while a cycle is late are taken at its end.
-fn judge(index: usize, imu: &mut Imu, cx: &mut Context) {
-    if imu.judge(cx.wake.scheduled) {
+/// Checks by the tick of the cycle, not by its beginning: the samples that arrive while a cycle is late are taken at its end.
+fn check_loss(index: usize, imu: &mut Imu, cx: &mut Context) {
+    if imu.check_loss(cx.wake.scheduled) {
         cx.push(Event::Imu { imu: index, is_lost: imu.is_lost });
     }
 }

@@ -18,7 +18,6 @@
 
 mod admin;
 mod answers;
-mod asker;
 mod bus_health;
 mod context;
 mod event;
@@ -29,6 +28,7 @@ mod indicators;
 mod leases;
 mod motor;
 mod repetition;
+mod requester;
 mod time_base;
 mod wake;
 
@@ -66,9 +66,9 @@ const SILENT_START: Duration = Duration::from_secs(2);
 
 /// The group of a joint, and its index in that group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Place {
+struct GroupSlot {
     group: usize,
-    place: usize,
+    slot: usize,
 }
 
 /// The state of every group with its motors, and the rules they follow.
@@ -76,7 +76,7 @@ struct Place {
 pub struct Control {
     groups: Vec<Group>,
     /// By joint.
-    places: Vec<Place>,
+    slots: Vec<GroupSlot>,
     buses: Vec<BusHealth>,
     indicators: Indicators,
     imus: Imus,
@@ -107,7 +107,7 @@ impl Control {
         };
         Self {
             groups: groups.map(|(index, group)| Group::new(index, group, &settings.motors, &turns)).collect(),
-            places: places(settings),
+            slots: slots(settings),
             buses: (0..settings.buses.len())
                 .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
                 .collect(),
@@ -134,8 +134,8 @@ impl Control {
 
     /// Marks a motor that differs from its configuration: its group is never enabled.
     pub fn mark_mismatch(&mut self, joint: usize) {
-        let Place { group, place } = self.places[joint];
-        self.groups[group].motors[place].is_mismatched = true;
+        let GroupSlot { group, slot } = self.slots[joint];
+        self.groups[group].motors[slot].is_mismatched = true;
     }
 
     /// Returns the ends of the codes that the motor of `joint` reported: position, rad, velocity, rad/s, torque, N·m. `None`
@@ -160,7 +160,7 @@ impl Control {
 
     /// Returns whether motors are asked for their faults or for indicators.
     #[must_use]
-    pub fn asks_questions(&self) -> bool {
+    pub fn has_questions(&self) -> bool {
         self.polls_faults() || !self.indicators.is_empty()
     }
 
@@ -175,7 +175,7 @@ impl Control {
         if wake.missed_ticks > 0 {
             self.context.push(Event::MissedTicks { missed_ticks: wake.missed_ticks });
         }
-        if let Some(cause) = self.time_base.judge(&wake, elapsed) {
+        if let Some(cause) = self.time_base.check(&wake, elapsed) {
             self.stop_moving(cause);
         }
         self.imus.watch(&mut self.context);
@@ -198,7 +198,7 @@ impl Control {
         }
         self.silence_reported = true;
         let motors = groups.iter().flat_map(|group| &group.motors);
-        for motor in motors.filter(|motor| motor.was_never_heard()) {
+        for motor in motors.filter(|motor| motor.has_never_answered()) {
             context.push(Event::Silent { motor: motor.joint });
         }
         self.imus.report_silence(&mut self.context);
@@ -208,8 +208,8 @@ impl Control {
     /// state. Does not allocate; bounded by motors.
     #[inline(always)]
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
-        let Place { group, place } = self.places[joint];
-        let consequence = self.groups[group].receive(place, reported, at, &mut self.context);
+        let GroupSlot { group, slot } = self.slots[joint];
+        let consequence = self.groups[group].receive(slot, reported, at, &mut self.context);
         match consequence {
             Consequence::None => {}
             Consequence::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
@@ -227,22 +227,22 @@ impl Control {
     /// Records that the bus did not accept the command of this joint in this cycle.
     pub fn unsent(&mut self, joint: usize) {
         if matches!(self.commands[joint], Command::SetZero | Command::ClearFault) {
-            let Place { group, place } = self.places[joint];
-            self.groups[group].motors[place].resume_request();
+            let GroupSlot { group, slot } = self.slots[joint];
+            self.groups[group].motors[slot].resume_request();
         }
     }
 
     /// Records that the motor of `joint` answered one question twice.
     pub fn receive_duplicate(&mut self, joint: usize) {
-        let Place { group, place } = self.places[joint];
-        self.groups[group].receive_duplicate(place, &mut self.context);
+        let GroupSlot { group, slot } = self.slots[joint];
+        self.groups[group].receive_duplicate(slot, &mut self.context);
     }
 
     /// Records `frames` with the command id of `joint` that arrived by `at` and are not from this program. Does not allocate;
     /// bounded by the motors of a group.
     pub fn receive_foreign(&mut self, joint: usize, id: FrameId, frames: ForeignFrames, at: Instant) {
-        let Place { group, place } = self.places[joint];
-        self.groups[group].receive_foreign(place, (id, frames), at, &mut self.context);
+        let GroupSlot { group, slot } = self.slots[joint];
+        self.groups[group].receive_foreign(slot, (id, frames), at, &mut self.context);
     }
 
     /// Ends the cycle: no further reply of it is read. Bounded by motors.
@@ -270,11 +270,11 @@ impl Control {
         if let Some(joint) = self.fault_poll(bus) {
             return Some((joint, Command::GetFault));
         }
-        let Self { groups, places, indicators, context, .. } = self;
+        let Self { groups, slots, indicators, context, .. } = self;
         let Wake { cycle, begun, .. } = context.wake;
         let may_be_asked = |joint: usize| {
-            let Place { group, place } = places[joint];
-            groups[group].motors[place].poll_at(cycle).is_some()
+            let GroupSlot { group, slot } = slots[joint];
+            groups[group].motors[slot].poll_at(cycle).is_some()
         };
         let (joint, number) = indicators.next(bus, begun, may_be_asked)?;
         Some((joint, Command::GetIndicator(number)))
@@ -318,9 +318,9 @@ impl Control {
     }
 
     /// Records whether a bus accepted all frames of this cycle. Reports the frames that it lost, at most once a second.
-    pub fn bus_took(&mut self, bus: usize, all: bool) {
+    pub fn bus_accepted(&mut self, bus: usize, all: bool) {
         let health = &mut self.buses[bus];
-        health.took(all);
+        health.record_acceptance(all);
         if health.has_losses()
             && let Some(losses) = health.due_losses(self.context.now)
         {
@@ -441,23 +441,23 @@ impl Control {
 
     /// By joint.
     fn motors(&self) -> impl Iterator<Item = &Motor> {
-        (0..self.places.len()).map(|joint| self.motor(joint))
+        (0..self.slots.len()).map(|joint| self.motor(joint))
     }
 
     fn motor(&self, joint: usize) -> &Motor {
-        let Place { group, place } = self.places[joint];
-        &self.groups[group].motors[place]
+        let GroupSlot { group, slot } = self.slots[joint];
+        &self.groups[group].motors[slot]
     }
 }
 
 /// By joint.
 fn turns(settings: &Settings) -> Vec<Turn> {
-    let mut places = vec![0; settings.buses.len()];
+    let mut counts = vec![0; settings.buses.len()];
     let turn = |bus: usize| {
-        let (place, settings_of) = (places[bus], &settings.buses[bus]);
-        places[bus] += 1;
-        if settings_of.is_line() || settings_of.takes_turns() {
-            return Turn::once_in(settings_of.every, settings.first_turn(bus, place));
+        let (index, settings_of) = (counts[bus], &settings.buses[bus]);
+        counts[bus] += 1;
+        if settings_of.is_line() || settings_of.has_turns() {
+            return Turn::once_in(settings_of.every, settings.first_turn(bus, index));
         }
         Turn::EACH_CYCLE
     };
@@ -471,16 +471,16 @@ fn question_turn(settings: &Settings, bus: usize) -> Option<Turn> {
     has_turn.then(|| Turn::once_in(settings.buses[bus].every, settings.first_turn(bus, motors)))
 }
 
-fn places(settings: &Settings) -> Vec<Place> {
-    let mut places = vec![None; settings.motors.len()];
+fn slots(settings: &Settings) -> Vec<GroupSlot> {
+    let mut slots = vec![None; settings.motors.len()];
     for (group, members) in settings.groups.iter().enumerate() {
-        for (place, &joint) in members.motors.iter().enumerate() {
-            let other = places[joint].replace(Place { group, place });
+        for (slot, &joint) in members.motors.iter().enumerate() {
+            let other = slots[joint].replace(GroupSlot { group, slot });
             assert!(other.is_none(), "{:?} is in more than one group", settings.motors[joint].name);
         }
     }
-    for (motor, place) in settings.motors.iter().zip(&places) {
-        assert!(place.is_some(), "{:?} is in no group", motor.name);
+    for (motor, slot) in settings.motors.iter().zip(&slots) {
+        assert!(slot.is_some(), "{:?} is in no group", motor.name);
     }
-    places.into_iter().flatten().collect()
+    slots.into_iter().flatten().collect()
 }

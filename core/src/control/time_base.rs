@@ -1,4 +1,4 @@
-//! Judges the timing of the cycle.
+//! Checks the timing of the cycle.
 //!
 //! | observation | cause |
 //! |---|---|
@@ -36,9 +36,9 @@ impl TimeBase {
         }
     }
 
-    /// Judges the beginning of a cycle; the previous one began `elapsed` before. Returns the cause
+    /// Checks the beginning of a cycle; the previous one began `elapsed` before. Returns the cause
     /// to stop, if any.
-    pub(super) fn judge(&mut self, wake: &Wake, elapsed: Duration) -> Option<Cause> {
+    pub(super) fn check(&mut self, wake: &Wake, elapsed: Duration) -> Option<Cause> {
         let weight = (elapsed.as_secs_f32() / MEMORY.as_secs_f32()).min(1.0);
         let share = wake.missed_ticks as f32 / (wake.missed_ticks + 1) as f32;
         self.missed += weight * (share - self.missed);

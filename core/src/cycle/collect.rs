@@ -21,7 +21,7 @@ const OVERDUE: Duration = Duration::from_micros(20);
 
 impl Cycle {
     /// Reads each line, and each bus with an open request of an earlier cycle: a reply must
-    /// be judged before the next command to its motor is decided. One system call for each; bounded
+    /// be checked before the next command to its motor is decided. One system call for each; bounded
     /// by motors and inboxes.
     pub(super) fn read_early(&mut self) {
         for bus in 0..self.channels.len() {
@@ -70,13 +70,13 @@ impl Cycle {
             reads += self.receive(ready, now) as u32;
             open = self.open_buses();
             now = self.clock.now();
-            self.polled = Polled { time: now.since(begun), reads, in_vain: open.any() };
+            self.polled = Polled { time: now.since(begun), reads, is_incomplete: open.any() };
             if !open.any() || now >= until {
                 break;
             }
             ready = Some(open);
         }
-        self.backoff.observe(self.polled.in_vain);
+        self.backoff.observe(self.polled.is_incomplete);
         open
     }
 
@@ -207,7 +207,7 @@ impl Cycle {
     fn read(&mut self, bus: usize, now: Instant) {
         let Self { channels, drives, control, .. } = self;
         let channel = &mut channels[bus];
-        let judge = |motor: usize, frame: Option<&Frame>, at| {
+        let classify = |motor: usize, frame: Option<&Frame>, at| {
             let drive = &mut drives[motor];
             let received = match frame {
                 Some(frame) => drive.receive(frame, at),
@@ -227,9 +227,9 @@ impl Cycle {
             }
             received
         };
-        let arrivals = channel.receive(now, judge);
+        let arrivals = channel.receive(now, classify);
         if let Some(can) = channel.can_mut()
-            && !can.took(arrivals, now)
+            && !can.record_read(arrivals, now)
         {
             can.settle(drives);
         }

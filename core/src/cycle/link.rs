@@ -72,7 +72,7 @@ pub struct Polled {
     /// Reads of a bus, each a system call.
     pub reads: u32,
     /// Some replies had not arrived by its end.
-    pub in_vain: bool,
+    pub is_incomplete: bool,
 }
 
 impl Record {
@@ -415,7 +415,7 @@ mod tests {
         }
     }
 
-    fn are_gone(threads: &AtomicU32) -> bool {
+    fn have_exited(threads: &AtomicU32) -> bool {
         threads.load(Ordering::Acquire) == 0
     }
 
@@ -426,7 +426,7 @@ mod tests {
         let (mut stops, mut alarms, mut newest) = (0, 0, 0);
         let (mut cycle, mut is_last) = (0, false);
         while !is_last {
-            is_last = cycle >= CYCLES && are_gone(&alive.others);
+            is_last = cycle >= CYCLES && have_exited(&alive.others);
             cycle += 1;
             link.beat(cycle);
             stops += u32::from(link.next_stop().is_some());
@@ -454,7 +454,7 @@ mod tests {
         let _leaves = Leaves(&alive.others);
         let (mut newest, mut sent, mut asked, mut answered) = (0, 0, 0, 0);
         while newest < CYCLES / 2 || answered < asked {
-            assert!(!are_gone(&alive.cycle));
+            assert!(!have_exited(&alive.cycle));
             if newest < CYCLES / 2 {
                 sent += 1;
                 ends.setpoints[0].write(setpoint(sent));
@@ -530,7 +530,7 @@ mod tests {
                 for pid in 1..=STOPS {
                     let request = stops.ask(pid);
                     while !stops.is_done(request) {
-                        assert!(!are_gone(&alive.cycle));
+                        assert!(!have_exited(&alive.cycle));
                         spin_loop();
                     }
                 }

@@ -146,7 +146,7 @@ impl Cycle {
     /// [`is_disarmed`](Self::is_disarmed) returns true when this is complete. A pending alarm is
     /// latched as the cause instead of the shutdown.
     pub fn shut_down(&mut self) {
-        self.heed_alarms();
+        self.handle_alarms();
         self.control.shut_down();
     }
 
@@ -231,7 +231,7 @@ impl Cycle {
         self.control.end_cycle();
         self.publish(wake, transmitted);
         self.control.published();
-        if self.control.asks_questions() {
+        if self.control.has_questions() {
             // Waits for the replies until the sleep for the next tick should end.
             self.ask(open, wake.scheduled + self.timing.period - self.early());
         }
@@ -265,7 +265,7 @@ impl Cycle {
     }
 
     /// Stops the groups that other threads raised an alarm for. No system call; bounded by groups.
-    fn heed_alarms(&mut self) {
+    fn handle_alarms(&mut self) {
         let Self { link, control, .. } = self;
         link.take_stops().into_iter().flatten().for_each(|cause| control.stop_all(cause, None));
         link.take_ended().for_each(|lease| control.end_owner(lease));
@@ -274,7 +274,7 @@ impl Cycle {
     /// Passes to control at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every
     /// group. No system call.
     fn serve(&mut self, now: Instant) {
-        self.heed_alarms();
+        self.handle_alarms();
         let Self { link, control, .. } = self;
         for _ in 0..REQUESTS_PER_CYCLE {
             let Some((ticket, request)) = link.next_request() else { break };
@@ -317,6 +317,6 @@ fn pass_condition(bus: usize, channel: &mut BusChannel, control: &mut Control) {
 
 /// Returns the least time from a command to its reply. Zero for a bus that may have no wire.
 fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
-    let takes_wire_time = settings.buses[bus].kind.takes_wire_time();
-    if takes_wire_time { plans[bus].transaction_least } else { Duration::ZERO }
+    let has_wire_time = settings.buses[bus].kind.has_wire_time();
+    if has_wire_time { plans[bus].transaction_least } else { Duration::ZERO }
 }

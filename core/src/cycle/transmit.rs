@@ -49,9 +49,9 @@ impl Cycle {
             drives[motor].withdraw();
             control.unsent(motor);
         };
-        let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
+        let accepted_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
         if !channel.wire().is_idle() {
-            control.bus_took(bus, took_all);
+            control.bus_accepted(bus, accepted_all);
         }
         pass_condition(bus, channel, control);
         now

@@ -101,7 +101,7 @@ impl Drive {
         self.correlator.is_open()
     }
 
-    /// Judges `frame`, which arrived at `at` with an id of this motor. Constant time.
+    /// Classifies `frame`, which arrived at `at` with an id of this motor. Constant time.
     #[inline(always)]
     pub fn receive(&mut self, frame: &Frame, at: Instant) -> Received {
         let Self { dialect, correlator } = self;

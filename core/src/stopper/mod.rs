@@ -2,9 +2,9 @@
 //!
 //! | process | on | until |
 //! |---|---|---|
-//! | the cycle's thread, after a panic in the cycle | the buses of the cycle | every bus is served, or [`PATIENCE`] |
+//! | the cycle's thread, after a panic in the cycle | the buses of the cycle | every bus is served, or [`REFUSAL_TIMEOUT`] |
 //! | the dead man's switch, after the daemon exits | separate CAN sockets and serial ports | every bus is served |
-//! | `motord safe-stop`, after both exit | separate CAN sockets and serial ports | every bus is served, or [`PATIENCE`] |
+//! | `motord safe-stop`, after both exit | separate CAN sockets and serial ports | every bus is served, or [`REFUSAL_TIMEOUT`] |
 //!
 //! A [`Stopper`] uses frames only: no protocol, no joint, no state of the daemon. Each bus has
 //! separate [`BusFrames`] and a separate [`Schedule`], so a bus that accepts nothing delays no
@@ -20,7 +20,7 @@ use motord_bus::{Clock, Duration, Frame, Instant, Refusal};
 use schedule::{SafeFrame, Schedule};
 
 /// Time after the damping during which [`Stopper::run`] serves a bus that refuses frames.
-pub const PATIENCE: Duration = Duration::from_secs(1);
+pub const REFUSAL_TIMEOUT: Duration = Duration::from_secs(1);
 /// The least time between two searches for a missing interface. One search can take longer than a round.
 const SEARCH_INTERVAL: Duration = Duration::from_millis(50);
 
@@ -55,12 +55,12 @@ struct BusStop {
     /// The reason of the last refused round.
     refusal: Option<Refusal>,
     /// Time of the last search for the interface.
-    sought: Option<Instant>,
+    last_search: Option<Instant>,
 }
 
 impl BusStop {
     fn new(frames: BusFrames) -> Self {
-        Self { frames, schedule: None, refusal: None, sought: None }
+        Self { frames, schedule: None, refusal: None, last_search: None }
     }
 
     fn due(&self) -> Option<Instant> {
@@ -81,12 +81,12 @@ impl BusStop {
     /// Returns whether frames are due on a missing interface, and [`SEARCH_INTERVAL`] has passed.
     fn needs_search(&self, now: Instant) -> bool {
         let is_missing = self.refusal == Some(Refusal::Gone) && self.due().is_some_and(|due| due <= now);
-        is_missing && self.sought.is_none_or(|before| now.since(before) >= SEARCH_INTERVAL)
+        is_missing && self.last_search.is_none_or(|before| now.since(before) >= SEARCH_INTERVAL)
     }
 
     /// Searches the interface, and sends the due frames if it is available.
     fn search(&mut self, now: Instant, outlet: &mut impl Outlet) {
-        self.sought = Some(now);
+        self.last_search = Some(now);
         if outlet.find() {
             self.send(now, outlet);
         }
@@ -133,9 +133,9 @@ impl Stopper {
     }
 
     /// Returns the indices of the buses that are not served yet.
-    pub fn owed(&self) -> impl Iterator<Item = usize> {
-        let owed = self.buses.iter().enumerate().filter(|(_, bus)| bus.due().is_some());
-        owed.map(|(index, _)| index)
+    pub fn unserved(&self) -> impl Iterator<Item = usize> {
+        let unserved = self.buses.iter().enumerate().filter(|(_, bus)| bus.due().is_some());
+        unserved.map(|(index, _)| index)
     }
 
     /// Returns whether every bus that is not served refused its last round, after the regular end
@@ -154,7 +154,7 @@ impl Stopper {
             bus.send(now, outlet);
         }
         let missing = self.buses.iter_mut().zip(outlets).filter(|(bus, _)| bus.needs_search(now));
-        if let Some((bus, outlet)) = missing.min_by_key(|(bus, _)| bus.sought) {
+        if let Some((bus, outlet)) = missing.min_by_key(|(bus, _)| bus.last_search) {
             bus.search(now, outlet);
         }
         for bus in &mut self.buses {
@@ -162,25 +162,25 @@ impl Stopper {
         }
     }
 
-    /// Begins, and returns when every bus is served, at most [`PATIENCE`] after the damping. The buses that are not served by
+    /// Begins, and returns when every bus is served, at most [`REFUSAL_TIMEOUT`] after the damping. The buses that are not served by
     /// then get one more round, to stop their motors. Does not allocate. Blocks in the clock, and where
     /// [`round`](Self::round) does.
     pub fn run(&mut self, clock: &mut dyn Clock, outlets: &mut [impl Outlet]) {
         let begin = clock.now();
         self.begin(begin);
-        let end = begin + self.damp + PATIENCE;
+        let end = begin + self.damp + REFUSAL_TIMEOUT;
         while let Some(due) = self.due().filter(|due| *due < end) {
             clock.sleep_until(due);
             self.round(clock.now(), outlets);
         }
-        self.stop_owed(clock.now(), outlets);
+        self.stop_unserved(clock.now(), outlets);
     }
 
     /// Sends one round of stops to every bus that is not served. A bus that accepts only a part of
     /// every round never reaches its stops, but that part of its motors can be stopped.
-    fn stop_owed(&self, now: Instant, outlets: &mut [impl Outlet]) {
-        let owed = self.buses.iter().zip(outlets).filter(|(bus, _)| bus.due().is_some());
-        for (bus, outlet) in owed {
+    fn stop_unserved(&self, now: Instant, outlets: &mut [impl Outlet]) {
+        let unserved = self.buses.iter().zip(outlets).filter(|(bus, _)| bus.due().is_some());
+        for (bus, outlet) in unserved {
             let _refused = outlet.send_round(now, &bus.frames.stop);
         }
     }

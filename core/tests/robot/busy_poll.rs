@@ -39,13 +39,13 @@ fn polling_ends_at_its_bound_and_is_counted() {
     robot.clock.reading.set(Duration::from_micros(1));
     robot.steps(1000);
     let found = (0..CYCLES).map(|_| polled(&mut robot));
-    let in_vain = found.filter(|polled| polled.in_vain || polled.reads == 0).count();
-    assert!(in_vain < 10, "replies come when they came before: {in_vain}");
+    let is_incomplete = found.filter(|polled| polled.is_incomplete || polled.reads == 0).count();
+    assert!(is_incomplete < 10, "replies come when they came before: {is_incomplete}");
     robot.disturb("thigh off");
-    let Polled { time, reads, in_vain } = polled(&mut robot);
+    let Polled { time, reads, is_incomplete } = polled(&mut robot);
     // The limit may be exceeded by one reading of the clock, and a few readings precede it.
     let bound = Duration::from_micros(30)..Duration::from_micros(40);
-    assert!(in_vain && bound.contains(&time), "{time:?}");
+    assert!(is_incomplete && bound.contains(&time), "{time:?}");
     assert!((2..40).contains(&reads), "a read of one bus at each step of the clock: {reads}");
 }
 
@@ -116,8 +116,8 @@ fn polled(robot: &mut Robot) -> Polled {
 fn motor_that_is_off_is_polled_when_asked() {
     let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), Some("thigh off"));
     let polls: Vec<_> = (0..CYCLES).map(|_| polled(&mut robot)).collect();
-    let in_vain = polls.iter().filter(|polled| polled.in_vain).count();
-    assert!((9..=11).contains(&in_vain), "asked ten times: {in_vain}");
+    let is_incomplete = polls.iter().filter(|polled| polled.is_incomplete).count();
+    assert!((9..=11).contains(&is_incomplete), "asked ten times: {is_incomplete}");
     assert!(polls.iter().all(|polled| polled.reads > 0));
 }
 

@@ -25,7 +25,7 @@ fn run(seed: u64) {
     let mut controller = FuzzClient::new(0);
     for _ in 0..10 {
         robot.step();
-        checker.judge(&mut robot);
+        checker.check(&mut robot);
     }
     controller.claim(&mut robot);
     let death = 100 + random.below(400);
@@ -37,9 +37,9 @@ fn run(seed: u64) {
             controller.misbehave(&mut random, &mut robot, &mut checker);
         }
         robot.step();
-        checker.judge(&mut robot);
+        checker.check(&mut robot);
         while let Some((ticket, reply)) = robot.take_answer() {
-            controller.hear(&mut robot, ticket, &reply);
+            controller.receive_reply(&mut robot, ticket, &reply);
         }
     }
     assert_eq!(robot.phase(), Phase::Disarmed, "a dead controller's group is stopped");

@@ -75,7 +75,7 @@ fn each_convention_of_hipnuc_on_can_is_named() {
         let robot = silent("[[imu]]\nname = 'base'\ntype = 'hipnuc-can'\nbus = 'body'\nrate-hz = 200\n");
         let feed = |robot: &mut Robot, convention: &Convention, turn| {
             for (id, bytes) in tpdos(convention, turn) {
-                robot.hear(0, id, &bytes);
+                robot.deliver_frame(0, id, &bytes);
             }
         };
         (robot, Box::new(feed))
@@ -110,7 +110,7 @@ fn replies_of_test_have_documented_bytes() {
 struct Asked {
     bus: SharedBus,
     replies: Shared<[[u8; 8]; 3]>,
-    under_way: VecDeque<(Instant, Frame)>,
+    in_flight: VecDeque<(Instant, Frame)>,
 }
 
 impl Bus for Asked {
@@ -119,20 +119,20 @@ impl Bus for Asked {
             let asked = frame.payload().get(1).copied();
             let reply = self.replies.get().into_iter().find(|reply| asked == Some(reply[0]));
             let reply = Frame::classic(FrameId::new(0x11).expect("eleven bits"), reply.expect("a register"));
-            self.under_way.push_back((now + Duration::from_micros(450), reply));
+            self.in_flight.push_back((now + Duration::from_micros(450), reply));
         }
         self.bus.send(now, frames)
     }
 
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        while let Some((at, frame)) = self.under_way.pop_front_if(|(at, _)| *at <= now) {
+        while let Some((at, frame)) = self.in_flight.pop_front_if(|(at, _)| *at <= now) {
             self.bus.lock().deliver(at, Content::Frame(frame));
         }
         self.bus.receive(now, inbox);
     }
 
     fn readiness(&self) -> Readiness<'_> {
-        let next = self.under_way.front().map(|(at, _)| *at);
+        let next = self.in_flight.front().map(|(at, _)| *at);
         match (self.bus.readiness(), next) {
             (Readiness::At(arrival), Some(next)) => Readiness::At(arrival.min(next)),
             (_, Some(next)) => Readiness::At(next),
@@ -148,7 +148,7 @@ fn each_convention_of_damiao_on_can_is_named() {
         let shared = Shared::new(replies(&CONVENTIONS[7], 0));
         let wires = simulated.buses.iter().enumerate().map(|(index, wire)| {
             let Wire::Bus(bus) = wire.clone() else { unreachable!("the robot has no line") };
-            let asked = Asked { bus: bus.clone(), replies: shared.clone(), under_way: VecDeque::new() };
+            let asked = Asked { bus: bus.clone(), replies: shared.clone(), in_flight: VecDeque::new() };
             if index == 0 { Box::new(asked) as Box<dyn Bus> } else { Box::new(bus) }
         });
         let mut robot = Robot::on(wires.collect(), simulated.now(), simulated.settings.clone());

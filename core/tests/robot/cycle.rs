@@ -277,7 +277,7 @@ fn late_states_after_stall_are_no_faults() {
     }
 }
 
-/// Goal: the answers that a motor owed for longer than any reply is expected to take are late, not those of a second motor.
+/// Goal: the answers that were pending for longer than any reply is expected to take are late, not those of a second motor.
 /// Method: the answers are so long behind that no miss is remembered; then all of them arrive beside the timely ones.
 #[test]
 fn burst_of_owed_answers_is_no_duplicate() {
@@ -381,9 +381,9 @@ fn panic_in_cycle_damps_then_stops_joints() {
     let sent = robot.take_sent();
     assert!(sent.iter().all(|sent| sent.meaning.is_safe()));
     for (bus, id) in (0..4).flat_map(|bus| (1..=3).map(move |id| (bus, id))) {
-        let heard: Vec<_> = sent.iter().filter(|sent| (sent.bus, sent.id) == (bus, id)).collect();
+        let received: Vec<_> = sent.iter().filter(|sent| (sent.bus, sent.id) == (bus, id)).collect();
         let (first, last) =
-            (heard.first().expect("each motor hears it"), heard.last().expect("each motor hears it"));
+            (received.first().expect("each motor hears it"), received.last().expect("each motor hears it"));
         assert!(matches!(first.meaning, Meaning::Control { kd, .. } if kd > 0.0));
         assert!(first.at.since(begun) < Duration::from_millis(2));
         assert_eq!(last.meaning, Meaning::Stop);
@@ -461,11 +461,11 @@ fn held_stop_is_damped_before_limp() {
         }
         robot.steps(5000);
         assert_eq!(robot.phase(), Phase::Disarmed);
-        let heard = robot.take_sent_to(1);
+        let received = robot.take_sent_to(1);
         let stiff = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kp, .. } if kp > 0.0);
-        let released = heard.iter().rposition(stiff).expect("it was held") + 1;
+        let released = received.iter().rposition(stiff).expect("it was held") + 1;
         assert!(held_for.abs_diff(released) < 100, "held for {released} of {held_for} cycles");
-        let damped = heard[released..].iter().take_while(|sent| sent.meaning != Meaning::Stop);
+        let damped = received[released..].iter().take_while(|sent| sent.meaning != Meaning::Stop);
         let damping = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kd, .. } if kd > 0.0);
         assert!(damped.filter(|sent| damping(sent)).count() >= 50, "held for {held_for}, then limp");
     }

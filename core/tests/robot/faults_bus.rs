@@ -131,11 +131,11 @@ fn lost_motor_gets_ten_stops_a_second() {
     assert_eq!(cause, Cause::MotorLost);
     robot.take_sent();
     robot.steps(1000);
-    let heard = robot.take_sent();
-    let thigh: Vec<_> = heard.iter().filter(|sent| sent.id == 2).map(|sent| sent.meaning).collect();
+    let received = robot.take_sent();
+    let thigh: Vec<_> = received.iter().filter(|sent| sent.id == 2).map(|sent| sent.meaning).collect();
     assert!(thigh.len() <= 10 && thigh.contains(&Meaning::Stop), "{thigh:?}");
     assert!(thigh.iter().all(|meaning| matches!(meaning, Meaning::Stop | Meaning::GetFault)));
-    assert!(heard.iter().all(|sent| sent.meaning.is_safe()));
+    assert!(received.iter().all(|sent| sent.meaning.is_safe()));
 }
 
 #[test]
@@ -167,8 +167,8 @@ fn unexpected_ids_are_counted_and_change_nothing() {
     robot.take_events();
     let before = robot.bus(0).unexpected_id;
     for cycle in 0..1000_u16 {
-        robot.hear(0, cycle % 0x800, &[9, 0x80, 0, 0x80, 8, 0]);
-        robot.hear(0, 0x101, &[77, 0x80, 0, 0x80, 8, 0]);
+        robot.deliver_frame(0, cycle % 0x800, &[9, 0x80, 0, 0x80, 8, 0]);
+        robot.deliver_frame(0, 0x101, &[77, 0x80, 0, 0x80, 8, 0]);
         robot.follow(&joints);
     }
     assert_eq!(robot.bus(0).unexpected_id - before, 2000);
@@ -248,11 +248,11 @@ fn six_bytes_are_a_reply_and_fewer_none() {
     let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
     for length in 0..=8 {
         let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-        let heard = matches!(
+        let received = matches!(
             drive.receive(&reply_with(&reply[..length]), later),
             Received::Reply(Reported::State(..))
         );
-        assert_eq!(heard, length >= 6, "{length} bytes");
+        assert_eq!(received, length >= 6, "{length} bytes");
     }
 }
 
@@ -360,16 +360,16 @@ fn dropped_reply_keeps_the_turn_count() {
 fn lost_fault_answer_costs_one_more_cycle() {
     let fault = [1, 0x40, 0, 0, 0, 0];
     let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::GetFault);
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for _ in 0..2 {
         now = now + PERIOD;
         drive.request(&Command::GetFault, now);
-        heard.push(drive.receive(&reply_with(&fault), now + Duration::from_micros(300)));
+        received.push(drive.receive(&reply_with(&fault), now + Duration::from_micros(300)));
         now = now + PERIOD;
         drive.request(&Command::Stop, now);
     }
-    assert_eq!(heard[0], Received::Reply(Reported::Late));
-    assert!(matches!(heard[1], Received::Reply(Reported::Fault(_))), "{heard:?}");
+    assert_eq!(received[0], Received::Reply(Reported::Late));
+    assert!(matches!(received[1], Received::Reply(Reported::Fault(_))), "{received:?}");
 }
 
 #[test]

@@ -182,9 +182,9 @@ fn one_nonfinite_value_rejects_the_whole_message() {
     let (mut robot, joints) = active();
     for (joint, field) in (0..3).flat_map(|joint| (0..5).map(move |field| (joint, field))) {
         for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            let mut spoiled = robot.message(&joints);
-            *value(&mut spoiled.joints[joint], field) = odd;
-            must_reject(&mut robot, &spoiled, Rejection::NotFinite);
+            let mut corrupted = robot.message(&joints);
+            *value(&mut corrupted.joints[joint], field) = odd;
+            must_reject(&mut robot, &corrupted, Rejection::NotFinite);
             for sent in robot.take_sent() {
                 let Meaning::Control { torque, .. } = sent.meaning else { continue };
                 assert!(

@@ -115,9 +115,9 @@ fn mute_drive_is_named_within_two_seconds() {
     let joints = [JointSetpoint::default(); 3];
     robot.follow(&joints);
     assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::MotorOffline);
-    let heard = robot.take_sent_to(2);
+    let received = robot.take_sent_to(2);
     assert!(
-        heard.iter().all(|sent| !matches!(sent.meaning, Meaning::Control { .. })),
+        received.iter().all(|sent| !matches!(sent.meaning, Meaning::Control { .. })),
         "it may read it as another command"
     );
 }

@@ -103,19 +103,19 @@ fn daemon_asleep_half_a_second_resumes_stopped() {
 /// before every bus.
 #[test]
 fn thawed_daemon_sends_no_old_decisions() {
-    for place in 0..12 {
+    for reading in 0..12 {
         let mut robot = Robot::new(robot::quadruped(), 1);
         let mut joints = robot.activate();
         joints.iter_mut().for_each(|joint| joint.torque = 3.0);
         robot.follow(&joints);
         robot.take_sent();
         let thaws = robot.next() + Duration::from_millis(100);
-        robot.clock.freeze.set(Some((place, Duration::from_millis(101))));
+        robot.clock.freeze.set(Some((reading, Duration::from_millis(101))));
         robot.steps(3);
-        assert_eq!((robot.phase(), robot.clock.freeze.get()), (Phase::Damping, None), "at reading {place}");
+        assert_eq!((robot.phase(), robot.clock.freeze.get()), (Phase::Damping, None), "at reading {reading}");
         let mut sent = robot.take_sent();
         sent.retain(|sent| sent.ready >= thaws);
-        assert!(sent.len() >= 12 && sent.iter().all(|sent| sent.meaning.is_safe()), "at reading {place}");
+        assert!(sent.len() >= 12 && sent.iter().all(|sent| sent.meaning.is_safe()), "at reading {reading}");
     }
 }
 
@@ -124,16 +124,16 @@ fn thawed_daemon_sends_no_old_decisions() {
 /// clock.
 #[test]
 fn interrupted_send_misses_no_reply() {
-    for place in 0..12 {
+    for reading in 0..12 {
         let mut robot = Robot::new(robot::quadruped(), 1);
         let joints = robot.activate();
         let missed = |robot: &mut Robot| (0..12).map(|joint| robot.joint(joint).missed).sum::<u32>();
         let before = missed(&mut robot);
-        robot.clock.freeze.set(Some((place, Duration::from_millis(3))));
+        robot.clock.freeze.set(Some((reading, Duration::from_millis(3))));
         for _ in 0..20 {
             robot.follow(&joints);
         }
-        assert_eq!((robot.phase(), missed(&mut robot) - before), (Phase::Active, 0), "at reading {place}");
+        assert_eq!((robot.phase(), missed(&mut robot) - before), (Phase::Active, 0), "at reading {reading}");
     }
 }
 

@@ -15,7 +15,7 @@ const STOP: &[u8; 8] = &[0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD];
 /// Sends one frame to the hip every 100 ms.
 fn foreign_seconds(robot: &mut Robot, seconds: u32, payload: &[u8]) {
     for _ in 0..10 * seconds {
-        robot.hear(0, 0x001, payload);
+        robot.deliver_frame(0, 0x001, payload);
         robot.steps(100);
     }
 }
@@ -40,7 +40,7 @@ fn sender_once_a_second_is_named_only() {
         let joints = robot.activate();
         robot.take_events();
         for _ in 0..frames {
-            robot.hear(0, 0x001, payload);
+            robot.deliver_frame(0, 0x001, payload);
             (0..1000).for_each(|_| robot.follow(&joints));
         }
         assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
@@ -57,7 +57,7 @@ fn group_with_foreign_master_is_not_enabled() {
     robot.claim().unwrap();
     let joints = robot.hold(0.0, 1.0);
     for _ in 0..4 {
-        robot.hear(0, 0x001, HEARTBEAT);
+        robot.deliver_frame(0, 0x001, HEARTBEAT);
         robot.follow(&joints);
     }
     assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::ForeignMaster);
@@ -69,7 +69,7 @@ fn stops(settings: Settings) -> bool {
     let joints = robot.activate();
     for frame in 0..5 {
         assert_eq!(robot.phase(), Phase::Active, "{frame}");
-        robot.hear(0, 0x001, HEARTBEAT);
+        robot.deliver_frame(0, 0x001, HEARTBEAT);
         robot.follow(&joints);
     }
     robot.follow(&joints);
@@ -98,7 +98,7 @@ fn echoes_of_own_frames_are_no_foreign_master() {
     for _ in 0..2000 {
         robot.follow(&joints);
         for sent in robot.take_sent() {
-            robot.hear(sent.bus, sent.id, &sent.bytes);
+            robot.deliver_frame(sent.bus, sent.id, &sent.bytes);
         }
     }
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
@@ -114,7 +114,7 @@ fn excluded_motor_of_foreign_master_stops_no_group() {
     let mut robot = Robot::new(settings, 1);
     let joints = robot.activate();
     for _ in 0..50 {
-        robot.hear(0, 0x001, HEARTBEAT);
+        robot.deliver_frame(0, 0x001, HEARTBEAT);
         robot.follow(&joints);
     }
     assert_eq!((robot.phase(), robot.joint(0).foreign_commands), (Phase::Active, 50));
@@ -129,11 +129,11 @@ fn replayed_log_is_a_foreign_master() {
     (0..10).for_each(|_| other.follow(&joints));
     let log = other.take_sent();
     let mut robot = Robot::new(robot::three_motors(), 1);
-    let other_place = robot.hold(20.0, 1.0);
+    let other_hold = robot.hold(20.0, 1.0);
     robot.activate();
     for sent in log {
-        robot.hear(sent.bus, sent.id, &sent.bytes);
-        robot.follow(&other_place);
+        robot.deliver_frame(sent.bus, sent.id, &sent.bytes);
+        robot.follow(&other_hold);
     }
     assert_eq!(robot.cause(), Some(Cause::ForeignMaster));
 }
@@ -146,7 +146,7 @@ fn stops_of_second_daemon_are_a_foreign_master() {
     let joints = robot.activate();
     let mut cycles = 0;
     while robot.phase() == Phase::Active && cycles < 500 {
-        robot.hear(0, 0x001, STOP);
+        robot.deliver_frame(0, 0x001, STOP);
         robot.follow(&joints);
         cycles += 1;
     }
@@ -162,7 +162,7 @@ fn rare_stops_of_second_daemon_stop_group() {
     let joints = robot.activate();
     for cycle in 0..400 {
         if cycle % 100 == 0 {
-            robot.hear(0, 0x001, STOP);
+            robot.deliver_frame(0, 0x001, STOP);
         }
         robot.follow(&joints);
     }
@@ -179,7 +179,7 @@ fn slow_cycle_reports_second_daemon() {
     robot.steps(40);
     robot.take_events();
     for _ in 0..4 {
-        robot.hear(0, 0x001, damp.payload());
+        robot.deliver_frame(0, 0x001, damp.payload());
         robot.steps(1);
     }
     let events = robot.take_events();
@@ -194,7 +194,7 @@ fn bursts_of_a_switch_do_not_add_up() {
     let joints = robot.activate();
     for cycle in 0..2000 {
         if cycle % 250 < 10 {
-            robot.hear(0, 0x001, STOP);
+            robot.deliver_frame(0, 0x001, STOP);
         }
         robot.follow(&joints);
     }
@@ -209,12 +209,12 @@ fn frames_of_a_switch_are_no_foreign_master() {
     let damp = BusFrames::of(&robot.settings, 0).damp[0][0];
     let damp: &[u8; 8] = damp.payload().first_chunk().expect("it has 8 bytes");
     for round in 0..203 {
-        robot.hear(0, 0x001, if round < 200 { damp } else { STOP });
+        robot.deliver_frame(0, 0x001, if round < 200 { damp } else { STOP });
         robot.steps(10);
     }
     robot.steps(2000);
     let joints = robot.activate();
-    (0..200).for_each(|_| robot.hear(0, 0x001, damp));
+    (0..200).for_each(|_| robot.deliver_frame(0, 0x001, damp));
     (0..1000).for_each(|_| robot.follow(&joints));
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
     let events = robot.take_events();

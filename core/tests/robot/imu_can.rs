@@ -212,9 +212,9 @@ fn imu_of_broken_bus_is_lost_at_once() {
 fn unread_sample_of_broken_bus_is_not_used() {
     let mut robot = robot(HIPNUC);
     robot.steps(20);
-    robot.hear(0, 0x188, &[0, 0, 0, 0, 0xE8, 3]);
-    robot.hear(0, 0x288, &[0; 6]);
-    robot.hear(0, 0x488, &[0x10, 0x27, 0, 0, 0, 0, 0, 0]);
+    robot.deliver_frame(0, 0x188, &[0, 0, 0, 0, 0xE8, 3]);
+    robot.deliver_frame(0, 0x288, &[0; 6]);
+    robot.deliver_frame(0, 0x488, &[0x10, 0x27, 0, 0, 0, 0, 0, 0]);
     inject(&robot, 0, "leg down");
     robot.steps(2);
     assert_eq!(imu(&mut robot, 0).flags, IMU_VALID | IMU_LOST);
@@ -246,7 +246,7 @@ fn frames_that_are_no_sample_are_rejected() {
     let before = (imu(&mut robot, 0), robot.bus(1));
     let (short, register, norm) = (&LEVEL[0][..7], [9, 0, 0, 0, 0, 0, 0, 0], [4, 0, 0, 0, 0, 0, 0, 0]);
     for payload in [short, &LEVEL[1], &norm, &register, &[]] {
-        robot.hear(1, 0x11, payload);
+        robot.deliver_frame(1, 0x11, payload);
         robot.step();
     }
     let after = (imu(&mut robot, 0), robot.bus(1));
@@ -278,7 +278,7 @@ fn unasked_sample_is_rejected() {
     robot.steps(51);
     let before = imu(&mut robot, 0);
     assert_eq!(before.flags & IMU_FRESH, IMU_FRESH, "the next cycle asks nothing");
-    LEVEL.iter().for_each(|payload| robot.hear(1, 0x11, payload));
+    LEVEL.iter().for_each(|payload| robot.deliver_frame(1, 0x11, payload));
     robot.step();
     let after = imu(&mut robot, 0);
     assert_eq!((after.sequence, after.rejected), (before.sequence, before.rejected + 3));
@@ -289,10 +289,10 @@ fn heartbeat_is_no_frame_with_unexpected_id() {
     let mut robot = robot(HIPNUC);
     robot.steps(20);
     let before = robot.bus(0);
-    robot.hear(0, 0x708, &[5]);
+    robot.deliver_frame(0, 0x708, &[5]);
     robot.step();
     assert_eq!((robot.bus(0).unexpected_id, before.unexpected_id), (0, 0));
-    robot.hear(0, 0x709, &[5]);
+    robot.deliver_frame(0, 0x709, &[5]);
     robot.step();
     assert_eq!(robot.bus(0).unexpected_id, 1, "of another node");
 }

@@ -44,15 +44,15 @@ fn motors_of_three_vendors_follow_one_wave() {
 
 #[test]
 fn faults_of_each_vendor_use_the_same_words() {
-    for judged in VENDORS {
+    for tested in VENDORS {
         let mut robot = mixed();
         robot.activate();
-        let joint = (0..12).find(|&joint| vendor(&robot, joint) == judged.name).expect("one of each");
+        let joint = (0..12).find(|&joint| vendor(&robot, joint) == tested.name).expect("one of each");
         let name = robot.settings.motors[joint].name.clone();
-        robot.disturb(&format!("{name} {}", judged.over_voltage));
+        robot.disturb(&format!("{name} {}", tested.over_voltage));
         (0..300).for_each(|_| robot.step());
-        assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{}", judged.name);
-        assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{}", judged.name);
+        assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{}", tested.name);
+        assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{}", tested.name);
     }
 }
 

@@ -83,7 +83,7 @@ fn fresh(robot: &mut Robot) -> usize {
 fn read_waits_for_awaited_replies_only() {
     let (mut robot, reads) = counted(robot::three_motors());
     assert_eq!(reads.asked.get(), 3);
-    let takes_all_for = |robot: &mut Robot, cycles: u32, reason: &str| {
+    let reads_all_for = |robot: &mut Robot, cycles: u32, reason: &str| {
         for cycle in 0..cycles {
             robot.step();
             assert_eq!(reads.asked.get(), Inbox::CAPACITY, "{cycle} cycles after {reason}");
@@ -91,8 +91,8 @@ fn read_waits_for_awaited_replies_only() {
         robot.step();
         assert_eq!(reads.asked.get(), 3, "{cycles} cycles after {reason}");
     };
-    robot.hear(0, 0x101, &[1, 0x80, 0, 0x80, 0x08, 0]);
-    takes_all_for(&mut robot, 51, "a second reply");
+    robot.deliver_frame(0, 0x101, &[1, 0x80, 0, 0x80, 0x08, 0]);
+    reads_all_for(&mut robot, 51, "a second reply");
     robot.disturb("knee delayed 210us");
     robot.step();
     assert_eq!(reads.asked.get(), 1, "the others have answered");
@@ -100,7 +100,7 @@ fn read_waits_for_awaited_replies_only() {
     robot.disturb("thigh off");
     robot.step();
     robot.disturb("thigh ok");
-    takes_all_for(&mut robot, 51, "a reply that did not come");
+    reads_all_for(&mut robot, 51, "a reply that did not come");
 }
 
 /// Returns the times from the read of the first bus to those of the others, µs, in a cycle that
@@ -166,7 +166,7 @@ fn reply_behind_other_frames_is_read_in_time() {
             robot.follow(&joints);
         }
         assert!(reads.asked.get() <= 3, "the bus is quiet");
-        robot.hear(0, id, payload);
+        robot.deliver_frame(0, id, payload);
         lateness.set(robot.settings.cycle.reply_deadline);
         robot.follow(&joints);
         assert_eq!(fresh(&mut robot), 3, "behind {payload:?} of {id:#x}");
@@ -189,7 +189,7 @@ fn late_answer_of_lost_motor_hides_nothing() {
             robot.step();
         }
         robot.steps(after);
-        robot.hear(0, 0x102, &[2, 0x80, 0, 0x80, 0x08, 0]);
+        robot.deliver_frame(0, 0x102, &[2, 0x80, 0, 0x80, 0x08, 0]);
         robot.step();
         let fresh = [0, 2].map(|joint| robot.joint(joint).flags & JOINT_FRESH != 0);
         assert_eq!(fresh, [true; 2], "{after} cycles after the question");
@@ -223,8 +223,8 @@ fn always_late_motor_beside_excluded_one_is_lost() {
     let (mut robot, _) = counted(settings);
     robot.disturb("thigh off");
     let joints = robot.activate();
-    let came = Duration::from_nanos(robot.joint(2).receive_ns - robot.state().tick_ns);
-    let delay = robot.settings.cycle.reply_deadline - came + Duration::from_micros(100);
+    let arrival = Duration::from_nanos(robot.joint(2).receive_ns - robot.state().tick_ns);
+    let delay = robot.settings.cycle.reply_deadline - arrival + Duration::from_micros(100);
     robot.disturb(&format!("knee delayed {}us", delay.as_micros()));
     robot.follow_until(&joints, 100, |robot| robot.cause().is_some());
     assert_eq!(robot.cause(), Some(Cause::MotorLost));

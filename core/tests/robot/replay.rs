@@ -115,7 +115,7 @@ fn replay(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Vec<Frame>> {
         robot.oversleep(woke.since(robot.next()));
         client.act(&mut robot, enabled.is_some_and(|enabled| enabled <= woke));
         robot.step();
-        Client::hear(&mut robot);
+        Client::receive_replies(&mut robot);
     }
     sent.iter().map(|sent| std::mem::take(&mut *sent.lock().unwrap())).collect()
 }
@@ -143,7 +143,7 @@ impl Client {
         robot.send(&self.setpoints);
     }
 
-    fn hear(robot: &mut Robot) {
+    fn receive_replies(robot: &mut Robot) {
         while robot.take_answer().is_some() {}
     }
 }
@@ -156,10 +156,10 @@ fn recorded_run_is_sent_again_identically() {
     for (bus, (sent, track)) in sent.iter().zip(tracks(&settings, &log)).enumerate() {
         assert!(track.commands.len() > 100, "the log shows bus {bus}");
         let differs = sent.iter().zip(&track.commands).position(|(sent, command)| *sent != command.1);
-        if let Some(place) = differs {
+        if let Some(index) = differs {
             panic!(
-                "bus {bus}, command {place}: sent {:?}, recorded {:?}",
-                sent[place], track.commands[place]
+                "bus {bus}, command {index}: sent {:?}, recorded {:?}",
+                sent[index], track.commands[index]
             );
         }
         assert_eq!(sent.len(), track.commands.len(), "bus {bus}");
@@ -196,16 +196,16 @@ fn mutate(log: &mut Vec<LogLine<'_>>, random: &mut Random) {
         2 => (log[one].at, log[other].at) = (log[other].at, log[one].at),
         3 => log.insert(other, log[one]),
         4 => log.truncate(log.len() - one / 8),
-        _ => spoil(&mut log[one].content, random),
+        _ => corrupt(&mut log[one].content, random),
     }
 }
 
 /// Changes one bit in a frame that is still delivered.
-fn spoil(content: &mut Content, random: &mut Random) {
+fn corrupt(content: &mut Content, random: &mut Random) {
     if let Content::Frame(frame) = content {
         let mut payload = frame.payload().to_vec();
-        let place = random.below(payload.len());
-        payload[place] ^= 1 << random.below(8);
+        let index = random.below(payload.len());
+        payload[index] ^= 1 << random.below(8);
         *frame = Frame::new(frame.id(), &payload).unwrap();
     }
 }
@@ -220,8 +220,8 @@ fn garbage_line_is_refused_by_number() {
         ("(1795264038.344596) vcan0 0x1#FFFFFFFFFFFFFFFD", InvalidLine::Id),
         ("\u{0}\u{FFFD}", InvalidLine::Time),
     ] {
-        let spoiled = [&lines[..41], &[garbage], &lines[41..]].concat().join("\n");
-        assert_eq!(read(&spoiled), Err((42, wrong)), "{garbage}");
+        let corrupted = [&lines[..41], &[garbage], &lines[41..]].concat().join("\n");
+        assert_eq!(read(&corrupted), Err((42, wrong)), "{garbage}");
     }
     let cut = LOG.len() - 2;
     assert_eq!(read(&LOG[..cut]), Err((lines.len(), InvalidLine::Data)), "a log that was cut off");

@@ -66,7 +66,7 @@ fn outcome<T: PartialEq + std::fmt::Debug>(
     format!("{refusal}{}{cause}", states.join(" "))
 }
 
-fn judge<S: PartialEq + std::fmt::Debug, const STATES: usize>(
+fn check<S: PartialEq + std::fmt::Debug, const STATES: usize>(
     table: &[(&str, Event, [&str; STATES])],
     begin: impl Fn(usize) -> Robot,
     observe: fn(&mut Robot) -> S,
@@ -110,7 +110,7 @@ fn group_transitions_match_the_table() {
         ("a cycle is late", |robot| happens(|| robot.oversleep(Duration::from_millis(10))),
             ["Disarmed", "Damping Disarmed; TimeBase", "Damping Disarmed; TimeBase", "Damping Disarmed; TimeBase"]),
     ];
-    judge(&TABLE, |phase| in_phase(PHASES[phase]), Robot::phase);
+    check(&TABLE, |phase| in_phase(PHASES[phase]), Robot::phase);
 }
 
 /// Returns a robot whose hip is in this mode.
@@ -169,5 +169,5 @@ fn motor_transitions_match_the_table() {
                 "NotDisarmed: Damping Idle", "Fault", "Idle"]),
     ];
     let modes = [Offline, Idle, Starting, Active, Damping, Fault, Excluded];
-    judge(&TABLE, |mode| in_mode(modes[mode]), |robot| robot.mode(0));
+    check(&TABLE, |mode| in_mode(modes[mode]), |robot| robot.mode(0));
 }

@@ -85,16 +85,16 @@ fn state_at_end_of_turn_is_new() {
     let mut robot = Robot::new(robot::settings(&format!("{line}{motor}")), 1);
     robot.disturb("elbow delayed 1300us");
     robot.steps(500);
-    let (mut came, mut before) = (0, robot.joint(0).receive_ns);
+    let (mut fresh, mut before) = (0, robot.joint(0).receive_ns);
     for _ in 0..200 {
         robot.step();
         let joint = robot.joint(0);
         let is_new = joint.flags & motord_shared::message::JOINT_FRESH != 0;
         assert_eq!(is_new, joint.receive_ns != before, "{joint:?}");
-        came += u32::from(is_new);
+        fresh += u32::from(is_new);
         before = joint.receive_ns;
     }
-    assert!(came > 50, "{came}");
+    assert!(fresh > 50, "{fresh}");
 }
 
 #[test]
@@ -265,7 +265,7 @@ fn impossible_speed_is_in_no_state() {
     let [a, b, c, d] = 1e21_f32.to_le_bytes();
     for _ in 0..200 {
         // Indicator 0x14 (GIM document, table 10), which is requested in one of ten turns.
-        robot.hear(0, 10, &[0xB4, 0x14, 0, 0, a, b, c, d]);
+        robot.deliver_frame(0, 10, &[0xB4, 0x14, 0, 0, a, b, c, d]);
         robot.step();
         let velocity = robot.joint(0).velocity;
         assert!(velocity.abs() < 1.0, "{velocity}");
@@ -288,7 +288,7 @@ fn rejected_state_is_in_no_torque() {
         robot.follow(&stiff);
     }
     // 0xA000: a position of 3.125 rad (GIM document, 3.2.7).
-    robot.hear(0, 10, &[0x93, 0, 25, 0x00, 0xA0, 0x80, 0x08, 0x00]);
+    robot.deliver_frame(0, 10, &[0x93, 0, 25, 0x00, 0xA0, 0x80, 0x08, 0x00]);
     (0..11).for_each(|_| robot.follow(&stiff));
     assert_eq!(robot.joint(0).implausible, 1);
     let torque = |sent: &robot::Sent| f32::from_le_bytes([1, 2, 3, 4].map(|byte| sent.bytes[byte])).abs();

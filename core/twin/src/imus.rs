@@ -20,7 +20,7 @@ pub(crate) struct Sensor {
     /// Time of the next measurement.
     due: Instant,
     /// Measurements that have not arrived, and when they do.
-    under_way: VecDeque<(Instant, ImuOutput)>,
+    in_flight: VecDeque<(Instant, ImuOutput)>,
     reading: ImuReading,
 }
 
@@ -35,7 +35,7 @@ impl Sensor {
             device: Imu::new(errors.noise, errors.bias, errors.delay, errors.seed ^ seed),
             period: Duration::from_secs_f64(1.0 / settings.rate_hz),
             due: start,
-            under_way: VecDeque::new(),
+            in_flight: VecDeque::new(),
             reading: ImuReading::default(),
         }
     }
@@ -58,7 +58,7 @@ impl Sensor {
     pub(crate) fn measure(&mut self, now: Instant, values: &ImuValues) {
         while self.due <= now {
             let output = self.device.sample_of(values);
-            self.under_way.push_back((self.due + self.device.delay(), output));
+            self.in_flight.push_back((self.due + self.device.delay(), output));
             self.due = self.due + self.period;
         }
     }
@@ -66,7 +66,7 @@ impl Sensor {
     /// Returns its reading at `now`, if something arrived.
     pub(crate) fn arrived(&mut self, now: Instant) -> Option<ImuReading> {
         let mut has_arrived = false;
-        while let Some((at, output)) = self.under_way.pop_front_if(|(at, _)| *at <= now) {
+        while let Some((at, output)) = self.in_flight.pop_front_if(|(at, _)| *at <= now) {
             has_arrived = true;
             self.take(at, &output);
         }

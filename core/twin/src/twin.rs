@@ -216,8 +216,8 @@ impl Twin {
             return Err(InjectError::NoSuchTarget);
         }
         let at = START + at;
-        let place = self.faults.partition_point(|(other, _)| *other <= at);
-        self.faults.insert(place, (at, verb));
+        let index = self.faults.partition_point(|(other, _)| *other <= at);
+        self.faults.insert(index, (at, verb));
         Ok(())
     }
 

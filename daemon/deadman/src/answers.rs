@@ -7,11 +7,11 @@ use motord_settings::nodes::nodes;
 use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 
 /// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few milliseconds.
-const PATIENCE: Duration = Duration::from_millis(50);
+const CAN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Longest wait for the answer of one motor on a line: an adapter on USB may keep bytes for 16 ms.
-const LINE_PATIENCE: Duration = Duration::from_millis(20);
+const LINE_TIMEOUT: Duration = Duration::from_millis(20);
 /// Longest wait for the answers of all motors on lines.
-const LINES_PATIENCE: Duration = Duration::from_millis(500);
+const LINES_TIMEOUT: Duration = Duration::from_millis(500);
 /// A silent motor on a line is asked this often.
 const ATTEMPTS: u32 = 2;
 /// Period of the reads.
@@ -66,7 +66,7 @@ impl Answers {
             }
             let commanded = commanded(settings, index);
             if bus.is_line() {
-                let nodes = nodes(settings, index, LINE_PATIENCE);
+                let nodes = nodes(settings, index, LINE_TIMEOUT);
                 answers.lines.push(Line { settings: bus.clone(), nodes, commanded });
                 continue;
             }
@@ -79,15 +79,15 @@ impl Answers {
     }
 
     /// Reads what has arrived, asks the motors on lines, and returns the names of those that did not answer, except those on
-    /// `left_out` interfaces. The ports must not be in use. Takes at most [`LINES_PATIENCE`], or [`PATIENCE`] without a line,
+    /// `left_out` interfaces. The ports must not be in use. Takes at most [`LINES_TIMEOUT`], or [`CAN_TIMEOUT`] without a line,
     /// and the time to open the ports.
     pub(crate) fn silent(&mut self, left_out: &[String]) -> Vec<String> {
         self.ears.retain(|ear| !left_out.contains(&ear.interface));
         self.lines.retain(|line| !left_out.iter().any(|interface| interface == line.settings.device()));
         let longest = self.lines.iter().map(|line| line.commanded.len() as u32).max().unwrap_or(0);
-        let patience = (longest * ATTEMPTS * (LINE_PATIENCE + TURN)).min(LINES_PATIENCE).max(PATIENCE);
+        let timeout = (longest * ATTEMPTS * (LINE_TIMEOUT + TURN)).min(LINES_TIMEOUT).max(CAN_TIMEOUT);
         self.open_lines();
-        let end = clock::monotonic() + patience;
+        let end = clock::monotonic() + timeout;
         loop {
             self.ears.iter_mut().for_each(Ear::turn);
             let silent: Vec<_> = self.ears.iter().flat_map(|ear| &ear.silent).collect();

@@ -30,7 +30,7 @@ const MESSAGE_BYTES_MAX: usize = 32 * 1024;
 /// open without a known number.
 const FILES_MAX: usize = 253;
 /// Longest time of one wait for the switch, which opens an interface in milliseconds. A daemon that registers waits again.
-pub const PATIENCE: Duration = Duration::from_secs(2);
+pub const TIMEOUT: Duration = Duration::from_secs(2);
 /// Prefix of every message. Its number rises with every change of the messages, so that a program of another
 /// version is refused with an error that names the reason.
 const VERSION: &[u8] = b"motord-deadman 4\n";
@@ -90,18 +90,18 @@ pub enum Refusal {
 pub struct Channel(OwnedFd);
 
 impl Channel {
-    /// Connects to the switch of an instance. Each wait for it lasts at most `patience`.
+    /// Connects to the switch of an instance. Each wait for it lasts at most `timeout`.
     ///
     /// # Errors
     ///
     /// `NotFound` or `ConnectionRefused` when there is none; a [`Impostor`](motord_ports::Impostor) when a process of
     /// another user listens instead: nothing was sent to it.
-    pub fn connect(instance: &Instance, patience: Duration) -> io::Result<Self> {
+    pub fn connect(instance: &Instance, timeout: Duration) -> io::Result<Self> {
         let socket = open(SockFlag::empty())?;
-        let micros = i64::from(patience.subsec_micros());
-        let patience = TimeVal::new(patience.as_secs().cast_signed(), micros);
-        setsockopt(&socket, sockopt::SendTimeout, &patience)?;
-        setsockopt(&socket, sockopt::ReceiveTimeout, &patience)?;
+        let micros = i64::from(timeout.subsec_micros());
+        let timeout = TimeVal::new(timeout.as_secs().cast_signed(), micros);
+        setsockopt(&socket, sockopt::SendTimeout, &timeout)?;
+        setsockopt(&socket, sockopt::ReceiveTimeout, &timeout)?;
         connect(socket.as_raw_fd(), &address(instance)?)?;
         peer::check(instance, &socket)?;
         Ok(Self(socket))

@@ -58,7 +58,7 @@ struct Line {
     name: String,
     /// `None` for a name that no bus can have.
     kind: Option<BusKind>,
-    /// `None` once its motors are left to another daemon: nothing is sent, and nothing is owed.
+    /// `None` once its motors are left to another daemon: nothing is sent, and none of it is unserved.
     outlet: Option<Box<dyn Outlet>>,
     /// The interface has accepted a round since the stopper began.
     accepted: bool,
@@ -94,7 +94,7 @@ pub struct Interfaces {
 }
 
 impl Interfaces {
-    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`owed`](Self::owed),
+    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`unserved`](Self::unserved),
     /// [`leave_driven`](Self::leave_driven) and [`outcome`](Self::outcome) do.
     #[must_use]
     pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
@@ -167,8 +167,8 @@ impl Interfaces {
 
     /// Returns the interfaces that are not served yet. Allocates.
     #[must_use]
-    pub fn owed(&self) -> Vec<String> {
-        self.stopper.owed().map(|index| self.lines[index].name.clone()).collect()
+    pub fn unserved(&self) -> Vec<String> {
+        self.stopper.unserved().map(|index| self.lines[index].name.clone()).collect()
     }
 
     /// Returns what was done since the stopper began, for the log. Allocates.

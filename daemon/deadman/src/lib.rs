@@ -32,7 +32,7 @@ pub mod switch;
 use channel::{BindError, Listener};
 use motord_bus::{Duration, clock};
 use motord_configuration::{self as config, ConfigError};
-use motord_core::stopper::PATIENCE;
+use motord_core::stopper::REFUSAL_TIMEOUT;
 use motord_ports::instance::{Instance, InstanceError};
 use motord_realtime::{SchedulingRequest, lock_memory, prepare_thread, systemd, tighten_timers};
 use motord_terminal::exit_status;
@@ -122,12 +122,12 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
         }
     }
     systemd::stopping(settings.safety.damp);
-    let owed = server.finish(clock::monotonic() + settings.safety.damp + PATIENCE);
-    if !owed.is_empty() {
+    let unserved = server.finish(clock::monotonic() + settings.safety.damp + REFUSAL_TIMEOUT);
+    if !unserved.is_empty() {
         tracing::error!(
             see = "stops-owed",
             "exits before these interfaces accepted their stop frames: {}",
-            owed.join(", ")
+            unserved.join(", ")
         );
     }
     Ok(())

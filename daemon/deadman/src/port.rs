@@ -63,7 +63,7 @@ impl Port {
         let serve = move || {
             line.serve(&taken, &sound);
             drop(line);
-            let _nobody_waits = ends.send(());
+            let _receiver_dropped = ends.send(());
         };
         Builder::new().name("motord-port".into()).stack_size(STACK_BYTES).spawn(serve)?;
         Ok(Self { rounds: Some(rounds), is_sound, ended })
@@ -119,7 +119,7 @@ impl Line {
 
     /// Opens the port, if it is not open. Closes it when its adapter was unplugged.
     fn find(&mut self) {
-        self.sender.take_if(|sender| sender.is_gone());
+        self.sender.take_if(|sender| sender.is_disconnected());
         if self.sender.is_some() {
             return;
         }
@@ -138,17 +138,17 @@ impl Line {
 
     /// Sends one frame to each motor. Returns true when the port accepted all. Takes [`PACE`] for each.
     fn send(&mut self, round: &Round) -> bool {
-        let mut took_all = true;
+        let mut accepted_all = true;
         for frame in &round.frames[..round.count] {
             let sent = self.sender.as_ref().ok_or(Refusal::Gone).and_then(|sender| sender.send(frame));
-            took_all &= sent.is_ok();
+            accepted_all &= sent.is_ok();
             if sent == Err(Refusal::Gone) {
                 self.sender = None;
                 return false;
             }
             std::thread::sleep(PACE);
         }
-        took_all
+        accepted_all
     }
 }
 
@@ -179,12 +179,12 @@ mod tests {
         let mut port = Port::open(&device, 921_600).unwrap();
         std::thread::sleep(Duration::from_millis(50));
         assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
-        let mut heard = [0; 36];
+        let mut received = [0; 36];
         let begun = Clock::now();
-        motors.read_exact(&mut heard).unwrap();
+        motors.read_exact(&mut received).unwrap();
         assert!(begun.elapsed() >= PACE, "they collide with the answers");
-        assert_eq!(heard.chunks(12).map(|frame| frame[0]).collect::<Vec<_>>(), [1, 2, 3]);
-        assert_eq!(heard[..5], [0x01, 0x00, 0x08, 0x09, 0x92], "GIM document, table 3");
+        assert_eq!(received.chunks(12).map(|frame| frame[0]).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(received[..5], [0x01, 0x00, 0x08, 0x09, 0x92], "GIM document, table 3");
     }
 
     #[test]
@@ -225,16 +225,16 @@ mod tests {
         std::thread::sleep(Duration::from_millis(50));
         drop((motors, slave));
         // The name is free now, and a port of another test may get it.
-        let gone = format!("{device} (deleted)");
+        let deleted = format!("{device} (deleted)");
         let is_open = || {
             let open = std::fs::read_dir("/proc/self/fd").unwrap();
             let mut links = open.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
-            links.any(|link| link.to_string_lossy() == gone)
+            links.any(|link| link.to_string_lossy() == deleted)
         };
         assert!(is_open(), "the port's thread has it until it looks");
         let begun = Clock::now();
         while is_open() {
-            assert!(begun.elapsed() < Duration::from_secs(30), "{gone} is still open");
+            assert!(begun.elapsed() < Duration::from_secs(30), "{deleted} is still open");
             std::thread::sleep(IDLE / 4);
         }
         drop(port);

@@ -8,7 +8,7 @@ use motord_realtime::descriptors::keep_only;
 use std::io;
 use std::os::fd::AsFd;
 
-use crate::channel::{Answer, Channel, PATIENCE, Refusal, Request};
+use crate::channel::{Answer, Channel, Refusal, Request, TIMEOUT};
 use crate::safe_frames::SafeFrames;
 
 /// Between two attempts to register.
@@ -110,7 +110,7 @@ impl Registrar {
     /// Sends the request, and waits until the switch answers or disconnects, or `stop` returns true.
     fn register(&mut self, stop: &impl Fn() -> bool) -> Result<(), RegistrarError> {
         let Self { instance, frames, pulse, switch, logged, .. } = self;
-        let connected = Channel::connect(instance, PATIENCE).map_err(RegistrarError::of_connection)?;
+        let connected = Channel::connect(instance, TIMEOUT).map_err(RegistrarError::of_connection)?;
         let switch = switch.insert(connected);
         switch.send(&Request::Register(frames.clone()), Some(pulse))?;
         loop {
@@ -145,20 +145,20 @@ fn is_late(error: &io::Error) -> bool {
 /// Returns when the switch disconnected, or `stop` returns true. Logs when the switch hangs and when it answers again,
 /// and calls `lost`.
 fn watch(switch: &Channel, lost: &impl Fn(bool), stop: &impl Fn() -> bool) {
-    let (mut heard, mut hangs) = (clock::monotonic(), false);
+    let (mut last_seen, mut hangs) = (clock::monotonic(), false);
     while !stop() {
         let now = clock::monotonic();
         let _woken = wait(&[Readiness::Readable(switch.as_fd())], now, now + TURN);
         match switch.take_beats() {
             None => return,
             Some(true) => {
-                heard = clock::monotonic();
+                last_seen = clock::monotonic();
                 if std::mem::take(&mut hangs) {
                     lost(false);
                     tracing::warn!("the dead man's switch answers again");
                 }
             }
-            Some(false) if !hangs && now.since(heard) >= SILENCE => {
+            Some(false) if !hangs && now.since(last_seen) >= SILENCE => {
                 hangs = true;
                 lost(true);
                 tracing::error!(

@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SafeFrames {
     /// A heartbeat that does not change for this long is dead.
-    pub patience: Duration,
+    #[serde(rename = "patience")]
+    pub heartbeat_timeout: Duration,
     /// Motors are damped for this long, then stopped.
     pub damp: Duration,
     /// CAN interfaces and serial ports, and the frames for each.
@@ -67,7 +68,7 @@ impl SafeFrames {
             Some(InterfaceFrames::of(settings, index, bus.kind.address()?, bus.kind.baud()))
         };
         Self {
-            patience: settings.safety.deadman,
+            heartbeat_timeout: settings.safety.deadman,
             damp: settings.safety.damp,
             buses: settings.buses.iter().enumerate().filter_map(interface).collect(),
         }

@@ -7,7 +7,7 @@ use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use motord_bus::transport::Hardware;
 use motord_bus::{BusLock, Duration, Holder, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
-use motord_core::stopper::PATIENCE;
+use motord_core::stopper::REFUSAL_TIMEOUT;
 use motord_ports::TrustedUsers;
 use motord_ports::instance::Instance;
 use motord_terminal::exit_status;
@@ -18,7 +18,7 @@ use std::path::Path;
 const DAMP_MAX: Duration = Duration::from_secs(1);
 /// A switch that does not answer within this time hangs, and the motors are stopped without it. A healthy one answers
 /// within a millisecond.
-const SWITCH_PATIENCE: Duration = Duration::from_millis(150);
+const SWITCH_TIMEOUT: Duration = Duration::from_millis(150);
 /// Period of the requests whether the dead man's switch still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
@@ -33,7 +33,7 @@ pub enum SafeStopError {
     LeftOut(Vec<LeftOut>, Vec<String>),
     /// Every motor was commanded to stop, and these did not answer.
     #[error("the stop was sent, {}", silent(.0))]
-    NotHeard(Vec<String>),
+    MotorsSilent(Vec<String>),
 }
 
 /// Why an interface was left out.
@@ -83,13 +83,13 @@ impl SafeStopError {
         match self {
             Self::Config(_) => exit_status::CONFIG,
             Self::LeftOut(..) => exit_status::UNAVAILABLE,
-            Self::NotHeard(_) => exit_status::NOT_HEARD,
+            Self::MotorsSilent(_) => exit_status::MOTORS_SILENT,
         }
     }
 }
 
 /// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds, and half
-/// a second more where motors on a line do not answer. Uses interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
+/// a second more where motors on a line do not answer. Uses interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`REFUSAL_TIMEOUT`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
 /// Any user may hold the lock of an interface: only a process of root, of this user, or of the user of the daemon or the service keeps
 /// it from this command. `open` opens an interface to send, `listen` to receive the answers.
@@ -102,11 +102,12 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     let frames = SafeFrames::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
     let trusted = instance.iter().fold(TrustedUsers::find(), TrustedUsers::and_of);
-    if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, frames.damp + PATIENCE))
+    if let Some(unserved) =
+        instance.as_ref().and_then(|instance| await_switch(instance, frames.damp + REFUSAL_TIMEOUT))
     {
         tracing::info!("left to the dead man's switch");
         return report(
-            owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect(),
+            unserved.into_iter().map(|interface| LeftOut::Awaited { interface }).collect(),
             Vec::new(),
         );
     }
@@ -125,7 +126,7 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
     let mut answers = Answers::listen(&settings, &names, listen);
     let mut interfaces = Interfaces::new(opened, frames.damp.min(DAMP_MAX));
     interfaces.run(&mut Monotonic);
-    let refused = interfaces.owed();
+    let refused = interfaces.unserved();
     // Closes the ports.
     drop(interfaces);
     // Motors of an interface that refuses frames were not commanded.
@@ -145,32 +146,32 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
 fn report(left_out: Vec<LeftOut>, silent: Vec<String>) -> Result<(), SafeStopError> {
     match (left_out.is_empty(), silent.is_empty()) {
         (true, true) => Ok(()),
-        (true, false) => Err(SafeStopError::NotHeard(silent)),
+        (true, false) => Err(SafeStopError::MotorsSilent(silent)),
         (false, _) => Err(SafeStopError::LeftOut(left_out, silent)),
     }
 }
 
-/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served by then; `None`
+/// Waits while the switch acts, at most for `timeout`. Returns the interfaces that it has not served by then; `None`
 /// when the switch does not act, hangs, or exits before its end.
-fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> {
-    let end = clock::monotonic() + patience;
-    let mut owed = owed_by_switch(instance).ok().filter(|owed| !owed.is_empty())?;
-    while !owed.is_empty() && clock::monotonic() < end {
+fn await_switch(instance: &Instance, timeout: Duration) -> Option<Vec<String>> {
+    let end = clock::monotonic() + timeout;
+    let mut unserved = unserved_by_switch(instance).ok().filter(|unserved| !unserved.is_empty())?;
+    while !unserved.is_empty() && clock::monotonic() < end {
         std::thread::sleep(SWITCH_TURN);
-        owed = owed_by_switch(instance).ok()?;
+        unserved = unserved_by_switch(instance).ok()?;
     }
-    Some(owed)
+    Some(unserved)
 }
 
-fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
-    let switch = Channel::connect(instance, SWITCH_PATIENCE).inspect_err(|error| {
+fn unserved_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
+    let switch = Channel::connect(instance, SWITCH_TIMEOUT).inspect_err(|error| {
         if error.kind() == io::ErrorKind::PermissionDenied {
             tracing::warn!(see = "no-switch", "{error}");
         }
     })?;
     switch.send(&Request::AskWhetherActing, None)?;
     match switch.receive()?.0 {
-        Answer::Acting(owed) => Ok(owed),
+        Answer::Acting(unserved) => Ok(unserved),
         Answer::Registered | Answer::Refused(_) => Err(io::ErrorKind::InvalidData.into()),
     }
 }

@@ -71,7 +71,7 @@ struct Watch {
 }
 
 /// An event that is worth a line in the log.
-enum News {
+enum Notice {
     /// Only interfaces that refuse frames are left.
     Stalled(Cause),
     /// Every interface is served, or the daemon has its motors back.
@@ -98,17 +98,17 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
 
     /// Returns the interfaces whose motors are still to be damped or stopped; none when it does not act. Allocates.
     #[must_use]
-    pub fn owed(&self) -> Vec<String> {
+    pub fn unserved(&self) -> Vec<String> {
         let acting = self.supervised.as_ref().filter(|_| self.is_acting());
-        acting.map_or_else(Vec::new, |daemon| daemon.watch.interfaces.owed())
+        acting.map_or_else(Vec::new, |daemon| daemon.watch.interfaces.unserved())
     }
 
-    /// Continues while it acts, at most until `end`. Returns the interfaces that are [owed](Self::owed) then.
+    /// Continues while it acts, at most until `end`. Returns the interfaces that are [unserved](Self::unserved) then.
     pub fn finish(&mut self, end: Instant) -> Vec<String> {
         while self.is_acting() && clock::monotonic() < end {
             self.turn(end);
         }
-        self.owed()
+        self.unserved()
     }
 
     /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and no caller
@@ -146,7 +146,7 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         let Some(caller) = self.caller.take() else { return };
         let Some(pid) = caller.peer() else { return };
         let answer = match caller.receive() {
-            Ok((Request::AskWhetherActing, _)) => Answer::Acting(self.owed()),
+            Ok((Request::AskWhetherActing, _)) => Answer::Acting(self.unserved()),
             Ok((Request::Register(frames), pulse)) => match self.prepare(&frames, pulse) {
                 Ok(watch) => {
                     return self.supervise(Supervised {
@@ -166,7 +166,7 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
                 Answer::Refused(Refusal::Request { reason: error.to_string() })
             }
         };
-        let _gone = caller.send(&answer, None);
+        let _disconnected = caller.send(&answer, None);
     }
 
     fn prepare(&mut self, frames: &SafeFrames, pulse: Option<Pulse>) -> Result<Watch, Refusal> {
@@ -178,7 +178,7 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         let opened: Vec<Interface> = opened.collect::<Result<_, _>>().map_err(Refusal::SafeFrames)?;
         let interfaces = Interfaces::new(opened, frames.damp);
         let heartbeat = pulse.read().filter(|heartbeat| *heartbeat != AT_REST).ok_or(Refusal::NoHeartbeat)?;
-        let switch = Switch::new(frames.patience, heartbeat, clock::monotonic());
+        let switch = Switch::new(frames.heartbeat_timeout, heartbeat, clock::monotonic());
         Ok(Watch { pulse, switch, interfaces, stalled: false })
     }
 
@@ -203,15 +203,15 @@ impl Supervised {
             self.channel.beat();
         }
         match self.watch.step(self.connected, self.pid) {
-            Some(News::Over(cause)) => {
+            Some(Notice::Over(cause)) => {
                 let outcome = self.watch.interfaces.outcome();
                 tracing::warn!(pid = self.pid, see = "switch-acted", "{cause}: {outcome}");
             }
-            Some(News::Stalled(cause)) => tracing::error!(
+            Some(Notice::Stalled(cause)) => tracing::error!(
                 pid = self.pid,
                 see = "frames-refused",
                 "{cause}, and motors keep their last command, for these interfaces refuse frames: {}. Keeps trying.",
-                self.watch.interfaces.owed().join(", ")
+                self.watch.interfaces.unserved().join(", ")
             ),
             None => {}
         }
@@ -227,14 +227,14 @@ impl Watch {
     /// Real-time, but for the calls below. One system call; when the switch begins to act, and when it is late, those of
     /// [`leave_driven`](Interfaces::leave_driven), which allocates; and while it acts those of a [round](Interfaces::round),
     /// which can block when an interface is missing.
-    fn step(&mut self, connected: bool, pid: i32) -> Option<News> {
+    fn step(&mut self, connected: bool, pid: i32) -> Option<Notice> {
         let acted = self.switch.acts();
         let now = clock::monotonic();
         // A file that cannot be read counts as a heartbeat that does not change.
         let heartbeat = self.pulse.read().unwrap_or(self.switch.heartbeat());
         let late = now.since(self.due()) >= FROZEN;
         self.switch.step(now, connected, heartbeat);
-        let Some(cause) = self.switch.acts() else { return acted.map(News::Over) };
+        let Some(cause) = self.switch.acts() else { return acted.map(Notice::Over) };
         if acted.is_none() {
             self.interfaces.begin(now);
             self.stalled = false;
@@ -246,11 +246,11 @@ impl Watch {
         locked.iter().flatten().for_each(|locked| log_locked(pid, locked));
         if self.interfaces.due().is_none() {
             self.switch.served();
-            return Some(News::Over(cause));
+            return Some(Notice::Over(cause));
         }
         let logged = self.stalled;
         self.stalled |= self.interfaces.is_stalled();
-        (self.stalled && !logged).then_some(News::Stalled(cause))
+        (self.stalled && !logged).then_some(Notice::Stalled(cause))
     }
 }
 

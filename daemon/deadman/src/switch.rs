@@ -3,7 +3,7 @@
 //! ```text
 //!                 the heartbeat moves
 //!        ┌───────────────────────────────────┐
-//!        │    at rest                        ▼     stalls for `patience`, or the connection is closed
+//!        │    at rest                        ▼     stalls for `heartbeat_timeout`, or the connection is closed
 //!      Quiet ◀────────────────────────── Watching ──────────────────────────────▶ Acting
 //!        ▲                                   ▲                                       │
 //!        │                                   └────────── the heartbeat moves ────────┤
@@ -18,8 +18,8 @@ use crate::heartbeat::AT_REST;
 use motord_bus::{Duration, Instant};
 use motord_core::stopper::schedule::{INTERVAL, next_tick};
 
-/// Reads of the heartbeat within `patience`. The switch detects the last beat, and its absence, at most a fifth of
-/// `patience` late.
+/// Reads of the heartbeat within `heartbeat_timeout`. The switch detects the last beat, and its absence, at most a fifth of
+/// `heartbeat_timeout` late.
 const READS: u32 = 5;
 /// The least time between two reads.
 const READ_INTERVAL_MIN: Duration = Duration::from_millis(1);
@@ -45,7 +45,7 @@ enum Phase {
 /// A dead man's switch for one daemon.
 #[derive(Debug)]
 pub struct Switch {
-    patience: Duration,
+    heartbeat_timeout: Duration,
     phase: Phase,
     heartbeat: u64,
     moved: Instant,
@@ -55,11 +55,11 @@ pub struct Switch {
 
 impl Switch {
     /// Creates a switch for a heartbeat, which is `heartbeat` at `now`. It acts when the heartbeat does not change for
-    /// `patience`.
+    /// `heartbeat_timeout`.
     #[must_use]
-    pub fn new(patience: Duration, heartbeat: u64, now: Instant) -> Self {
+    pub fn new(heartbeat_timeout: Duration, heartbeat: u64, now: Instant) -> Self {
         let phase = if heartbeat == AT_REST { Phase::Quiet } else { Phase::Watching };
-        Self { patience, phase, heartbeat, moved: now, due: now }
+        Self { heartbeat_timeout, phase, heartbeat, moved: now, due: now }
     }
 
     /// The cause, while the switch acts.
@@ -83,7 +83,7 @@ impl Switch {
         self.due
     }
 
-    /// Judges the daemon at `now` by its heartbeat and by whether its connection is open. Real-time: does not allocate,
+    /// Checks the daemon at `now` by its heartbeat and by whether its connection is open. Real-time: does not allocate,
     /// block or loop.
     pub fn step(&mut self, now: Instant, connected: bool, heartbeat: u64) {
         let moved = heartbeat != self.heartbeat;
@@ -95,11 +95,11 @@ impl Switch {
             self.moved = now;
         } else if !connected && (moved || self.phase == Phase::Watching) && self.acts().is_none() {
             self.phase = Phase::Acting(Cause::Died);
-        } else if self.phase == Phase::Watching && now.since(self.moved) >= self.patience {
+        } else if self.phase == Phase::Watching && now.since(self.moved) >= self.heartbeat_timeout {
             self.phase = Phase::Acting(Cause::StoodStill);
         }
         if now >= self.due {
-            let interval = (self.patience / READS).clamp(READ_INTERVAL_MIN, INTERVAL);
+            let interval = (self.heartbeat_timeout / READS).clamp(READ_INTERVAL_MIN, INTERVAL);
             self.due = next_tick(self.due, interval, now);
         }
     }
@@ -114,7 +114,7 @@ impl Switch {
 mod tests {
     use super::*;
 
-    const PATIENCE: Duration = Duration::from_millis(5);
+    const HEARTBEAT_TIMEOUT: Duration = Duration::from_millis(5);
 
     /// A switch and its world.
     struct Story {
@@ -131,7 +131,7 @@ mod tests {
         fn begin() -> Self {
             let now = Instant::from_nanos(1_000_000_000);
             let mut story = Self {
-                switch: Switch::new(PATIENCE, 1, now),
+                switch: Switch::new(HEARTBEAT_TIMEOUT, 1, now),
                 now,
                 connected: true,
                 beats: true,
@@ -187,7 +187,7 @@ mod tests {
         let mut story = Story::begin();
         let first = story.switch.due();
         story.pass(1);
-        assert_eq!(story.switch.due().since(first), PATIENCE / 5);
+        assert_eq!(story.switch.due().since(first), HEARTBEAT_TIMEOUT / 5);
     }
 
     #[test]

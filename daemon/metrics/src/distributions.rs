@@ -139,7 +139,7 @@ impl Distributions {
         if record.polled.reads > 0 {
             self.polled.saturating_record(nanos(record.polled.time));
             self.totals.polled_reads += u64::from(record.polled.reads);
-            self.totals.polled_in_vain += u64::from(record.polled.in_vain);
+            self.totals.polled_in_vain += u64::from(record.polled.is_incomplete);
         }
         self.record_control(record);
         for (joint, &latency) in self.joints.iter_mut().zip(&record.reply_latency_ns) {

@@ -16,7 +16,7 @@ impl Hosts {
         Self(names)
     }
 
-    /// Returns whether `authority`, a name with or without a port, is served. The port is not judged.
+    /// Returns whether `authority`, a name with or without a port, is served. The port is not checked.
     pub(crate) fn has(&self, authority: &str) -> bool {
         // RFC 9110 permits no user in the field.
         let Some(authority) = authority.parse::<Authority>().ok().filter(|_| !authority.contains('@')) else {

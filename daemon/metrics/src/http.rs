@@ -95,14 +95,14 @@ async fn serve(stream: TcpStream, pages: Arc<Pages>, limits: Limits) {
         .max_buf_size(HEAD_BYTES_MAX)
         .max_headers(HEADERS_MAX)
         .serve_connection(TokioIo::new(stream), service);
-    let _client_is_gone_or_slow = tokio::time::timeout(limits.connection, connection).await;
+    let _disconnected_or_slow = tokio::time::timeout(limits.connection, connection).await;
 }
 
 impl Pages {
     /// Answers the request from its head. A body is not read: no answer depends on it.
     fn answer(&self, request: &Request<Incoming>) -> Response<Full<Bytes>> {
         let refusal = |status, sentence: &'static str| page(status, Bytes::from_static(sentence.as_bytes()));
-        match self.judge(request) {
+        match self.check(request) {
             Ok(()) => page(StatusCode::OK, self.latest.text()),
             Err(Refused::NoHost) => {
                 refusal(StatusCode::BAD_REQUEST, "The request names no host, or several.\n")
@@ -120,7 +120,7 @@ impl Pages {
         }
     }
 
-    fn judge<B>(&self, request: &Request<B>) -> Result<(), Refused> {
+    fn check<B>(&self, request: &Request<B>) -> Result<(), Refused> {
         let mut fields = request.headers().get_all(HOST).iter();
         let names = match (fields.next(), fields.next()) {
             (Some(host), None) => host.to_str().is_ok_and(|host| self.hosts.has(host)),
@@ -160,12 +160,12 @@ mod tests {
     use std::io::{Read, Write};
     use std::net::{SocketAddr, TcpStream as Client};
 
-    fn judged(request: Request<()>) -> Result<(), Refused> {
-        Pages { latest: Arc::default(), hosts: Hosts::default() }.judge(&request)
+    fn checked(request: Request<()>) -> Result<(), Refused> {
+        Pages { latest: Arc::default(), hosts: Hosts::default() }.check(&request)
     }
 
     fn to_localhost(method: &str, target: &str) -> Result<(), Refused> {
-        judged(Request::builder().method(method).uri(target).header(HOST, "localhost").body(()).unwrap())
+        checked(Request::builder().method(method).uri(target).header(HOST, "localhost").body(()).unwrap())
     }
 
     #[test]
@@ -181,10 +181,10 @@ mod tests {
     #[test]
     fn request_names_exactly_one_host() {
         let request = || Request::builder().uri("/metrics");
-        assert_eq!(judged(request().body(()).unwrap()), Err(Refused::NoHost));
-        assert_eq!(judged(request().version(Version::HTTP_10).body(()).unwrap()), Ok(()));
+        assert_eq!(checked(request().body(()).unwrap()), Err(Refused::NoHost));
+        assert_eq!(checked(request().version(Version::HTTP_10).body(()).unwrap()), Ok(()));
         let both = request().header(HOST, "localhost").header(HOST, "localhost");
-        assert_eq!(judged(both.body(()).unwrap()), Err(Refused::NoHost));
+        assert_eq!(checked(both.body(()).unwrap()), Err(Refused::NoHost));
     }
 
     fn serve(text: &str, limits: Limits) -> SocketAddr {

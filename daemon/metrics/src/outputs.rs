@@ -88,8 +88,8 @@ mod tests {
     #[test]
     fn address_in_use_does_not_stop_textfile() {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let place = tempfile::tempdir().unwrap();
-        let file = place.path().join("motord.prom");
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("motord.prom");
         let wanted =
             Wanted { file: Some(file.clone()), listen: taken.local_addr().ok(), ..Wanted::default() };
         let outputs = Outputs::start(&wanted).unwrap();

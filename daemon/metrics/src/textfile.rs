@@ -50,20 +50,20 @@ mod tests {
 
     #[test]
     fn textfile_is_replaced_atomically() {
-        let place = tempfile::tempdir().unwrap();
-        let file = place.path().join("motord.prom");
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("motord.prom");
         replace(&file, b"first, and longer\n").unwrap();
         let open = File::open(&file).unwrap();
         replace(&file, b"second\n").unwrap();
         assert_eq!(io::read_to_string(open).unwrap(), "first, and longer\n", "a reader keeps what it opened");
         assert_eq!(fs::read_to_string(&file).unwrap(), "second\n");
-        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
     }
 
     #[test]
     fn prepared_link_is_not_written_through() {
-        let place = tempfile::tempdir().unwrap();
-        let (file, elsewhere) = (place.path().join("motord.prom"), place.path().join("elsewhere"));
+        let directory = tempfile::tempdir().unwrap();
+        let (file, elsewhere) = (directory.path().join("motord.prom"), directory.path().join("elsewhere"));
         fs::write(&elsewhere, "kept").unwrap();
         std::os::unix::fs::symlink(&elsewhere, file.with_extension("prom.new")).unwrap();
         replace(&file, b"text\n").unwrap();

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// More than the server accepts.
 const MANY: usize = 100;
 /// A test that waits longer has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn serve() -> (Outputs, SocketAddr) {
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
@@ -22,7 +22,7 @@ fn serve() -> (Outputs, SocketAddr) {
 
 fn connect(server: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(server).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
 
@@ -91,7 +91,7 @@ fn request_that_never_ends_is_closed() {
     slow.write_all(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n").unwrap();
     let began = Instant::now();
     while slow.write_all(b"A: b\r\n").is_ok() {
-        assert!(began.elapsed() < PATIENCE, "still open");
+        assert!(began.elapsed() < TIMEOUT, "still open");
         std::thread::sleep(Duration::from_millis(50));
         scrape(server);
     }

@@ -24,21 +24,21 @@ pub struct Deaths(Arc<Epoll>);
 /// # Errors
 ///
 /// `EMFILE` or `ENFILE` when no descriptors are left.
-pub fn deaths(places: usize) -> Result<(Watched, Deaths), Errno> {
+pub fn deaths(slots: usize) -> Result<(Watched, Deaths), Errno> {
     let epoll = Arc::new(Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?);
-    let processes = std::iter::repeat_with(|| None).take(places).collect();
+    let processes = std::iter::repeat_with(|| None).take(slots).collect();
     Ok((Watched { epoll: Arc::clone(&epoll), processes }, Deaths(epoll)))
 }
 
 impl Watched {
-    /// Watches the process `pid` of this process namespace, in slot `place`, and reports its death as `key`.
+    /// Watches the process `pid` of this process namespace, in slot `slot`, and reports its death as `key`.
     /// Replaces the watch that the slot had. Returns true when there is no such process. Reports nothing
     /// where no watch is possible: `pid` is no process id, Linux is older than 5.3, or no descriptors are
     /// left. Three system calls, none of which blocks.
-    pub fn watch(&mut self, place: usize, pid: u32, key: u64) -> bool {
-        self.forget(place);
-        let (Some(place), Some(pid)) =
-            (self.processes.get_mut(place), i32::try_from(pid).ok().and_then(Pid::from_raw))
+    pub fn watch(&mut self, slot: usize, pid: u32, key: u64) -> bool {
+        self.forget(slot);
+        let (Some(slot), Some(pid)) =
+            (self.processes.get_mut(slot), i32::try_from(pid).ok().and_then(Pid::from_raw))
         else {
             return false;
         };
@@ -48,15 +48,15 @@ impl Watched {
         };
         let event = EpollEvent::new(EpollFlags::EPOLLIN | EpollFlags::EPOLLONESHOT, key);
         if self.epoll.add(&process, event).is_ok() {
-            *place = Some(process);
+            *slot = Some(process);
         }
         false
     }
 
-    /// Ends the watch in slot `place`. A death that was reported before may still be read.
-    pub fn forget(&mut self, place: usize) {
-        if let Some(place) = self.processes.get_mut(place) {
-            *place = None;
+    /// Ends the watch in slot `slot`. A death that was reported before may still be read.
+    pub fn forget(&mut self, slot: usize) {
+        if let Some(slot) = self.processes.get_mut(slot) {
+            *slot = None;
         }
     }
 }

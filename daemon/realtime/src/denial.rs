@@ -7,7 +7,7 @@ use std::fmt;
 
 /// From capabilities(7): lifts the limit of the priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
-/// `Seccomp:` of `/proc/PID/status`: a filter judges each system call.
+/// `Seccomp:` of `/proc/PID/status`: a filter checks each system call.
 const SECCOMP_FILTER: &str = "2";
 /// Time for real-time threads in a control group of cgroup v1, µs in each second.
 const SHARE_US: u32 = 400_000;
@@ -21,7 +21,7 @@ pub struct Facts {
     pub may_nice: bool,
     /// `RLIMIT_RTPRIO`.
     pub limit: u64,
-    /// A seccomp filter judges its system calls.
+    /// A seccomp filter checks its system calls.
     pub is_filtered: bool,
     /// `kernel.sched_rt_runtime_us`; -1 lifts every bound.
     pub runtime_us: i64,

@@ -162,8 +162,8 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
     let mut lines = open(&settings, arguments)?;
     let mut store = restore(arguments.store.as_deref(), &mut lines).map_err(Failure::Store)?;
     let mut commands = Commands::new();
-    lines.iter().for_each(tell);
-    say("ready");
+    lines.iter().for_each(print_device);
+    print_line("ready");
     loop {
         let now = clock::monotonic();
         lines.iter_mut().for_each(|line| line.serve(now));
@@ -176,8 +176,8 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
         if wait(&readiness, now, until).contains(lines.len()) {
             for command in commands.read() {
                 match obey(&settings, &mut lines, clock::monotonic(), &command) {
-                    Ok(()) => say("ok"),
-                    Err(reason) => say(&format!("error: {reason}")),
+                    Ok(()) => print_line("ok"),
+                    Err(reason) => print_line(&format!("error: {reason}")),
                 }
             }
         }
@@ -262,14 +262,14 @@ impl Line {
 }
 
 /// The device of a serial bus or an IMU that is plugged in.
-fn tell(line: &Line) {
+fn print_device(line: &Line) {
     if let Some((name, device)) = line.device() {
-        say(&format!("{name}: {}", device.display()));
+        print_line(&format!("{name}: {}", device.display()));
     }
 }
 
 /// Prints a line. The simulation continues when standard output is closed.
-fn say(line: &str) {
+fn print_line(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }
 
@@ -323,7 +323,7 @@ fn obey(settings: &Settings, lines: &mut [Line], now: Instant, command: &str) ->
             result => result?,
         }
         if line.device().map(|(_, device)| device) != device.as_deref() {
-            tell(line);
+            print_device(line);
         }
         return Ok(());
     }

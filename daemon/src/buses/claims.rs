@@ -43,8 +43,8 @@ impl Claim {
         let adapter = Adapter::of(identity);
         match self.adapter.as_ref().and_then(|expected| expected.difference(&adapter)) {
             Some(difference) => {
-                let (bus, place) = (bus.name.clone(), bus.device().to_owned());
-                Err(BusError::OtherAdapter { bus, place, difference })
+                let (bus, device) = (bus.name.clone(), bus.device().to_owned());
+                Err(BusError::OtherAdapter { bus, device, difference })
             }
             None => Ok(Some((identity, adapter))),
         }

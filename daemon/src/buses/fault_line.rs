@@ -103,7 +103,7 @@ mod tests {
     use motord_simulator::Fault;
     use std::path::Path;
 
-    fn said(line: &str) -> Result<Fault, String> {
+    fn parsed(line: &str) -> Result<Fault, String> {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
         let settings = motord_configuration::load(&file).unwrap().settings;
         read(line, &settings).map(|verb| verb.fault).map_err(|error| error.to_string())
@@ -111,8 +111,8 @@ mod tests {
 
     #[test]
     fn vendor_fault_may_be_named_or_numbered() {
-        assert_eq!(said("fl-knee fault over-voltage"), Ok(Fault::Raise(2)));
-        assert_eq!(said("fl-knee fault 0x04"), Ok(Fault::Raise(4)));
+        assert_eq!(parsed("fl-knee fault over-voltage"), Ok(Fault::Raise(2)));
+        assert_eq!(parsed("fl-knee fault 0x04"), Ok(Fault::Raise(4)));
     }
 
     #[test]
@@ -130,7 +130,7 @@ mod tests {
             ("fl-knee \u{1b}[2J", "no fault \"\\u{1b}[2J\": known are ok, on, off"),
         ];
         for (line, begin) in cases {
-            let sentence = said(line).unwrap_err();
+            let sentence = parsed(line).unwrap_err();
             assert!(sentence.starts_with(begin), "{line}: {sentence}");
             assert!(!sentence.contains('\u{1b}'));
         }

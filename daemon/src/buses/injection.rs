@@ -17,7 +17,7 @@ use motord_twin::{Mechanics, TwinError, coupled};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 /// The cycle takes a fault within this time, as long as it runs.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TIMEOUT: Duration = Duration::from_secs(1);
 /// Between two looks for its outcome.
 const TURN: Duration = Duration::from_millis(1);
 
@@ -68,7 +68,7 @@ impl InjectedBus {
         if verb.target == self.name {
             self.plug(now, verb.fault);
         }
-        let _has_a_place = self.outcomes.push((verb, outcome));
+        let _queued = self.outcomes.push((verb, outcome));
     }
 
     /// The cycle sends nothing to a bus that is gone until its controller reports a restart: the verb that ends the fault makes
@@ -120,16 +120,16 @@ impl Injector {
     }
 
     fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {
-        self.verbs.push(verb.clone()).map_err(|_| FaultLineError::Unanswered(PATIENCE))?;
+        self.verbs.push(verb.clone()).map_err(|_| FaultLineError::Unanswered(TIMEOUT))?;
         let begun = clock::monotonic();
-        while clock::monotonic().since(begun) < PATIENCE {
+        while clock::monotonic().since(begun) < TIMEOUT {
             match self.outcomes.pop() {
                 Ok((obeyed, outcome)) if obeyed == verb => return Ok(outcome?),
                 // Also the outcome of an earlier verb, which the cycle took too late.
                 Ok(_) | Err(_) => std::thread::sleep(TURN),
             }
         }
-        Err(FaultLineError::Unanswered(PATIENCE))
+        Err(FaultLineError::Unanswered(TIMEOUT))
     }
 }
 

@@ -25,14 +25,14 @@ pub enum BusError {
     },
     /// Another adapter than the one that was opened first has the name.
     #[error(
-        "bus {bus}: {place} is another adapter than before: {difference}; it is not opened. Give each adapter a fixed name and plug \
+        "bus {bus}: {device} is another adapter than before: {difference}; it is not opened. Give each adapter a fixed name and plug \
          it in again, as `motorctl explain exchanged` describes"
     )]
     OtherAdapter {
         /// The bus.
         bus: String,
         /// The interface or the device.
-        place: String,
+        device: String,
         /// The properties that differ.
         difference: Difference,
     },

@@ -8,12 +8,12 @@
 
 use motord_bus::transport::Hardware;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, IdFilter, Inbox, Instant, Readiness};
-use motord_core::stopper::{BusFrames, PATIENCE};
+use motord_core::stopper::{BusFrames, REFUSAL_TIMEOUT};
 use motord_settings::settings::Settings;
 
 /// Frames are counted by windows of this length.
 const WINDOW: Duration = Duration::from_millis(100);
-/// The last windows, by which a sender is judged.
+/// The last windows, by which a sender is checked.
 const WINDOWS: usize = 3;
 /// Fewer frames in these windows are no sender: a daemon with 17 cycles a second sends more.
 const FRAMES_MIN: u32 = 5;
@@ -95,7 +95,7 @@ fn await_silence(
         return Ok(Listened::Silence);
     }
     let begin = clock.now();
-    let end = begin + settings.safety.damp + PATIENCE;
+    let end = begin + settings.safety.damp + REFUSAL_TIMEOUT;
     loop {
         listen_for_window(monitors, clock);
         if is_ended() {

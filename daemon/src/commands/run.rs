@@ -28,7 +28,7 @@ const WAIT_TURN: Duration = Duration::from_millis(500);
 #[derive(Debug, Clone, Default)]
 pub struct Options {
     /// Waits at most this long for buses that are missing or down.
-    pub patience: Duration,
+    pub bus_timeout: Duration,
     /// No bus is opened: the plant on this socket moves the joints of the simulated robot.
     pub plant: Option<PathBuf>,
 }
@@ -62,10 +62,10 @@ fn drive(
     let config::Loaded { mut settings, telemetry, hash, .. } = loaded;
     let mut buses = match &options.plant {
         Some(plant) => buses::open_planted(&mut settings, plant)?,
-        None => await_buses(&settings, options.patience)?,
+        None => await_buses(&settings, options.bus_timeout)?,
     };
     #[cfg(feature = "panic-on-request")]
-    crate::host::panics::hear_requests()?;
+    crate::host::panics::register_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
     deep_sleep.log("main");
@@ -75,7 +75,7 @@ fn drive(
     {
         return Ok(());
     }
-    (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;
+    (buses.buses, buses.mismatched) = arming::check(&settings, path, buses.buses)?;
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
     let outputs = Outputs::start(&Wanted {
@@ -113,9 +113,9 @@ fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration,
     }
 }
 
-/// Opens the buses. For at most `patience`, waits for those that are missing or down, and reports each once.
-fn await_buses(settings: &Settings, patience: Duration) -> Result<Buses, BusError> {
-    let end = clock::monotonic() + patience;
+/// Opens the buses. For at most `bus_timeout`, waits for those that are missing or down, and reports each once.
+fn await_buses(settings: &Settings, bus_timeout: Duration) -> Result<Buses, BusError> {
+    let end = clock::monotonic() + bus_timeout;
     let mut reported = String::new();
     loop {
         let error = match buses::open(settings) {
@@ -124,7 +124,7 @@ fn await_buses(settings: &Settings, patience: Duration) -> Result<Buses, BusErro
         };
         systemd::waiting(&error, 4 * WAIT_TURN);
         if error != reported {
-            let seconds = patience.as_secs_f64();
+            let seconds = bus_timeout.as_secs_f64();
             tracing::warn!(see = "gone", "{error}; waiting for it, at most {seconds:.0} s");
             reported = error;
         }

@@ -76,7 +76,7 @@ impl Log {
     }
 
     /// Takes the lines of `tracing` from now on, those of `most` and more important ones.
-    pub fn hear_tracing(&self, most: LevelFilter) {
+    pub fn capture_tracing(&self, most: LevelFilter) {
         let lines = tracing_subscriber::fmt()
             .with_writer(self.clone())
             .with_max_level(most)
@@ -92,7 +92,7 @@ impl Log {
 
     /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not wait
     /// for the writing.
-    pub fn hear_panics(&self) {
+    pub fn capture_panics(&self) {
         let log = self.clone();
         std::panic::set_hook(Box::new(move |panic| {
             let thread = std::thread::current();
@@ -189,7 +189,7 @@ fn write(mut out: impl Write, messages: &Receiver<Message>, dropped: &AtomicU64)
             }
             Message::Flush(written) => {
                 let _lost = out.flush();
-                let _gone = written.send(());
+                let _disconnected = written.send(());
             }
         }
         let lines = dropped.swap(0, Ordering::Relaxed);

@@ -29,7 +29,7 @@ static ASKED: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Arc::default);
 /// # Errors
 ///
 /// The error of the system when it refuses a signal handler.
-pub(crate) fn hear_requests() -> io::Result<()> {
+pub(crate) fn register_requests() -> io::Result<()> {
     tracing::warn!("this build panics on request: it is for tests, not for robots");
     for index in 0..THREADS.len() {
         register_usize(libc::SIGRTMIN() + index as i32, Arc::clone(&ASKED), index + 1)?;

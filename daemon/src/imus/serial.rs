@@ -22,7 +22,7 @@ const FLOOD_FACTOR: u32 = 4;
 /// fifth of a processor.
 const REST_FACTOR: u32 = 4;
 /// Bytes without a sample after which the baud rate or the type is wrong.
-const DUMB_BYTES: usize = 2000;
+const NO_SAMPLE_BYTES: usize = 2000;
 
 /// Time over which the rate of a device is compared with the configured one, and the tolerance.
 const RATE_WINDOW: Duration = Duration::from_secs(2);
@@ -100,7 +100,7 @@ impl SerialImu {
             Ok(bytes) => {
                 let begun = clock::monotonic();
                 self.decode(bytes, received);
-                if self.without_sample >= DUMB_BYTES {
+                if self.without_sample >= NO_SAMPLE_BYTES {
                     std::thread::sleep(clock::monotonic().since(begun) * REST_FACTOR);
                 }
                 if bytes.len() == READ_BYTES {
@@ -133,10 +133,10 @@ impl SerialImu {
         for byte in bytes {
             match self.decoder.push(*byte) {
                 None => self.without_sample += 1,
-                Some(decoded) => self.judge(decoded, received),
+                Some(decoded) => self.handle(decoded, received),
             }
         }
-        if self.without_sample >= DUMB_BYTES {
+        if self.without_sample >= NO_SAMPLE_BYTES {
             let ImuSerial { protocol, device, baud } = &self.line;
             self.log.remark(Remark::NoSamples, || {
                 format!(
@@ -148,7 +148,7 @@ impl SerialImu {
         }
     }
 
-    fn judge(&mut self, decoded: Result<Sample, SampleError>, received: Instant) {
+    fn handle(&mut self, decoded: Result<Sample, SampleError>, received: Instant) {
         match decoded.map(|sample| (sample, ImuSample::of(&sample))) {
             Ok((_, Some(complete))) if self.repetition.is_stuck(&complete, received) => {
                 self.reject();
@@ -330,14 +330,14 @@ mod tests {
 
     #[test]
     fn hang_up_disconnects_at_once() {
-        for gone in [Ok(&[][..]), Err(Errno::EIO), Err(Errno::ENODEV), Err(Errno::ENXIO)] {
+        for end in [Ok(&[][..]), Err(Errno::EIO), Err(Errno::ENODEV), Err(Errno::ENXIO)] {
             let (mut imu, mut output) = imu(SerialProtocol::Hipnuc);
             imu.take(Ok(&encoded(SerialProtocol::Hipnuc, &sample(1))), at(0));
             imu.take(Err(Errno::EAGAIN), at(1));
             assert!(output.read().is_connected);
-            imu.take(gone, at(2));
+            imu.take(end, at(2));
             let reading = *output.read();
-            assert_eq!((reading.sequence, reading.is_connected), (1, false), "{gone:?}");
+            assert_eq!((reading.sequence, reading.is_connected), (1, false), "{end:?}");
         }
     }
 

@@ -17,7 +17,7 @@ pub(super) struct Source {
     period: Duration,
     due: Instant,
     /// Samples of a plant that have not arrived, and when they do.
-    under_way: VecDeque<(Instant, ImuOutput)>,
+    in_flight: VecDeque<(Instant, ImuOutput)>,
 }
 
 /// The body that simulated IMUs measure.
@@ -38,13 +38,13 @@ impl Source {
             writer,
             period: Duration::from_secs_f64(1.0 / imu.rate_hz),
             due: start,
-            under_way: VecDeque::new(),
+            in_flight: VecDeque::new(),
         }
     }
 
     /// Returns when it next measures, or when its next sample arrives.
     fn next(&self) -> Instant {
-        self.under_way.front().map_or(self.due, |(arrives, _)| self.due.min(*arrives))
+        self.in_flight.front().map_or(self.due, |(arrives, _)| self.due.min(*arrives))
     }
 
     /// Takes the sample that is due, and passes those that have arrived.
@@ -55,7 +55,7 @@ impl Source {
                 World::Blind => Some(ImuOutput::Nothing),
                 World::Body(body) => {
                     let output = self.device.sample_of(body.read());
-                    self.under_way.push_back((self.due + self.device.delay(), output));
+                    self.in_flight.push_back((self.due + self.device.delay(), output));
                     None
                 }
             };
@@ -67,7 +67,7 @@ impl Source {
                 self.due = self.due + self.period;
             }
         }
-        while let Some((_, output)) = self.under_way.pop_front_if(|(arrives, _)| *arrives <= now) {
+        while let Some((_, output)) = self.in_flight.pop_front_if(|(arrives, _)| *arrives <= now) {
             self.pass(&output, now);
         }
     }
@@ -148,7 +148,7 @@ mod tests {
             writer: Writer::new(input, Mount::ALIGNED),
             period: Duration::from_millis(5),
             due: Instant::ZERO,
-            under_way: VecDeque::new(),
+            in_flight: VecDeque::new(),
         };
         (SimulatedImus::new(vec![source], World::Body(measured), Instant::ZERO), body, read)
     }

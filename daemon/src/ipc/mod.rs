@@ -235,7 +235,7 @@ impl IpcThread {
         }
         self.count(published.is_err());
         if let Some(first_state) = self.first_state.take() {
-            let _gone = first_state.send(());
+            let _disconnected = first_state.send(());
         }
         true
     }
@@ -282,7 +282,7 @@ impl IpcThread {
                 }
             }
             operation => {
-                self.questions.askers.note_request(&payload);
+                self.questions.programs.note_request(&payload);
                 let spare = if operation == Ok(Operation::EmergencyStop) { 0 } else { STOPS };
                 match self.requested.keep(request, spare) {
                     Ok(ticket) => {
@@ -322,7 +322,7 @@ impl IpcThread {
 
     /// Sends the answer. It is dropped when the requester has disconnected.
     fn answer(&self, request: Request, reply: AdminReply, text: &[u8]) {
-        let _gone = request.reply(reply, text);
+        let _disconnected = request.reply(reply, text);
     }
 
     fn count(&self, failed: bool) {
@@ -340,8 +340,8 @@ mod tests {
     use motord_ports::{ClientPorts, Instance, Question};
 
     /// The thread, with a cycle and a telemetry thread that answer nothing.
-    fn unanswered(place: &std::path::Path, test: impl FnOnce(&mut IpcThread, &ClientPorts)) {
-        let instance = Instance::below(place, "robot").unwrap();
+    fn unanswered(directory: &std::path::Path, test: impl FnOnce(&mut IpcThread, &ClientPorts)) {
+        let instance = Instance::below(directory, "robot").unwrap();
         let lock = instance.lock().unwrap();
         let (_cycle, ends) = motord_core::cycle::link(1, 0);
         let (end, _telemetry, _supply) = CycleEnd::split(ends);
@@ -374,8 +374,8 @@ mod tests {
 
     #[test]
     fn retrying_client_leaves_slots_for_emergency_stops() {
-        let place = tempfile::tempdir().unwrap();
-        unanswered(place.path(), |thread, client| {
+        let directory = tempfile::tempdir().unwrap();
+        unanswered(directory.path(), |thread, client| {
             for _ in 0..2 * REQUESTS_MAX {
                 let _given_up = refusal(&ask(thread, client, Operation::Enable));
             }
@@ -387,8 +387,8 @@ mod tests {
 
     #[test]
     fn abandoned_questions_are_bounded_and_block_nothing() {
-        let place = tempfile::tempdir().unwrap();
-        unanswered(place.path(), |thread, client| {
+        let directory = tempfile::tempdir().unwrap();
+        unanswered(directory.path(), |thread, client| {
             for _ in 0..2 * QUESTIONS_MAX {
                 let _given_up = refusal(&ask(thread, client, Operation::Telemetry));
             }
@@ -399,9 +399,9 @@ mod tests {
     }
 
     #[test]
-    fn questions_that_their_asker_dropped_are_no_errors() {
-        let place = tempfile::tempdir().unwrap();
-        unanswered(place.path(), |thread, client| {
+    fn questions_of_dropped_requests_are_no_errors() {
+        let directory = tempfile::tempdir().unwrap();
+        unanswered(directory.path(), |thread, client| {
             let request = AdminRequest { operation: Operation::Describe.code(), ..Default::default() };
             for operation in [Operation::Describe, Operation::Telemetry, Operation::Enable] {
                 for _ in 0..2 * QUESTIONS_MAX {

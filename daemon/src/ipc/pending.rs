@@ -32,8 +32,8 @@ impl<R> Pending<R> {
 
     /// Removes and returns the request with this ticket; `None` when no client waits for the answer.
     pub(super) fn take(&mut self, ticket: u32) -> Option<R> {
-        let place = self.requests.iter().position(|(pending, _)| *pending == ticket)?;
-        self.requests.swap_remove(place).1
+        let index = self.requests.iter().position(|(pending, _)| *pending == ticket)?;
+        self.requests.swap_remove(index).1
     }
 
     /// Drops the requests whose answers no client waits for. Their tickets stay.

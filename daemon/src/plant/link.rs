@@ -83,9 +83,9 @@ pub enum PlantError {
 }
 
 impl PlantError {
-    fn of(error: io::Error, patience: Duration) -> Self {
+    fn of(error: io::Error, timeout: Duration) -> Self {
         match error.kind() {
-            ErrorKind::WouldBlock | ErrorKind::TimedOut => Self::Silent(patience),
+            ErrorKind::WouldBlock | ErrorKind::TimedOut => Self::Silent(timeout),
             ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => Self::Ended,
             _ => Self::Io(error),
         }

@@ -1,6 +1,6 @@
 //! The owners of the groups and their last changes, as the events of the cycle tell them.
 
-use super::askers::Askers;
+use super::programs::Programs;
 use motord_core::control::Event;
 use motord_shared::description::{FirstStop, GroupHistory, Process};
 
@@ -36,8 +36,8 @@ impl Groups {
     }
 
     /// Takes in an event of the cycle `cycle`.
-    pub(super) fn record(&mut self, cycle: u64, event: Event, askers: &Askers) {
-        let process = |pid| Process { pid, program: askers.program(pid).unwrap_or_default() };
+    pub(super) fn record(&mut self, cycle: u64, event: Event, programs: &Programs) {
+        let process = |pid| Process { pid, program: programs.program(pid).unwrap_or_default() };
         match event {
             Event::Owner { group, pid: Some(pid) } => {
                 self.0[group].history.owner = Some(process(pid));
@@ -66,20 +66,20 @@ mod tests {
     #[test]
     fn last_owner_is_kept_and_reset_clears_stop() {
         let mut groups = Groups::new(2);
-        let (pid, askers) = (std::process::id(), Askers::default());
-        groups.record(5, Event::Owner { group: 1, pid: Some(pid) }, &askers);
-        groups.record(6, Event::Owner { group: 1, pid: None }, &askers);
+        let (pid, programs) = (std::process::id(), Programs::default());
+        groups.record(5, Event::Owner { group: 1, pid: Some(pid) }, &programs);
+        groups.record(6, Event::Owner { group: 1, pid: None }, &programs);
         groups.record(
             7,
             Event::Stopped { group: 1, cause: Cause::OwnerLost, motor: None, pid: Some(pid) },
-            &askers,
+            &programs,
         );
-        groups.record(7, Event::Group { group: 1, phase: Phase::Damping }, &askers);
+        groups.record(7, Event::Group { group: 1, phase: Phase::Damping }, &programs);
         let history = &groups.history()[1];
         assert_eq!(history.owner.as_ref().map(|owner| owner.pid), Some(pid));
         assert_eq!((history.phase_cycle, history.stop_cycle), (7, Some(7)));
         assert_eq!(history.stopped_by.as_ref().map(|process| process.pid), Some(pid));
-        groups.record(9, Event::Reset { group: 1 }, &askers);
+        groups.record(9, Event::Reset { group: 1 }, &programs);
         let history = &groups.history()[1];
         assert_eq!((history.stop_cycle, &history.stopped_by), (None, &None));
         assert_eq!(groups.history()[0], GroupHistory::default());
@@ -87,17 +87,17 @@ mod tests {
 
     #[test]
     fn first_stop_is_kept_beside_emergency_stop() {
-        let (mut groups, askers) = (Groups::new(1), Askers::default());
+        let (mut groups, programs) = (Groups::new(1), Programs::default());
         let lost = Event::Stopped { group: 0, cause: Cause::MotorLost, motor: Some(3), pid: None };
-        groups.record(7, lost, &askers);
+        groups.record(7, lost, &programs);
         assert_eq!(groups.history()[0].first, None);
         for cycle in [8, 9] {
             let stop = Event::Stopped { group: 0, cause: Cause::EmergencyStop, motor: None, pid: Some(1) };
-            groups.record(cycle, stop, &askers);
+            groups.record(cycle, stop, &programs);
         }
         let first = FirstStop { cause: Cause::MotorLost.code(), joint: Some(3), cycle: 7, by: None };
         assert_eq!(groups.history()[0].first, Some(first));
-        groups.record(10, Event::Reset { group: 0 }, &askers);
+        groups.record(10, Event::Reset { group: 0 }, &programs);
         assert_eq!(groups.history()[0].first, None);
     }
 }

@@ -12,7 +12,7 @@
 //! Frequent changes of a motor or bus are summed up once a second, missed ticks once a minute.
 
 use super::asked::Asked;
-use super::askers::Askers;
+use super::programs::Programs;
 use super::registers::RegisterLog;
 use super::unexpected::OtherFormats;
 use motord_core::control::{Event, Losses};
@@ -168,8 +168,8 @@ impl Log {
         }
     }
 
-    /// `askers` knows the programs of those who asked.
-    pub(super) fn log(&mut self, cycle: u64, event: Event, askers: &Askers) {
+    /// `programs` knows the programs of those who asked.
+    pub(super) fn log(&mut self, cycle: u64, event: Event, programs: &Programs) {
         match event {
             Event::Motor { motor, mode } => self.log_mode(cycle, motor, mode),
             Event::FramesLost { bus, losses } => self.log_losses(cycle, bus, losses),
@@ -199,11 +199,11 @@ impl Log {
                 self.groups[group].period = Some([period, horizon]);
             }
             Event::Stopped { group, cause, motor, pid } => {
-                let asker = pid.map(|pid| (pid, askers.program(pid)));
-                self.log_stop(cycle, group, cause, motor, asker);
+                let requester = pid.map(|pid| (pid, programs.program(pid)));
+                self.log_stop(cycle, group, cause, motor, requester);
             }
             Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),
-            Event::Owner { group, pid } => self.log_owner(cycle, group, pid, askers),
+            Event::Owner { group, pid } => self.log_owner(cycle, group, pid, programs),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
             Event::Imu { imu, is_lost } => self.log_imu(cycle, imu, is_lost),
             Event::Gravity { imu, contradictions, up, acceleration } => {
@@ -221,8 +221,8 @@ impl Log {
         let (see, check) = self.check_of_silence(cycle, motor, "check its power and wiring");
         let Motor { subject, is_missed, is_excluded, .. } = &mut self.motors[motor];
         let was_excluded = std::mem::replace(is_excluded, mode == MotorMode::Excluded);
-        let is_gone = mode == MotorMode::Offline && !is_moving && !was_excluded;
-        let was_missed = std::mem::replace(is_missed, is_gone);
+        let is_offline = mode == MotorMode::Offline && !is_moving && !was_excluded;
+        let was_missed = std::mem::replace(is_missed, is_offline);
         let is_logged = was_missed != *is_missed && subject.changes();
         let (motor, mode_name) = (&subject.name, mode.name());
         match (is_logged, *is_missed) {
@@ -403,7 +403,7 @@ impl Log {
         group: usize,
         cause: Cause,
         motor: Option<usize>,
-        asker: Option<(u32, Option<String>)>,
+        requester: Option<(u32, Option<String>)>,
     ) {
         let motor = motor.map(|motor| &self.motors[motor].subject.name);
         let group = &mut self.groups[group];
@@ -412,7 +412,7 @@ impl Log {
         let advice = period.and_then(|[period, horizon]| slow_owner(period, self.setpoint_timeout, horizon));
         let advice = advice.unwrap_or_else(|| cause.advice().into());
         let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied);
-        let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
+        let (pid, program) = requester.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
         let program = program.flatten();
         let (group, cause_name, sentence) = (&group.name, cause.name(), cause.sentence());
         if cause == Cause::Shutdown {
@@ -432,10 +432,10 @@ impl Log {
         );
     }
 
-    fn log_owner(&mut self, cycle: u64, group: usize, pid: Option<u32>, askers: &Askers) {
+    fn log_owner(&mut self, cycle: u64, group: usize, pid: Option<u32>, programs: &Programs) {
         let group = &mut self.groups[group];
         if let Some(pid) = pid {
-            let program = askers.program(pid);
+            let program = programs.program(pid);
             tracing::info!(cycle, group = group.name, pid, program, "claimed");
             group.owner = Some((pid, program));
             return;
@@ -469,15 +469,15 @@ impl Log {
     }
 
     /// Logs an answered request that no event of the cycle reports.
-    pub(super) fn log_request(&mut self, asked: &Asked, askers: &Askers) {
+    pub(super) fn log_request(&mut self, asked: &Asked, programs: &Programs) {
         let Ok(operation) = asked.request.operation() else { return };
         match Refusal::try_from(asked.reply.refusal) {
-            Ok(refusal) => self.log_refusal(operation, refusal, asked, askers),
+            Ok(refusal) => self.log_refusal(operation, refusal, asked, programs),
             Err(_) => {
                 let Some(done) = done(operation) else { return };
                 self.refused = None;
                 if self.requests.changes() {
-                    let (request, program) = (&asked.request, askers.program(asked.request.pid));
+                    let (request, program) = (&asked.request, programs.program(asked.request.pid));
                     let (group, joint) = self.names(request.group, request.joint, operation);
                     tracing::info!(cycle = asked.cycle, group, joint, pid = request.pid, program, "{done}");
                 }
@@ -486,12 +486,12 @@ impl Log {
     }
 
     /// A program that asks again and again is refused in one line.
-    fn log_refusal(&mut self, operation: Operation, refusal: Refusal, asked: &Asked, askers: &Askers) {
+    fn log_refusal(&mut self, operation: Operation, refusal: Refusal, asked: &Asked, programs: &Programs) {
         let is_same = |last: &Asked| Asked { cycle: asked.cycle, ..*last } == *asked;
         if self.refused.as_ref().is_some_and(is_same) || !self.requests.changes() {
             return;
         }
-        let (request, program) = (&asked.request, askers.program(asked.request.pid));
+        let (request, program) = (&asked.request, programs.program(asked.request.pid));
         let (group, joint) = self.names(request.group, request.joint, operation);
         let (why, sentence) = (refusal.name(), refusal.sentence());
         tracing::info!(

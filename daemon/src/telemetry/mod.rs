@@ -12,10 +12,10 @@
 //! No thread waits for it. Records and events that it is too slow for are dropped and counted.
 
 mod asked;
-pub mod askers;
 mod groups;
 mod log;
 mod measurements;
+pub mod programs;
 mod questions;
 mod registers;
 mod unexpected;
@@ -143,9 +143,9 @@ impl Recorder {
             if let Event::Silent { motor } | Event::Motor { motor, mode: MotorMode::Offline } = event {
                 self.unexpected_ids.search(self.motor_buses[motor]);
             }
-            self.groups.record(cycle, event, &self.answers.askers);
+            self.groups.record(cycle, event, &self.answers.programs);
             self.measurements.record(event);
-            self.log.log(cycle, event, &self.answers.askers);
+            self.log.log(cycle, event, &self.answers.programs);
         }
         self.housekeeping.buses.turn();
         self.log_requests(u64::MAX);
@@ -166,7 +166,7 @@ impl Recorder {
     fn log_requests(&mut self, cycle: u64) {
         while self.answers.asked.peek().is_ok_and(|asked| asked.cycle < cycle) {
             if let Ok(asked) = self.answers.asked.pop() {
-                self.log.log_request(&asked, &self.answers.askers);
+                self.log.log_request(&asked, &self.answers.programs);
             }
         }
     }
@@ -181,16 +181,16 @@ impl Recorder {
             }
             _ => self.measurements.telemetry(self.groups.history()),
         };
-        let _gone = self.answers.answers.send((ticket, text));
+        let _disconnected = self.answers.answers.send((ticket, text));
         self.ipc_thread.unpark();
     }
 
     fn reset(&mut self, request: &AdminRequest) {
         self.measurements.reset();
         // The requester waits for its answer, so its program can still be read.
-        self.answers.askers.note_request(request);
+        self.answers.programs.note_request(request);
         let cycle = self.counters.cycle.load(Ordering::Relaxed);
         let asked = Asked { cycle, request: *request, reply: AdminReply::default() };
-        self.log.log_request(&asked, &self.answers.askers);
+        self.log.log_request(&asked, &self.answers.programs);
     }
 }

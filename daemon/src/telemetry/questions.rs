@@ -1,7 +1,7 @@
 //! Between the ipc thread and telemetry: questions and their answers, and the ipc thread's measurements.
 
 use super::asked::{Answered, Asked, asked};
-use super::askers::Askers;
+use super::programs::Programs;
 use motord_bus::{Duration, Instant};
 use motord_shared::{AdminRequest, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -16,7 +16,7 @@ const STATE_PERIOD: Duration = Duration::from_millis(500);
 /// The ipc thread's way to ask for telemetry without waiting for it.
 pub struct Questions {
     /// The processes that ask, for the log.
-    pub askers: Askers,
+    pub programs: Programs,
     /// Takes the requests that were answered, for the log.
     pub answered: Answered,
     questions: Sender<(u32, AdminRequest)>,
@@ -54,7 +54,7 @@ impl Questions {
 /// The telemetry thread's end of the questions.
 pub struct Answers {
     pub(super) asked: Consumer<Asked>,
-    pub(super) askers: Askers,
+    pub(super) programs: Programs,
     pub(super) questions: Receiver<(u32, AdminRequest)>,
     pub(super) answers: Sender<(u32, String)>,
     /// How long each states took from their publication to the clients, ns.
@@ -71,17 +71,17 @@ pub fn questions() -> (Questions, Answers) {
     let (answered, asked) = asked();
     let (delivery_producer, delivery_consumer) = RingBuffer::new(DELIVERIES);
     let (state_input, state_output) = TripleBuffer::new(&StateMessage::default()).split();
-    let askers = Askers::default();
+    let programs = Programs::default();
     let answers = Answers {
         asked,
-        askers: askers.clone(),
+        programs: programs.clone(),
         questions: question_receiver,
         answers: answer_sender,
         deliveries: delivery_consumer,
         states: state_output,
     };
     let questions = Questions {
-        askers,
+        programs,
         answered,
         questions: question_sender,
         answers: answer_receiver,

@@ -21,7 +21,7 @@ use crate::ipc::owners::{Deaths, owners};
 use crate::plant::{Plant, PlantError};
 use crate::run_error::RunError;
 use crate::simulation;
-use crate::telemetry::askers::Askers;
+use crate::telemetry::programs::Programs;
 use crate::telemetry::{self, Answers, Housekeeping, Recorder};
 use motord_bus::{Duration, Monotonic, clock};
 use motord_core::control::ImuReading;
@@ -98,7 +98,7 @@ impl Assembled {
         let (owners, deaths) = owners().map_err(io::Error::from)?;
         let (end, observed, supply) = CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
-        let stops = Stops { stops, askers: questions.askers.clone(), injectors };
+        let stops = Stops { stops, programs: questions.programs.clone(), injectors };
         let ends = ipc::Ends { cycle: end, owners, imus: imus.external, questions };
         let ipc = ipc::start(&starter, ends)?;
         start_owners(&starter, deaths)?;
@@ -161,8 +161,8 @@ impl Served {
     ) -> Result<Observed, RunError> {
         let Self { starter, cycle, claims, observed, supply, answers, stops, unplanted, ipc } = self;
         let Starter { settings, lock, counters, .. } = &starter;
-        let (broken, hears_broken) = channel();
-        start_reconnector(&starter, Reconnector::new(supply, Arc::downgrade(&claims)), hears_broken)?;
+        let (broken, broken_buses) = channel();
+        start_reconnector(&starter, Reconnector::new(supply, Arc::downgrade(&claims)), broken_buses)?;
         let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(counters));
         let lost = directory.lost();
         let config = ConfigWatch::new(config, Arc::clone(counters));
@@ -235,17 +235,17 @@ fn start_registrar(starter: &Starter, pulse: Pulse) -> Result<(), RunError> {
 /// The ends of the threads that take emergency stops and simulated faults.
 struct Stops {
     stops: Arc<EmergencyStops>,
-    askers: Askers,
+    programs: Programs,
     injectors: Option<Injectors>,
 }
 
 impl Stops {
     fn start(self, starter: &Starter) -> Result<(), RunError> {
-        let Self { stops, askers, injectors } = self;
+        let Self { stops, programs, injectors } = self;
         let instance = starter.lock.instance().clone();
         // This thread sleeps until a stop arrives. No other load of the computer may delay that stop.
         starter.detach_below_the_cycle("stop", move |orders| {
-            emergency_stop::run(&instance, stops, askers, || orders.are(Orders::END));
+            emergency_stop::run(&instance, stops, programs, || orders.are(Orders::END));
         })?;
         injectors.map_or(Ok(()), |injectors| start_simulation(starter, injectors))
     }

@@ -1,6 +1,6 @@
 //! Arbitrary and damaged files.
 
-use crate::document::{GOOD, judge, machine, shipped};
+use crate::document::{GOOD, machine, shipped, validate};
 use crate::shipped::shipped_names;
 use motord_configuration::{Loaded, parse};
 use proptest::prelude::*;
@@ -37,16 +37,16 @@ proptest! {
         let at = at.index(text.len());
         let end = (at + removed).min(text.len());
         let mut damaged = [&text[..at], inserted.as_bytes(), &text[end..]].concat();
-        if let Some(place) = moved {
-            let place = place.index(damaged.len() + 1);
-            damaged.splice(place..place, text[at..end].iter().copied());
+        if let Some(location) = moved {
+            let location = location.index(damaged.len() + 1);
+            damaged.splice(location..location, text[at..end].iter().copied());
         }
         if let Err(error) = parse(Path::new("robot.toml"), &damaged, &machine()) {
             prop_assert!(!error.problems.is_empty());
             let lines = 1 + damaged.iter().filter(|byte| **byte == b'\n').count();
             for problem in &error.problems {
-                let place = problem.place.as_ref();
-                prop_assert!(place.is_some_and(|place| (1..=lines).contains(&place.line)), "{}", problem);
+                let location = problem.location.as_ref();
+                prop_assert!(location.is_some_and(|location| (1..=lines).contains(&location.line)), "{}", problem);
                 prop_assert!(!problem.to_string().contains(char::is_control), "{:?}", problem.to_string());
             }
         }
@@ -61,9 +61,9 @@ proptest! {
     ) {
         let end = (at + removed).min(GOOD.len());
         let text = format!("{}{inserted}{}", &GOOD[..at], &GOOD[end..]);
-        if let Err(error) = judge(&text) {
+        if let Err(error) = validate(&text) {
             prop_assert!(!error.problems.is_empty());
-            prop_assert!(error.problems.iter().all(|problem| problem.place.is_some()));
+            prop_assert!(error.problems.iter().all(|problem| problem.location.is_some()));
         }
     }
 
@@ -75,7 +75,7 @@ proptest! {
         let at = numbers[nth % numbers.len()].0 + 2;
         let line_end = at + GOOD[at..].find('\n').unwrap();
         let text = format!("{}{value:?}{}", &GOOD[..at], &GOOD[line_end..]);
-        if let Ok(Loaded { settings, .. }) = judge(&text) {
+        if let Ok(Loaded { settings, .. }) = validate(&text) {
             prop_assert!(settings.cycle.period >= Duration::from_micros(250));
             for motor in settings.motors {
                 let (torque, kp) = (motor.limits.torque, motor.limits.kp);

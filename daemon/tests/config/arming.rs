@@ -43,15 +43,15 @@ fn settings() -> Settings {
 /// Returns the motors that are marked after `change` to the motors on the bus.
 fn marked(change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
-    judged(&directory.path().join("robot.toml"), change)
+    checked(&directory.path().join("robot.toml"), change)
 }
 
-fn judged(file: &Path, change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
+fn checked(file: &Path, change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
     let settings = settings();
     let (bus, mut motors) = buses::physics(&settings, 0);
     change(&mut motors);
     let bus: Box<dyn Bus> = Box::new(SimulatedBus::new(bus, motors, 1));
-    let (buses, mismatched) = arming::judge(&settings, file, vec![bus]).unwrap();
+    let (buses, mismatched) = arming::check(&settings, file, vec![bus]).unwrap();
     assert_eq!(buses.len(), 1, "the cycle gets its bus back");
     mismatched.into_iter().map(|joint| settings.motors[joint].name.clone()).collect()
 }
@@ -109,5 +109,5 @@ fn silent_motor_is_judged_by_the_lock() {
         values: [("gear-ratio".to_owned(), 8.0)].into(),
     };
     Lock::new(vec![elbow]).save(&file).unwrap();
-    assert_eq!(judged(&file, Vec::clear), ["elbow"]);
+    assert_eq!(checked(&file, Vec::clear), ["elbow"]);
 }

@@ -1,6 +1,6 @@
 //! `[[imu]]` on a CAN bus: its ids, its rate and its load.
 
-use crate::document::judge;
+use crate::document::validate;
 use motord_settings::imu_load::ImuLoad;
 use motord_settings::plan::BusPlan;
 
@@ -26,13 +26,13 @@ fn robot_with(models: &[&str], imu: &str) -> String {
 }
 
 fn error(imu: &str) -> String {
-    judge(&robot(imu)).expect_err(imu).to_string()
+    validate(&robot(imu)).expect_err(imu).to_string()
 }
 
 #[test]
 fn can_imus_have_vendor_ids_by_default() {
     let device = |imu: &str| {
-        let settings = judge(&robot(imu)).unwrap().settings;
+        let settings = validate(&robot(imu)).unwrap().settings;
         let can = settings.imus[0].source.can().unwrap();
         (can.bus, can.device.sent_ids().collect::<Vec<_>>(), can.device.request_id())
     };
@@ -96,7 +96,7 @@ fn colliding_ids_of_imus_are_refused() {
     }
     let shared = "type = 'damiao'\nbus = 'body'\nfirmware = 1022\nrate-hz = 100\n";
     let two = |ids: &str| {
-        judge(&format!("[cycle]\nrate-hz = 500\n{}", robot(&format!("{shared}{second}{shared}{ids}"))))
+        validate(&format!("[cycle]\nrate-hz = 500\n{}", robot(&format!("{shared}{second}{shared}{ids}"))))
     };
     assert!(two("can-id = 2\nmaster-id = 18").is_ok());
     assert!(two("master-id = 18").is_err(), "one device twice");
@@ -117,14 +117,15 @@ fn imu_never_sends_what_motors_obey() {
     ] {
         let master = if ids.contains('9') { "" } else { "master-id = 18" };
         let text = robot_with(&["DM-J4310-2EC"], &format!("type = 'damiao'\nbus = 'leg'\n{ids}\n{master}"));
-        let error = judge(&text).expect_err(ids).to_string();
+        let error = validate(&text).expect_err(ids).to_string();
         assert!(error.contains(expected), "{error}");
     }
 }
 
 #[test]
 fn rates_of_devices_are_checked() {
-    let hipnuc = |rate: f64| judge(&robot(&format!("type = 'hipnuc-can'\nbus = 'body'\nrate-hz = {rate}")));
+    let hipnuc =
+        |rate: f64| validate(&robot(&format!("type = 'hipnuc-can'\nbus = 'body'\nrate-hz = {rate}")));
     for rate in [10.0, 100.0, 166.7, 200.0] {
         assert!(hipnuc(rate).is_ok(), "{rate}");
     }
@@ -135,7 +136,7 @@ fn rates_of_devices_are_checked() {
             "{error}"
         );
     }
-    let damiao = |rate: f64| judge(&robot(&format!("type = 'damiao'\nbus = 'body'\nrate-hz = {rate}")));
+    let damiao = |rate: f64| validate(&robot(&format!("type = 'damiao'\nbus = 'body'\nrate-hz = {rate}")));
     for rate in [1000.0, 500.0, 333.3, 200.0] {
         assert!(damiao(rate).is_ok(), "{rate}");
     }
@@ -147,7 +148,7 @@ fn rates_of_devices_are_checked() {
 #[test]
 fn plan_counts_frames_of_imus() {
     let plan = |models: &[&str], imu: &str| {
-        let settings = judge(&robot_with(models, imu)).unwrap().settings;
+        let settings = validate(&robot_with(models, imu)).unwrap().settings;
         (
             BusPlan::of(&settings).swap_remove(usize::from(imu.contains("body"))),
             ImuLoad::of(&settings, &settings.imus[0]).unwrap(),
@@ -169,12 +170,12 @@ fn plan_counts_frames_of_imus() {
 #[test]
 fn imu_that_delays_last_reply_is_refused() {
     let text = robot_with(&["GIM8108-8"; 3], "type = 'hipnuc-can'\nbus = 'leg'");
-    let error = judge(&text).expect_err("a reply is late").to_string();
+    let error = validate(&text).expect_err("a reply is late").to_string();
     assert!(error.contains("imu.bus: the frames of the IMU delay the last reply to 866 µs"), "{error}");
     assert!(error.contains("give it another bus, or lower cycle.rate-hz to at most 923 Hz"), "{error}");
     assert!(!error.contains("bus: the last reply"), "{error}");
     let slow = text.replace("[[bus]]\nname = 'leg'", "[cycle]\nrate-hz = 900\n[[bus]]\nname = 'leg'");
-    assert!(judge(&slow).is_ok());
+    assert!(validate(&slow).is_ok());
 }
 
 #[test]
@@ -182,6 +183,6 @@ fn bus_that_imus_fill_is_refused() {
     let bus = "type = 'simulated'\nbitrate = 50000";
     let text = robot("type = 'hipnuc-can'\nbus = 'body'\nrate-hz = 200");
     let slow = text.replace("name = 'body'\ntype = 'simulated'", &format!("name = 'body'\n{bus}"));
-    let error = judge(&slow).expect_err("192 %").to_string();
+    let error = validate(&slow).expect_err("192 %").to_string();
     assert!(error.contains("imu.bus: with the IMU the bus needs 192.0 % of its time at worst"), "{error}");
 }

@@ -75,7 +75,7 @@ pub(crate) fn machine() -> Machine {
     Machine { processors: vec![0, 1], priority_max: 98 }
 }
 
-pub(crate) fn judge(text: &str) -> Result<Loaded, ConfigError> {
+pub(crate) fn validate(text: &str) -> Result<Loaded, ConfigError> {
     parse(Path::new("robot.toml"), text.as_bytes(), &machine())
 }
 
@@ -86,13 +86,13 @@ pub(crate) fn damaged(line: &str, instead: &str) -> String {
 
 /// Returns the only error of a configuration.
 pub(crate) fn only_error(text: &str) -> String {
-    let error = judge(text).expect_err("must be refused").to_string();
+    let error = validate(text).expect_err("must be refused").to_string();
     assert_eq!(error.lines().count(), 1, "one mistake, one line:\n{error}");
     error
 }
 
 pub(crate) fn warnings(text: &str) -> Vec<String> {
-    judge(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
+    validate(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
 }
 
 /// The message about a limit names the highest usable one, at the motor; at the joint it is a sum that rounds.
@@ -105,7 +105,7 @@ fn recommended_position_limit_is_accepted_with_every_offset() {
             "damping-kd = 2.0\n[motor.limits]\nposition-rad = [-1.2, 1.2]",
             &format!("offset-rad = {offset}\n[motor.limits]\nposition-rad = [{low}, {high}]"),
         );
-        if let Err(error) = judge(&text) {
+        if let Err(error) = validate(&text) {
             panic!("{offset}: {error}");
         }
     }
@@ -133,7 +133,7 @@ fn the_configuration_that_the_tests_damage_is_good() {
 
 #[test]
 fn serial_bus_uses_configured_turnaround_and_turns() {
-    let settings = judge(&with_serial()).expect("it is good").settings;
+    let settings = validate(&with_serial()).expect("it is good").settings;
     let bus = settings.buses.iter().find(|bus| bus.name == "gripper").expect("it has one");
     let turnaround = std::time::Duration::from_micros(500);
     assert_eq!(bus.kind, Serial { device: "/dev/null".into(), baud: 921_600, turnaround }.into());
@@ -169,9 +169,9 @@ fn the_plan_of_a_refused_bus_is_shown() {
         (line, "gripper", "TOO FULL: it needs every = 2"),
     ] {
         let file = write(&folder, &text);
-        let (mut json, mut said) = (Vec::new(), Vec::new());
+        let (mut json, mut printed) = (Vec::new(), Vec::new());
         assert_eq!(check(&file, JSON, &mut json).unwrap(), EXIT_CONFIG);
-        assert_eq!(check(&file, TEXT, &mut said).unwrap(), EXIT_CONFIG);
+        assert_eq!(check(&file, TEXT, &mut printed).unwrap(), EXIT_CONFIG);
         let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
         let buses = report["buses"].as_array().unwrap();
         let planned = buses.iter().find(|planned| planned["name"] == bus).unwrap();
@@ -179,9 +179,9 @@ fn the_plan_of_a_refused_bus_is_shown() {
         let rate_hz = if bus == "front-left" { 1500.0 } else { 1000.0 };
         assert!(planned["rate_hz_max"].as_f64() < Some(rate_hz), "{planned}");
         assert!(bus == "front-left" || overlaps, "{planned}");
-        let said = String::from_utf8(said).unwrap();
-        assert!(said.lines().any(|line| line.starts_with(bus) && line.contains(advice)), "{said}");
-        assert!(said.lines().last().unwrap().contains("is refused, errors: "), "{said}");
+        let printed = String::from_utf8(printed).unwrap();
+        assert!(printed.lines().any(|line| line.starts_with(bus) && line.contains(advice)), "{printed}");
+        assert!(printed.lines().last().unwrap().contains("is refused, errors: "), "{printed}");
     }
     let unknown = write(&folder, &damaged("model = 'GIM3505-8'", "model = 'GIM3505-9'"));
     let mut json = Vec::new();
@@ -213,7 +213,7 @@ fn all_mistakes_are_reported_in_one_run() {
     ];
     let text =
         mistakes.iter().fold(GOOD.to_owned(), |text, (line, instead, _)| text.replacen(line, instead, 1));
-    let error = judge(&text).expect_err("must be refused").to_string();
+    let error = validate(&text).expect_err("must be refused").to_string();
     assert_eq!(error.lines().count(), mistakes.len(), "{error}");
     for (line, (.., expected)) in error.lines().zip(mistakes) {
         assert!(line.contains(expected), "expected {expected}, got {line}");
@@ -252,7 +252,10 @@ fn one_bracket_or_two_is_told() {
         only_error(&damaged("[cycle]\nrate-hz = 1000", "[daemon.cycle]")).contains("unknown key `cycle`")
     );
     assert!(
-        judge("bus = 3").expect_err("no table").to_string().contains("expected a table, found the integer 3")
+        validate("bus = 3")
+            .expect_err("no table")
+            .to_string()
+            .contains("expected a table, found the integer 3")
     );
 }
 
@@ -300,7 +303,7 @@ fn angle_beyond_a_turn_suggests_degrees() {
 
 #[test]
 fn ipc_table_has_one_of_two_names() {
-    let mode = |text: &str| judge(text).expect("is good").settings.ipc.mode;
+    let mode = |text: &str| validate(text).expect("is good").settings.ipc.mode;
     let spin = damaged("mode = 'timed'", "mode = 'spin'");
     assert_eq!(mode(&spin), IpcMode::Spin);
     assert_eq!(mode(&spin.replacen("[exchange]", "[ipc]", 1)), IpcMode::Spin);
@@ -328,7 +331,7 @@ fn missing_bus_or_motor_says_what_to_write() {
     let bus =
         "robot.toml:1:1: bus: is missing; motord needs at least one: write [[bus]] with its name and type";
     let motor = "robot.toml:1:1: motor: is missing; motord needs at least one: write [[motor]] with its name, bus, id, protocol and model";
-    let error = judge("[cycle]\n").expect_err("must be refused").to_string();
+    let error = validate("[cycle]\n").expect_err("must be refused").to_string();
     assert_eq!(error, format!("{bus}\n{motor}"));
     assert_eq!(only_error("[[bus]]\nname = 'a'\ntype = 'simulated'\n"), motor);
 }
@@ -348,7 +351,7 @@ fn no_file_writes_control_characters_to_the_terminal() {
         ("name = 'knee'", "name = \"\\u001b[2J\\n\""),
         ("bus = 'gripper'", "bus = \"\\u001b[2J\""),
     ] {
-        let error = judge(&damaged(line, instead)).expect_err("must be refused").to_string();
+        let error = validate(&damaged(line, instead)).expect_err("must be refused").to_string();
         assert!(!error.replace('\n', "").contains(char::is_control), "{error:?}");
         assert!(
             error.lines().all(|line| line.starts_with("robot.toml:")),
@@ -375,13 +378,13 @@ fn five_motors_exceed_a_bus_at_1_khz() {
         let at = |rate_hz: u32| format!("[cycle]\nrate-hz = {rate_hz}\n{}", text(count));
         let error = only_error(&at(rate_hz + 2));
         assert!(error.contains(&format!("lower cycle.rate-hz to at most {rate_hz} Hz")), "{error}");
-        assert!(judge(&at(rate_hz)).is_ok());
+        assert!(validate(&at(rate_hz)).is_ok());
     }
     let warned = warnings(&format!("[cycle]\nrate-hz = 819\n{}", text(4)));
     assert!(warned[0].contains("81.9 %") && warned[0].contains("at most 80 % is sound"), "{warned:?}");
     assert!(warned[1].contains("faults are asked for only in cycles"), "{warned:?}");
     assert_eq!(warnings(&text(3)), [""; 0]);
-    let error = judge(&text(65)).expect_err("must be refused").to_string();
+    let error = validate(&text(65)).expect_err("must be refused").to_string();
     assert!(error.contains("more than 64"), "{error}");
 }
 
@@ -433,7 +436,7 @@ fn shared_host_id_on_line_is_one_warning() {
 fn too_eager_dead_mans_switch_is_a_warning() {
     for (text, expected_ms) in [("rate-hz = 1000", 7), ("rate-hz = 250", 13), ("max-lateness-ms = 100", 102)]
     {
-        let Loaded { settings, warnings, .. } = judge(&GOOD.replacen("rate-hz = 1000", text, 1)).unwrap();
+        let Loaded { settings, warnings, .. } = validate(&GOOD.replacen("rate-hz = 1000", text, 1)).unwrap();
         assert_eq!(settings.safety.deadman, Duration::from_millis(expected_ms), "{text}");
         assert!(warnings.is_empty(), "{text}: {warnings:?}");
     }
@@ -451,12 +454,15 @@ fn missing_interface_is_a_warning() {
 #[test]
 fn excessive_priority_is_error_only_if_realtime_required() {
     let limited = Machine { priority_max: 0, ..machine() };
-    let judge =
+    let validate =
         |cycle: &str| parse(Path::new("robot.toml"), damaged("rate-hz = 1000", cycle).as_bytes(), &limited);
-    assert!(judge("rate-hz = 1000").expect("may be run").warnings.is_empty(), "nobody asked for a priority");
-    let warned = judge("priority = 80").expect("may be run").warnings;
+    assert!(
+        validate("rate-hz = 1000").expect("may be run").warnings.is_empty(),
+        "nobody asked for a priority"
+    );
+    let warned = validate("priority = 80").expect("may be run").warnings;
     assert!(warned[0].to_string().contains("SCHED_FIFO 80 is beyond what motord may take here (0)"));
-    let refused = judge("require-realtime = true").expect_err("must be refused").to_string();
+    let refused = validate("require-realtime = true").expect_err("must be refused").to_string();
     assert!(
         refused.starts_with("robot.toml:5:20: cycle.require-realtime: SCHED_FIFO 80 is beyond"),
         "{refused}"
@@ -467,10 +473,10 @@ fn excessive_priority_is_error_only_if_realtime_required() {
 fn metrics_go_to_file_and_no_network() {
     let with = |telemetry: &str| format!("{GOOD}\n[telemetry]\n{telemetry}\n");
     let good = "prometheus-file = '/tmp/motord.prom'\nprometheus-listen = '[::1]:9464'";
-    let telemetry = judge(&with(good)).expect("is good").telemetry;
+    let telemetry = validate(&with(good)).expect("is good").telemetry;
     assert_eq!(telemetry.prometheus_file.as_deref(), Some(Path::new("/tmp/motord.prom")));
     assert_eq!(telemetry.prometheus_listen, Some("[::1]:9464".parse().unwrap()));
-    assert_eq!(judge(GOOD).expect("is good").telemetry, Default::default(), "nothing is opened unasked");
+    assert_eq!(validate(GOOD).expect("is good").telemetry, Default::default(), "nothing is opened unasked");
     for file in ["motord.prom", "/tmp/motord.txt", "/tmp/", ""] {
         let error = only_error(&with(&format!("prometheus-file = '{file}' #!")));
         assert!(error.contains("ends with .prom"), "{error}");
@@ -479,7 +485,7 @@ fn metrics_go_to_file_and_no_network() {
         let error = only_error(&with(&format!("prometheus-listen = '{address}' #!")));
         assert!(error.contains("no loopback address"), "{error}");
     }
-    let named = judge(&with("prometheus-hosts = ['robot.lan']")).expect("is good").telemetry;
+    let named = validate(&with("prometheus-hosts = ['robot.lan']")).expect("is good").telemetry;
     assert_eq!(named.prometheus_hosts, ["robot.lan"]);
     for host in ["robot.lan:9464", "http://robot.lan", "a b", ""] {
         let error = only_error(&with(&format!("prometheus-hosts = ['{host}'] #!")));
@@ -503,7 +509,7 @@ fn ipc_priority_is_below_cycle_unless_spinning() {
         ("priority = 40", "mode = 'spin'", None),
     ] {
         let text = damaged("mode = 'timed'", ipc).replace("rate-hz = 1000", cycle);
-        let Loaded { settings, .. } = judge(&text).expect("is good");
+        let Loaded { settings, .. } = validate(&text).expect("is good");
         assert_eq!(settings.ipc.priority, expected, "{cycle}, {ipc}");
     }
 }
@@ -529,7 +535,7 @@ fn what_is_not_written_is_cautious() {
 #[test]
 fn default_times_follow_a_slow_cycle() {
     let Loaded { settings, .. } =
-        judge(&GOOD.replace("setpoint-timeout-ms = 20", "").replace("rate-hz = 1000", "rate-hz = 50"))
+        validate(&GOOD.replace("setpoint-timeout-ms = 20", "").replace("rate-hz = 1000", "rate-hz = 50"))
             .expect("is good");
     assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(40));
     assert_eq!(settings.safety.deadman, Duration::from_millis(45));
@@ -538,13 +544,13 @@ fn default_times_follow_a_slow_cycle() {
 #[test]
 fn a_simulated_motor_starts_where_its_joint_does() {
     let reversed = "direction = -1\noffset-rad = 0.5\nsimulation = { initial-position-rad = 0.8 }";
-    let Loaded { settings, .. } = judge(&damaged("damping-kd = 2.0", reversed)).expect("is good");
+    let Loaded { settings, .. } = validate(&damaged("damping-kd = 2.0", reversed)).expect("is good");
     assert!((settings.simulation[0].initial_position + 0.3).abs() < 1e-6);
 }
 
 #[test]
 fn the_hash_tells_one_file_from_another() {
-    let hash = |text: &str| judge(text).expect("is good").hash;
+    let hash = |text: &str| validate(text).expect("is good").hash;
     assert_eq!(hash(GOOD), hash(GOOD));
     assert_ne!(hash(GOOD), hash(&format!("{GOOD} ")));
 }

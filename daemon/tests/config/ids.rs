@@ -1,6 +1,6 @@
 //! Ids that two motors of a bus must not share.
 
-use crate::document::{judge, shipped, warnings};
+use crate::document::{shipped, validate, warnings};
 use crate::shipped::shipped_names;
 use motord_configuration::load;
 
@@ -13,7 +13,7 @@ fn wrong_reply_id_suggests_vendor_default() {
              protocol = 'mit'\nmodel = '{model}'\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
              torque-nm = 5\ntorque-slew-nm-per-s = 50\n"
         );
-        let error = judge(&text).expect_err("it is a command id").to_string();
+        let error = validate(&text).expect_err("it is a command id").to_string();
         assert!(error.contains(&format!("the default of this motor is {default}")), "{error}");
     }
 }
@@ -34,9 +34,9 @@ fn reply_that_writes_a_parameter_is_refused() {
         ];
         format!("[[bus]]\nname = 'leg'\ntype = 'simulated'\n{hip}{knee}")
     };
-    assert!(judge(&text("")).is_ok());
+    assert!(validate(&text("")).is_ok());
     for host_id in ["0x101", "0x201", "0x301", "0x401"] {
-        let error = judge(&text(&format!("host-id = {host_id}"))).expect_err(host_id).to_string();
+        let error = validate(&text(&format!("host-id = {host_id}"))).expect_err(host_id).to_string();
         assert!(error.contains("command id on the same bus"), "{error}");
     }
 }
@@ -64,8 +64,8 @@ fn reply_that_another_device_obeys_is_refused() {
         ("hipnuc", "0x000", "\"knee\" replies with the id 0x000"),
         ("hipnuc", "0x608", "\"knee\" replies with the id 0x608"),
     ] {
-        judge(&text(other, "")).unwrap_or_else(|error| panic!("{other}: {error}"));
-        let error = judge(&text(other, &format!("host-id = {host_id}"))).expect_err(host_id).to_string();
+        validate(&text(other, "")).unwrap_or_else(|error| panic!("{other}: {error}"));
+        let error = validate(&text(other, &format!("host-id = {host_id}"))).expect_err(host_id).to_string();
         assert!(error.contains(expected), "{error}");
     }
 }

@@ -1,6 +1,6 @@
 //! `[[imu]]` of devices: their defaults, and what is refused.
 
-use crate::document::{GOOD, judge, only_error, with_serial};
+use crate::document::{GOOD, only_error, validate, with_serial};
 use motord::commands::check::{Wanted, check};
 use motord_protocol::imu::SerialProtocol;
 use motord_settings::imu::{ImuSerial, ImuSettings, WhenLost};
@@ -12,7 +12,7 @@ fn with_imu(lines: &str) -> String {
 }
 
 fn imu(lines: &str) -> ImuSettings {
-    let mut settings = judge(&with_imu(lines)).expect("it is good").settings;
+    let mut settings = validate(&with_imu(lines)).expect("it is good").settings;
     settings.imus.remove(0)
 }
 
@@ -79,13 +79,13 @@ fn serial_line_of_another_owner_is_refused() {
     }
     let error = only_error(&format!("{}{}", with_serial(), second("/dev/./null")));
     assert!(error.contains("\"/dev/./null\" is used by bus \"gripper\" already"), "{error}");
-    assert!(judge(&format!("{first}{}", second("/dev/full"))).is_ok());
+    assert!(validate(&format!("{first}{}", second("/dev/full"))).is_ok());
 }
 
 #[test]
 fn check_tells_cost_of_serial_imu() {
-    let place = tempfile::tempdir().unwrap();
-    let file = place.path().join("robot.toml");
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("robot.toml");
     let config = with_imu("type = 'hipnuc-serial'\ndevice = '/dev/null'\nbaud = 921600\nrate-hz = 500");
     std::fs::write(&file, config).unwrap();
     let printed = |json| {

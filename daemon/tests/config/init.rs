@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use crate::doubts::doubts;
+use crate::implausible::implausible;
 use motord_configuration as config;
 use nix::pty::openpty;
 use std::collections::BTreeSet;
@@ -33,7 +33,7 @@ fn every_configuration_that_is_written_passes_check() {
             let legs = legs.to_string();
             let loaded = written(&file, &["--legs", &legs, "--model", model, "--simulated"]);
             assert_eq!(loaded.settings.motors.len(), 3 * legs.parse::<usize>().unwrap());
-            assert_eq!(doubts(&loaded.warnings), [""; 0]);
+            assert_eq!(implausible(&loaded.warnings), [""; 0]);
         }
     }
 }
@@ -84,7 +84,7 @@ fn init_gives_line_motors_affordable_turns() {
     let file = directory.path().join("motord.toml");
     let loaded = written(&file, &["--legs", "1", "--protocol", "gim", "--buses", "/dev/ttyUSB0", "--yes"]);
     assert_eq!(loaded.settings.motors.len(), 3);
-    assert!(loaded.settings.buses[0].takes_turns(), "three motors in one cycle");
+    assert!(loaded.settings.buses[0].has_turns(), "three motors in one cycle");
 }
 
 #[test]
@@ -121,8 +121,8 @@ fn an_answer_that_cannot_be_used_is_named() {
         (&["--rate-hz", "nan"], "cycle.rate-hz"),
     ] {
         let output = init(&[arguments, &["--yes"]].concat());
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(!output.status.success() && said.contains(complaint), "{arguments:?}: {said}");
+        let printed = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && printed.contains(complaint), "{arguments:?}: {printed}");
         assert!(output.stdout.is_empty(), "{arguments:?} wrote something");
     }
 }
@@ -208,10 +208,10 @@ fn configuration_needs_no_option() {
     assert!(plain.status.success() && plain.stdout == option.stdout, "{plain:?}");
     for command in ["check", "run", "deadman", "safe-stop"] {
         let output = motord(&[command], missing);
-        let said = [output.stdout, output.stderr].concat();
-        let said = String::from_utf8_lossy(&said);
-        assert_eq!(output.status.code(), Some(78), "{command}: {said}");
-        assert!(said.contains("/nonexistent/robot.toml: cannot be read"), "{command}: {said}");
+        let printed = [output.stdout, output.stderr].concat();
+        let printed = String::from_utf8_lossy(&printed);
+        assert_eq!(output.status.code(), Some(78), "{command}: {printed}");
+        assert!(printed.contains("/nonexistent/robot.toml: cannot be read"), "{command}: {printed}");
     }
     let both = motord(&["check", "a.toml", "--config"], &file);
     assert_eq!(both.status.code(), Some(64), "one file, not two");

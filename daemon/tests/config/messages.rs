@@ -1,6 +1,6 @@
 //! The words of a mistake: its place and key, what was expected, what was found, and what to write.
 
-use crate::document::judge;
+use crate::document::validate;
 
 /// A robot of one joint, for the tests to damage. Its line 5 is that of the rate.
 pub(crate) const ROBOT: &str = r#"[daemon]
@@ -34,15 +34,17 @@ type Mistake<'m> = (&'m str, &'m str, &'m str);
 
 /// Asserts that each mistake has exactly this message.
 fn assert_messages(mistakes: &[Mistake<'_>]) {
-    let said = mistakes.iter().map(|(line, instead, expected)| {
+    let printed = mistakes.iter().map(|(line, instead, expected)| {
         assert!(ROBOT.contains(line), "nothing to damage: {line}");
         let text = ROBOT.replacen(line, instead, 1);
-        let error = judge(&text).map_or_else(|error| error.to_string(), |_| "is accepted".to_owned());
+        let error = validate(&text).map_or_else(|error| error.to_string(), |_| "is accepted".to_owned());
         (error, format!("robot.toml:{expected}"))
     });
-    let wrong: Vec<_> = said.filter(|(said, expected)| said != expected).collect();
-    let list: Vec<_> =
-        wrong.iter().map(|(said, expected)| format!("said:     {said}\nexpected: {expected}")).collect();
+    let wrong: Vec<_> = printed.filter(|(printed, expected)| printed != expected).collect();
+    let list: Vec<_> = wrong
+        .iter()
+        .map(|(printed, expected)| format!("said:     {printed}\nexpected: {expected}"))
+        .collect();
     assert!(wrong.is_empty(), "{} of {} differ:\n{}", wrong.len(), mistakes.len(), list.join("\n"));
 }
 
@@ -177,8 +179,9 @@ fn wrong_list_or_table_says_what_to_write() {
             "1:9: motor: expected tables, found the list [\"hip\", \"knee\"]; write [[motor]] in a line of its own, and its keys below",
         ),
     ] {
-        let error =
-            judge(&format!("{text}\n[[bus]]\nname = 'b'\ntype = 'simulated'\n")).expect_err(text).to_string();
+        let error = validate(&format!("{text}\n[[bus]]\nname = 'b'\ntype = 'simulated'\n"))
+            .expect_err(text)
+            .to_string();
         assert_eq!(error.lines().next(), Some(format!("robot.toml:{expected}").as_str()));
         assert!(!error.contains("motor: is missing") || text.starts_with("cycle"), "{error}");
     }
@@ -197,7 +200,7 @@ fn misspelt_table_suggests_the_near_one() {
             "5:1: cycle.ratehz: unknown key `ratehz`; did you mean `rate-hz`?",
         ),
     ]);
-    let joint = judge(&ROBOT.replace("[[motor]]", "[[joint]]")).expect_err("must be refused").to_string();
+    let joint = validate(&ROBOT.replace("[[motor]]", "[[joint]]")).expect_err("must be refused").to_string();
     let known = "robot.toml:14:3: joint: unknown table [[joint]]; known are [daemon], [cycle], [ipc], [telemetry], [safety], [[bus]], \
                  [[motor]], [[group]], [[imu]]";
     assert!(joint.lines().any(|line| line == known), "{joint}");
@@ -208,7 +211,7 @@ fn misspelt_table_suggests_the_near_one() {
 fn file_without_keys_says_how_to_begin() {
     for text in ["", "\n\n", "# only a comment\n"] {
         assert_eq!(
-            judge(text).expect_err("must be refused").to_string(),
+            validate(text).expect_err("must be refused").to_string(),
             "robot.toml: has no keys; `motord init --file FILE` writes a first configuration"
         );
     }
@@ -372,7 +375,7 @@ fn brackets_and_keys_without_form_are_explained() {
 
 #[test]
 fn file_of_another_format_is_named() {
-    let said = |bytes: &[u8]| {
+    let printed = |bytes: &[u8]| {
         let path = std::path::Path::new("robot.toml");
         motord_configuration::parse(path, bytes, &crate::document::machine())
             .expect_err("no TOML")
@@ -384,18 +387,20 @@ fn file_of_another_format_is_named() {
         let expected = format!(
             "robot.toml:1:1: is {format}, and no TOML: a table is [cycle], a key in it rate-hz = 1000; "
         );
-        assert!(said(text.as_bytes()).starts_with(&expected), "{}", said(text.as_bytes()));
+        assert!(printed(text.as_bytes()).starts_with(&expected), "{}", printed(text.as_bytes()));
     }
     let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<_>>();
     for bytes in [wide(ROBOT), [&[0xFF, 0xFE][..], &wide(ROBOT)].concat()] {
-        assert!(said(&bytes).starts_with("robot.toml:1:1: is UTF-16, and not UTF-8; save the file as UTF-8"));
+        assert!(
+            printed(&bytes).starts_with("robot.toml:1:1: is UTF-16, and not UTF-8; save the file as UTF-8")
+        );
     }
-    let returns = said(ROBOT.replace('\n', "\r").as_bytes());
+    let returns = printed(ROBOT.replace('\n', "\r").as_bytes());
     assert!(
         returns.starts_with("robot.toml:1:9: has a carriage return without a line feed here"),
         "{returns}"
     );
     for same in [ROBOT.replace('\n', "\r\n"), format!("\u{feff}{ROBOT}"), ROBOT.replace(" = ", "\t=\t")] {
-        assert!(judge(&same).is_ok(), "{same:?}");
+        assert!(validate(&same).is_ok(), "{same:?}");
     }
 }

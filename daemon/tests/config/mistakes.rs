@@ -1,6 +1,6 @@
 //! Mistakes in a configuration, and the message for each.
 
-use crate::document::{damaged, judge, only_error, with_serial};
+use crate::document::{damaged, only_error, validate, with_serial};
 
 /// One mutation of [`GOOD`]: a line, its replacement, the key and the expected complaint. [`MARK`]
 /// marks the line of the complaint.
@@ -301,8 +301,8 @@ fn bad_configuration_is_refused_with_line_and_key() {
         let text = damaged(line, instead);
         let error = only_error(&text);
         if let Some(marked) = marked_line(&text) {
-            let place = format!("robot.toml:{marked}:");
-            assert!(error.starts_with(&place), "{instead}: expected {place}, got {error}");
+            let location = format!("robot.toml:{marked}:");
+            assert!(error.starts_with(&location), "{instead}: expected {location}, got {error}");
         }
         assert!(
             key.is_empty() || error.contains(&format!(": {key}: ")),
@@ -317,7 +317,7 @@ fn serial_bus_mistake_is_refused_with_key() {
     for (line, instead, key, reason) in SERIAL {
         let text = with_serial();
         assert!(text.contains(line), "nothing to damage: {line}");
-        let error = judge(&text.replacen(line, instead, 1)).expect_err("must be refused").to_string();
+        let error = validate(&text.replacen(line, instead, 1)).expect_err("must be refused").to_string();
         let complaint =
             error.lines().find(|error| error.contains(&format!(" {key}: ")) && error.contains(reason));
         assert!(complaint.is_some(), "{instead}: expected {key}: {reason}, got {error}");

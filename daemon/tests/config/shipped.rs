@@ -1,7 +1,7 @@
 //! The shipped configurations and the reference of every key.
 
 use crate::document::{JSON, TEXT, shipped, write};
-use crate::doubts::doubts;
+use crate::implausible::implausible;
 use motord::commands::check::{Wanted, check};
 use motord_configuration::{load, reference};
 use std::fs;
@@ -26,7 +26,7 @@ fn every_shipped_configuration_passes_check() {
     for name in names {
         let mut out = Vec::new();
         assert_eq!(check(&shipped(&name), JSON, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
-        assert_eq!(doubts(&load(&shipped(&name)).unwrap().warnings), [""; 0], "{name}");
+        assert_eq!(implausible(&load(&shipped(&name)).unwrap().warnings), [""; 0], "{name}");
     }
 }
 
@@ -110,11 +110,11 @@ torque-constant-nm-per-a = 0.001
 fn every_effective_limit_says_where_it_comes_from() {
     let folder = TempDir::new().unwrap();
     let file = write(&folder, ORIGINS);
-    let (mut json, mut said) = (Vec::new(), Vec::new());
+    let (mut json, mut printed) = (Vec::new(), Vec::new());
     assert_eq!(check(&file, Wanted { joints: true, ..JSON }, &mut json).unwrap(), 0);
-    assert_eq!(check(&file, Wanted { joints: true, ..TEXT }, &mut said).unwrap(), 0);
+    assert_eq!(check(&file, Wanted { joints: true, ..TEXT }, &mut printed).unwrap(), 0);
     let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
-    let said = String::from_utf8(said).unwrap();
+    let printed = String::from_utf8(printed).unwrap();
     let line = |key: &str| 1 + ORIGINS.lines().position(|line| line.starts_with(key)).unwrap();
     let limit = |joint: usize, key: &str| {
         let limits = report["joints"][joint]["limits"].as_array().unwrap();
@@ -139,7 +139,7 @@ fn every_effective_limit_says_where_it_comes_from() {
     ] {
         assert_eq!(limit(joint, key)["from"], from.as_str(), "{key} of {joint}: {}", limit(joint, key));
         let row = |line: &&str| line.trim_start().starts_with(key) && line.ends_with(&from);
-        assert!(said.lines().any(|line| row(&line)), "{key}: {from} in\n{said}");
+        assert!(printed.lines().any(|line| row(&line)), "{key}: {from} in\n{printed}");
     }
     assert_documented_limits_have_origins(&report["joints"][0]);
     let settings = load(&file).expect("is good").settings;
@@ -150,7 +150,7 @@ fn every_effective_limit_says_where_it_comes_from() {
         assert_eq!(number("position-rad"), Some(motor.limits.position[1]));
         assert_eq!(number("following-error-rad"), motor.limits.following_error);
     }
-    assert!(said.contains("following-error-rad         half a turn"), "{said}");
+    assert!(printed.contains("following-error-rad         half a turn"), "{printed}");
 }
 
 /// Goal: a robot of equal legs is read in a page.
@@ -158,8 +158,8 @@ fn every_effective_limit_says_where_it_comes_from() {
 fn joints_with_equal_limits_share_a_table() {
     let mut out = Vec::new();
     check(&shipped("quadruped.toml"), Wanted { joints: true, ..TEXT }, &mut out).unwrap();
-    let said = String::from_utf8(out).unwrap();
-    let heads: Vec<_> = said.lines().filter(|line| line.contains(": GIM")).collect();
+    let printed = String::from_utf8(out).unwrap();
+    let heads: Vec<_> = printed.lines().filter(|line| line.contains(": GIM")).collect();
     let text = fs::read_to_string(shipped("quadruped.toml")).unwrap();
     let of = |joint: &str, first: usize| {
         let legs = ["fl", "fr", "rl", "rr"].iter().enumerate();
@@ -171,8 +171,8 @@ fn joints_with_equal_limits_share_a_table() {
         });
         format!("{}: GIM8108-8, mit", names.collect::<Vec<_>>().join(", "))
     };
-    assert_eq!(heads, [of("hip", 1), of("thigh", 2), of("knee", 3)], "{said}");
-    let row = said.lines().find(|line| line.trim_start().starts_with("position-rad")).unwrap();
+    assert_eq!(heads, [of("hip", 1), of("thigh", 2), of("knee", 3)], "{printed}");
+    let row = printed.lines().find(|line| line.trim_start().starts_with("position-rad")).unwrap();
     let lines =
         row.rsplit("lines ").next().unwrap().split(", ").filter(|line| line.parse::<usize>().is_ok()).count();
     assert_eq!(lines, 4, "{row}");

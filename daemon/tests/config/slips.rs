@@ -1,14 +1,14 @@
 //! Values in other units and bases, and slips of the form: what is written instead keeps the meaning.
 
-use crate::document::{GOOD, judge};
+use crate::document::{GOOD, validate};
 use crate::messages::ROBOT;
 
 /// A part of [`ROBOT`], what is written instead, the line of the message and a part of it.
 type Slip<'s> = (&'s str, &'s str, usize, &'s str);
 
 /// Returns every message about `text`.
-fn said(text: &str) -> String {
-    judge(text).map_or_else(
+fn printed(text: &str) -> String {
+    validate(text).map_or_else(
         |error| error.to_string(),
         |loaded| {
             let warnings: Vec<_> = loaded.warnings.iter().map(ToString::to_string).collect();
@@ -18,15 +18,16 @@ fn said(text: &str) -> String {
 }
 
 /// Asserts that each slip has a message in its line with this part.
-fn assert_said(slips: &[Slip<'_>]) {
+fn assert_printed(slips: &[Slip<'_>]) {
     let wrong: Vec<_> = slips
         .iter()
         .filter_map(|(part, instead, line, expected)| {
             assert!(ROBOT.contains(part), "nothing to damage: {part}");
-            let said = said(&ROBOT.replacen(part, instead, 1));
-            let place = format!("robot.toml:{line}:");
-            let is_said = said.lines().any(|one| one.contains(&place) && one.contains(expected));
-            (!is_said).then(|| format!("{instead}\n  said:     {said}\n  expected: {place} … {expected}"))
+            let printed = printed(&ROBOT.replacen(part, instead, 1));
+            let location = format!("robot.toml:{line}:");
+            let is_printed = printed.lines().any(|one| one.contains(&location) && one.contains(expected));
+            (!is_printed)
+                .then(|| format!("{instead}\n  said:     {printed}\n  expected: {location} … {expected}"))
         })
         .collect();
     assert!(wrong.is_empty(), "{} of {} differ:\n{}", wrong.len(), slips.len(), wrong.join("\n"));
@@ -40,7 +41,7 @@ const BUS: &str = "type = \"simulated\"";
 
 #[test]
 fn value_in_another_unit_is_converted() {
-    assert_said(&[
+    assert_printed(&[
         (BUS, "type = \"simulated\"\nbitrate = 1M", 13, "write bitrate = 1000000, without a unit"),
         (BUS, "type = \"simulated\"\nbitrate = 500k", 13, "write bitrate = 500000, without a unit"),
         (BUS, "type = \"simulated\"\nbitrate = \"500 kbit/s\"", 13, "write bitrate = 500000, without quotes"),
@@ -66,7 +67,7 @@ fn value_in_another_unit_is_converted() {
 /// Without its base a number would be another id, which is accepted.
 #[test]
 fn id_in_another_base_keeps_its_value() {
-    assert_said(&[
+    assert_printed(&[
         ("id = 1", "id = 10h", 17, "write id = 0x10"),
         ("id = 1", "id = 1\nhost-id = 103h", 18, "write host-id = 0x103"),
         ("id = 1", "id = \"10h\"", 17, "write id = 0x10"),
@@ -82,7 +83,7 @@ fn id_in_another_base_keeps_its_value() {
 fn key_with_another_unit_is_converted() {
     let imu = |key: &str| format!("{MOTOR}\n[[imu]]\nname = \"body\"\ntype = \"simulated\"\n{key}\n");
     let imu = imu("mount-rpy-rad = [0, 0, 1.57]");
-    assert_said(&[
+    assert_printed(&[
         (
             MOTOR,
             &format!("{MOTOR}\noffset-deg = 3"),
@@ -118,19 +119,22 @@ fn mount_that_looks_like_radians_warns() {
         format!("{ROBOT}[[imu]]\nname = \"body\"\ntype = \"simulated\"\nmount-rpy-deg = {value}\n")
     };
     for value in ["[0, 0, 1.5708]", "[3.14, 0, -1.57]", "[0, 4.7124, 0.1]"] {
-        let said = said(&imu(value));
-        assert!(said.contains("is accepted") && said.contains("looks like radians"), "{value}: {said}");
+        let printed = printed(&imu(value));
+        assert!(
+            printed.contains("is accepted") && printed.contains("looks like radians"),
+            "{value}: {printed}"
+        );
     }
     for value in ["[0, 0, 0]", "[0, 0, 90]", "[0, 1.5, 2]", "[180, 0, 1.57]"] {
-        let said = said(&imu(value));
-        assert!(!said.contains("looks like radians"), "{value}: {said}");
+        let printed = printed(&imu(value));
+        assert!(!printed.contains("looks like radians"), "{value}: {printed}");
     }
 }
 
 #[test]
 fn direction_in_words_offers_both() {
     let expected = "write 1 or -1 (reversed is -1)";
-    assert_said(&[
+    assert_printed(&[
         (MOTOR, &format!("{MOTOR}\ndirection = \"reversed\""), 20, expected),
         (MOTOR, &format!("{MOTOR}\ndirection = reversed"), 20, expected),
         (MOTOR, &format!("{MOTOR}\ndirection = true"), 20, expected),
@@ -139,7 +143,7 @@ fn direction_in_words_offers_both() {
 
 #[test]
 fn slip_of_form_proposes_the_line() {
-    assert_said(&[
+    assert_printed(&[
         (
             "[cycle]\nrate-hz = 1000",
             "[cycle] rate-hz = 500",
@@ -164,14 +168,14 @@ fn table_in_a_wrong_place_is_named() {
     let limits = "[motor.limits]\nposition-rad = [-1.0, 1.0]\n\n[[motor]]";
     let tables = ROBOT.find("[daemon]").expect("it has one");
     let first = format!("rate-hz = 500\n{}", &ROBOT[tables..]);
-    assert!(said(&first).contains("it belongs in [cycle] or [[imu]]"), "{}", said(&first));
+    assert!(printed(&first).contains("it belongs in [cycle] or [[imu]]"), "{}", printed(&first));
     let joints = format!("joints = ['hip']\n{}", &ROBOT[tables..]);
-    assert!(said(&joints).contains("it belongs in [[group]]"), "{}", said(&joints));
+    assert!(printed(&joints).contains("it belongs in [[group]]"), "{}", printed(&joints));
     let deep = ROBOT.replace("[[motor]]", "[[bus.motor]]");
-    let deep = said(&deep);
+    let deep = printed(&deep);
     assert!(deep.contains("write [[motor]], and in it bus = \"desk\""), "{deep}");
     assert_eq!(deep.lines().count(), 1, "{deep}");
-    assert_said(&[("[[motor]]", limits, 14, "move it below the [[motor]] that it belongs to")]);
+    assert_printed(&[("[[motor]]", limits, 14, "move it below the [[motor]] that it belongs to")]);
 }
 
 /// The first line is one of the same motor, not of an earlier one.
@@ -180,18 +184,21 @@ fn key_twice_names_the_line_of_its_table() {
     let second =
         GOOD.replace("limits = { position-rad = [-2, 2] }", "limits.kp-max = 9\n[motor.limits]\nkd-max = 1");
     let first = 1 + second.lines().position(|line| line.starts_with("limits.kp-max")).expect("it has one");
-    let said = said(&second);
-    assert!(said.contains(&format!("`limits` is there twice, first in line {first}; keep one")), "{said}");
+    let printed = printed(&second);
+    assert!(
+        printed.contains(&format!("`limits` is there twice, first in line {first}; keep one")),
+        "{printed}"
+    );
     let next = GOOD.replace("id = 2\n", "id = 2\nname = 'knee'\n");
     let name = 1 + next.lines().position(|line| line == "name = 'knee'").expect("it has one");
-    let said = crate::slips::said(&next);
-    assert!(said.contains(&format!("`name` is there twice, first in line {name}")), "{said}");
+    let printed = crate::slips::printed(&next);
+    assert!(printed.contains(&format!("`name` is there twice, first in line {name}")), "{printed}");
 }
 
 #[test]
 fn list_with_semicolons_gets_commas() {
     let (joints, cure) = ("joints = [\"hip\"]", "found `;`; write joints = [\"hip\", \"knee\"]");
-    assert_said(&[
+    assert_printed(&[
         (joints, "joints = [hip; knee]", 24, cure),
         (joints, "joints = [\"hip\"; \"knee\"]", 24, cure),
         ("[-1.0, 1.0]", "[-1.0; 1.0]", 20, "write position-rad = [-1.0, 1.0]"),
@@ -200,7 +207,7 @@ fn list_with_semicolons_gets_commas() {
 
 #[test]
 fn key_of_other_word_order_is_suggested() {
-    assert_said(&[
+    assert_printed(&[
         (LIMITS, "max-torque = 5.0", 20, "unknown key `max-torque`; did you mean `torque-nm`?"),
         (LIMITS, "max_velocity = 5.0", 20, "did you mean `velocity-rad-s`?"),
         (LIMITS, "max-temperature = 80.0", 20, "did you mean `temperature-max-celsius`?"),
@@ -214,20 +221,20 @@ fn group_shares_no_name_of_another_joint() {
     let knee =
         "[[motor]]\nname = \"knee\"\nbus = \"desk\"\nid = 2\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\n";
     let alone = ROBOT.replace("name = \"legs\"", "name = \"hip\"");
-    assert!(said(&alone).contains("is accepted"), "{}", said(&alone));
+    assert!(printed(&alone).contains("is accepted"), "{}", printed(&alone));
     let both =
         alone.replace("[[group]]", &format!("{knee}[[group]]")).replace("[\"hip\"]", "[\"hip\", \"knee\"]");
-    let said = said(&both);
-    assert!(said.contains("group.name: \"hip\" is the name of a motor too"), "{said}");
+    let printed = printed(&both);
+    assert!(printed.contains("group.name: \"hip\" is the name of a motor too"), "{printed}");
 }
 
 #[test]
 fn imu_shares_no_name_of_another() {
     for (name, what) in [("hip", "motor"), ("desk", "bus"), ("legs", "group")] {
         let text = format!("{ROBOT}[[imu]]\nname = \"{name}\"\ntype = \"simulated\"\n");
-        let said = said(&text);
+        let printed = printed(&text);
         let expected = format!("imu.name: {name:?} is the name of a {what} too");
-        assert!(said.contains(&expected), "{said}");
+        assert!(printed.contains(&expected), "{printed}");
     }
 }
 
@@ -238,26 +245,26 @@ fn file_that_is_no_configuration_is_named() {
         "[[package]]\nname = \"numpy\"\n[metadata]\nlock-version = \"2.0\"\n",
         "[workspace]\nmembers = []\n",
     ] {
-        let said = said(foreign);
-        assert_eq!(said.lines().count(), 1, "{said}");
-        assert!(said.starts_with("robot.toml: is no configuration of motord"), "{said}");
+        let printed = printed(foreign);
+        assert_eq!(printed.lines().count(), 1, "{printed}");
+        assert!(printed.starts_with("robot.toml: is no configuration of motord"), "{printed}");
     }
-    let lock = said("form = 1\n[[motor]]\nname = \"hip\"\nbus = \"desk\"\nid = 1\nfirmware = \"2\"\n");
+    let lock = printed("form = 1\n[[motor]]\nname = \"hip\"\nbus = \"desk\"\nid = 1\nfirmware = \"2\"\n");
     assert!(lock.starts_with("robot.toml: is a lock file of `motorctl setup`"), "{lock}");
     assert_eq!(lock.lines().count(), 1, "{lock}");
 }
 
 #[test]
 fn bytes_that_are_no_text_are_named() {
-    let said = |bytes: &[u8]| {
+    let printed = |bytes: &[u8]| {
         let path = std::path::Path::new("robot.toml");
         let machine = crate::document::machine();
         motord_configuration::parse(path, bytes, &machine).expect_err("no text").to_string()
     };
     for bytes in [&b"\x7fELF\x02\x01\x01\0\0\0\xff\xfe"[..], b"\x1f\x8b\x08\0\0\0\0\0\0\x03\xcb"] {
-        assert!(said(bytes).contains("is no text"), "{}", said(bytes));
+        assert!(printed(bytes).contains("is no text"), "{}", printed(bytes));
     }
-    assert!(said(b"name = \"h\xfcfte\"\n").contains("is not UTF-8 here"));
+    assert!(printed(b"name = \"h\xfcfte\"\n").contains("is not UTF-8 here"));
 }
 
 #[test]
@@ -269,14 +276,14 @@ fn equal_errors_are_listed_once() {
         )
     };
     let motors: String = (2..12).map(motor).collect();
-    let said = said(&format!("{head}{motors}[[group]]\nname = \"legs\"\njoints = [\"hip\"]\n"));
-    let of = |part: &str| said.lines().filter(|line| line.contains(part)).collect::<Vec<_>>();
-    assert_eq!(of("unknown key `firmware`").len(), 1, "{said}");
-    assert!(of("firmware")[0].ends_with("; 10 times, also in lines 35, 42, 49 and 6 more"), "{said}");
-    assert_eq!(of("in no group").len(), 1, "{said}");
+    let printed = printed(&format!("{head}{motors}[[group]]\nname = \"legs\"\njoints = [\"hip\"]\n"));
+    let of = |part: &str| printed.lines().filter(|line| line.contains(part)).collect::<Vec<_>>();
+    assert_eq!(of("unknown key `firmware`").len(), 1, "{printed}");
+    assert!(of("firmware")[0].ends_with("; 10 times, also in lines 35, 42, 49 and 6 more"), "{printed}");
+    assert_eq!(of("in no group").len(), 1, "{printed}");
     assert!(
         of("in no group")[0].contains("10 motors are in no group, so no client could move them"),
-        "{said}"
+        "{printed}"
     );
 }
 
@@ -285,6 +292,10 @@ fn known_names_have_the_order_of_the_file() {
     let text = ROBOT.replace("[[motor]]", "[[bus]]\nname = 'aft'\ntype = 'simulated'\n[[motor]]");
     let text = text.replace("bus = \"desk\"", "bus = \"xyz\"");
     for _ in 0..20 {
-        assert!(said(&text).contains("there is no bus \"xyz\"; known are desk, aft"), "{}", said(&text));
+        assert!(
+            printed(&text).contains("there is no bus \"xyz\"; known are desk, aft"),
+            "{}",
+            printed(&text)
+        );
     }
 }

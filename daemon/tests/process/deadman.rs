@@ -6,7 +6,7 @@ use crate::player::Player;
 use crate::safe_stop::{SIMULATED, can, configuration, motord, no_can, text};
 use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, candump, clock};
 use motord_core::stopper::Outlet;
-use motord_deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
+use motord_deadman::channel::{Answer, Channel, Listener, Refusal, Request, TIMEOUT as SWITCH_TIMEOUT};
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
 use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use motord_deadman::server::Server;
@@ -27,7 +27,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 /// Longer than a shared machine stalls a process, so only the test triggers the switch.
-const PATIENCE: Duration = Duration::from_millis(400);
+const TIMEOUT: Duration = Duration::from_millis(400);
 const DAMP: Duration = Duration::from_millis(200);
 pub(crate) const DAMPING: &str = "001#64616D70696E6721";
 const STOPPING: &str = "001#73746F7070696E67";
@@ -51,7 +51,7 @@ pub(crate) fn safe_frames() -> SafeFrames {
         damp: [vec![DAMPING.into()], vec![DAMPING.into()]],
         stop: vec![STOPPING.into()],
     };
-    SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
+    SafeFrames { heartbeat_timeout: TIMEOUT, damp: DAMP, buses: vec![bus] }
 }
 
 /// The same frames, and a motor on `can1`.
@@ -175,7 +175,7 @@ pub(crate) fn runtime() -> (TempDir, Instance) {
 
 /// Registers as this process.
 fn register(instance: &Instance, frames: SafeFrames, pulse: &Pulse) -> (Channel, Answer) {
-    let switch = Channel::connect(instance, SWITCH_PATIENCE).unwrap();
+    let switch = Channel::connect(instance, SWITCH_TIMEOUT).unwrap();
     switch.send(&Request::Register(frames), Some(pulse)).unwrap();
     let (answer, _) = switch.receive().unwrap();
     (switch, answer)
@@ -224,11 +224,11 @@ fn killed_daemon_leaves_motors_damped_then_stopped() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let daemon = Daemon::start(directory.path());
-    switch.sends_nothing_for(2 * PATIENCE);
+    switch.sends_nothing_for(2 * TIMEOUT);
     let killed = daemon.signal(Signal::SIGKILL);
     let latency = switch.stops_the_first().since(killed);
     println!("from SIGKILL to the first damping frame: {latency:?}");
-    assert!(latency < PATIENCE, "the closed connection tells, not the heartbeat: {latency:?}");
+    assert!(latency < TIMEOUT, "the closed connection tells, not the heartbeat: {latency:?}");
 }
 
 /// Goal: a switch that was stopped and continues does not damp the motors of a successor.
@@ -240,8 +240,8 @@ fn switch_leaves_successor_of_dead_daemon_alone() {
     let daemon = Daemon::start_on(directory.path(), SUCCEEDED);
     let successor = BusLock::interface(SUCCEEDED.parse().unwrap()).unwrap();
     daemon.signal(Signal::SIGKILL);
-    switch.sends_nothing_for(2 * PATIENCE);
-    assert_eq!(owed(&instance), [""; 0]);
+    switch.sends_nothing_for(2 * TIMEOUT);
+    assert_eq!(unserved(&instance), [""; 0]);
     drop(successor);
     let next = Daemon::start_on(directory.path(), SUCCEEDED);
     next.signal(Signal::SIGKILL);
@@ -289,11 +289,11 @@ fn stalled_daemon_is_damped_until_it_resumes() {
     let stopped = daemon.signal(Signal::SIGSTOP);
     let (first, frame) = switch.sent.recv().unwrap();
     assert_eq!(candump::frame(DAMPING), Some(frame));
-    assert!(first.since(stopped) >= PATIENCE - Duration::from_millis(100));
+    assert!(first.since(stopped) >= TIMEOUT - Duration::from_millis(100));
     daemon.signal(Signal::SIGCONT);
     sleep(Duration::from_millis(100));
     while switch.sent.try_recv().is_ok() {}
-    switch.sends_nothing_for(2 * PATIENCE);
+    switch.sends_nothing_for(2 * TIMEOUT);
 }
 
 /// Plays a daemon in this process that registers and exits.
@@ -304,11 +304,11 @@ fn dies(instance: &Instance, frames: SafeFrames) {
 }
 
 /// Returns the interfaces that the switch has not served.
-fn owed(instance: &Instance) -> Vec<String> {
-    let switch = Channel::connect(instance, SWITCH_PATIENCE).unwrap();
+fn unserved(instance: &Instance) -> Vec<String> {
+    let switch = Channel::connect(instance, SWITCH_TIMEOUT).unwrap();
     switch.send(&Request::AskWhetherActing, None).unwrap();
     match switch.receive().unwrap().0 {
-        Answer::Acting(owed) => owed,
+        Answer::Acting(unserved) => unserved,
         other => panic!("{other:?}"),
     }
 }
@@ -326,10 +326,10 @@ pub(crate) fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
 fn jammed_bus_is_damped_and_stopped_when_possible() {
     let (_directory, instance, switch) = dead_with_a_jam();
     switch.serves(FIRST);
-    assert_eq!(owed(&instance), ["can1"], "long after the damping was over");
+    assert_eq!(unserved(&instance), ["can1"], "long after the damping was over");
     switch.jammed.store(false, Ordering::Relaxed);
     switch.serves(SECOND);
-    assert_eq!(owed(&instance), [""; 0]);
+    assert_eq!(unserved(&instance), [""; 0]);
 }
 
 #[test]
@@ -338,7 +338,7 @@ fn next_daemon_clears_debt_to_jammed_bus() {
     switch.serves(FIRST);
     let _next = Daemon::start(directory.path());
     switch.jammed.store(false, Ordering::Relaxed);
-    switch.sends_nothing_for(PATIENCE);
+    switch.sends_nothing_for(TIMEOUT);
 }
 
 #[test]
@@ -347,14 +347,14 @@ fn jammed_bus_does_not_delay_switch_exit() {
     let open = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::jammed())) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let (_heartbeat, pulse) = beating();
-    let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let daemon = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     daemon.send(&Request::Register(safe_frames()), Some(&pulse)).unwrap();
-    server.turn(clock::monotonic() + PATIENCE);
-    server.turn(clock::monotonic() + PATIENCE);
+    server.turn(clock::monotonic() + TIMEOUT);
+    server.turn(clock::monotonic() + TIMEOUT);
     drop(daemon);
     // A signal to this process may end a turn before it has done anything.
     until("the action", || {
-        server.turn(clock::monotonic() + PATIENCE);
+        server.turn(clock::monotonic() + TIMEOUT);
         server.is_acting().then_some(())
     });
     assert_eq!(server.finish(clock::monotonic() + 2 * DAMP), ["can0"]);
@@ -369,7 +369,7 @@ fn clean_exit_of_daemon_causes_no_frame() {
     let (connection, _) = register(&instance, safe_frames(), &pulse);
     heartbeat.rest();
     drop((connection, pulse));
-    switch.sends_nothing_for(2 * PATIENCE);
+    switch.sends_nothing_for(2 * TIMEOUT);
 }
 
 #[test]
@@ -400,7 +400,7 @@ fn second_daemon_is_refused_then_watched_after_death() {
 
     let second = Daemon::start(directory.path());
     while switch.sent.try_recv().is_ok() {}
-    switch.sends_nothing_for(PATIENCE);
+    switch.sends_nothing_for(TIMEOUT);
     second.signal(Signal::SIGKILL);
     switch.stops_the_first();
 }
@@ -417,7 +417,7 @@ fn a_registration_needs_a_heartbeat_that_has_begun() {
     let _switch = Switch::start(&instance);
     let (_heartbeat, at_rest) = Heartbeat::create().unwrap();
     assert_eq!(register(&instance, safe_frames(), &at_rest).1, Answer::Refused(Refusal::NoHeartbeat));
-    let channel = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let channel = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     channel.send(&Request::Register(safe_frames()), None).unwrap();
     assert_eq!(channel.receive::<Answer>().unwrap().0, Answer::Refused(Refusal::NoHeartbeat));
 }
@@ -426,8 +426,8 @@ fn a_registration_needs_a_heartbeat_that_has_begun() {
 fn nonsense_and_silence_do_not_keep_others_out() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
-    let _silent = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
-    let nonsense = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let _silent = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
+    let nonsense = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     nonsense.send(&vec![0; 1000], None).unwrap();
     assert!(matches!(nonsense.receive().unwrap().0, Answer::Refused(Refusal::Request { .. })));
     assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
@@ -455,7 +455,7 @@ fn daemon_and_switch_versions_refuse_each_other_clearly() {
     let (_directory, instance) = runtime();
     let _switch = Switch::start(&instance);
     for request in ["{\"Register\":null}", "motord-deadman 1\n\"AskWhetherActing\""] {
-        let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+        let daemon = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
         send(daemon.as_fd().as_raw_fd(), request.as_bytes(), MsgFlags::empty()).unwrap();
         let Answer::Refused(refusal) = daemon.receive().unwrap().0 else { panic!("it is served") };
         assert!(refusal.to_string().contains("different versions"), "{refusal}");
@@ -466,7 +466,7 @@ fn daemon_and_switch_versions_refuse_each_other_clearly() {
 fn answer_of_other_version_is_reported() {
     let (_directory, instance) = runtime();
     let switch = Listener::bind(&instance).unwrap();
-    let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let daemon = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     let other = switch.accept().unwrap();
     send(other.as_fd().as_raw_fd(), b"\"Registered\"", MsgFlags::empty()).unwrap();
     let error = daemon.receive::<Answer>().unwrap_err();
@@ -497,7 +497,7 @@ fn instance_has_one_switch_that_exits_on_request() {
 fn only_used_descriptors_of_messages_stay_open() {
     let (_directory, instance) = runtime();
     let listener = Listener::bind(&instance).unwrap();
-    let sender = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let sender = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     let receiver = listener.accept().unwrap();
     for count in [1, 2, 3, 253] {
         let (mut mark, file) = std::io::pipe().unwrap();

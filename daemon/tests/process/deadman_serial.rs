@@ -59,7 +59,7 @@ fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
     let opened = [port, can].map(|frames| Interface::open(&frames, &mut open).unwrap());
     let mut interfaces = Interfaces::new(opened, DAMP);
     interfaces.run(&mut Monotonic);
-    (rounds.try_iter().collect(), interfaces.owed())
+    (rounds.try_iter().collect(), interfaces.unserved())
 }
 
 /// Returns the longest time from one round to the next.
@@ -70,11 +70,11 @@ fn longest_gap(rounds: &[Instant]) -> Duration {
 #[test]
 fn motors_of_line_are_stopped_in_turn() {
     let (mut motors, _host, device) = pty();
-    let (rounds, owed) = stop(&device);
-    assert_eq!((rounds.len(), owed), (33, vec![]), "30 rounds that damp, and 3 that stop");
-    let mut heard = [0; 12 * 2 * 30];
-    motors.read_exact(&mut heard).unwrap();
-    for (round, frames) in heard.chunks(24).enumerate() {
+    let (rounds, unserved) = stop(&device);
+    assert_eq!((rounds.len(), unserved), (33, vec![]), "30 rounds that damp, and 3 that stop");
+    let mut received = [0; 12 * 2 * 30];
+    motors.read_exact(&mut received).unwrap();
+    for (round, frames) in received.chunks(24).enumerate() {
         let of = |id: u8| [&[id, 0, 8, id ^ 8][..], &STOP].concat();
         assert_eq!(frames, [of(1), of(2)].concat(), "round {round}: table 3 of the GIM document");
     }
@@ -87,8 +87,8 @@ fn no_can_interface_waits_for_a_port() {
     tcflow(&host, FlowArg::TCOOFF).unwrap();
     let (motors, own, terminal) = pty();
     // The kernel gives the name of the terminal to the next one, which another test may open.
-    let place = tempfile::tempdir().unwrap();
-    let link = place.path().join("ttyUSB0");
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("ttyUSB0");
     std::os::unix::fs::symlink(terminal, &link).unwrap();
     let unplugged = link.to_str().unwrap().to_owned();
     let unplugs = std::thread::spawn(move || {
@@ -97,10 +97,10 @@ fn no_can_interface_waits_for_a_port() {
         drop((motors, own));
     });
     for device in [unplugged.as_str(), blocked.as_str(), "/dev/motord-is-not-here"] {
-        let (rounds, owed) = stop(device);
+        let (rounds, unserved) = stop(device);
         let gap = longest_gap(&rounds);
         println!("{device}: {} rounds on can0, at most {gap:?} apart", rounds.len());
-        assert_eq!(owed, [device], "it is not said to be served");
+        assert_eq!(unserved, [device], "it is not said to be served");
         assert_eq!(rounds.len(), 33, "{device}");
         assert!(gap < Duration::from_millis(50), "{device}: {gap:?} instead of 10 ms");
     }

@@ -4,7 +4,7 @@
 
 use motord_client::{Client, Error, Imu, ImuContradiction, ImuSample};
 use motord_harness::conventions::CONVENTIONS;
-use motord_harness::daemon::{Daemon, PATIENCE, until};
+use motord_harness::daemon::{Daemon, TIMEOUT, until};
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ImuMessage;
 use nix::sys::signal::{Signal, kill};
@@ -44,8 +44,8 @@ const LOST_AFTER: Duration = Duration::from_millis(200);
 /// Variable for a process that publishes samples until it is killed: its runtime directory.
 const PUBLISH: &str = "MOTORD_TEST_PUBLISH_IMU";
 
-fn connect(place: &Path) -> Client {
-    until("a daemon", || Client::connect_in(place, "robot").ok())
+fn connect(directory: &Path) -> Client {
+    until("a daemon", || Client::connect_in(directory, "robot").ok())
 }
 
 /// The newest state of the external IMU.
@@ -89,17 +89,17 @@ impl Drop for Publisher {
 }
 
 /// Publishes at 1 kHz in another process.
-fn publisher(place: &Path) -> Publisher {
+fn publisher(directory: &Path) -> Publisher {
     let mut command = Command::new(std::env::current_exe().unwrap());
-    command.args(["external_imu::publishing_process", "--exact", "--nocapture"]).env(PUBLISH, place);
+    command.args(["external_imu::publishing_process", "--exact", "--nocapture"]).env(PUBLISH, directory);
     Publisher(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
 }
 
 /// Not a test: the process of [`publisher`].
 #[test]
 fn publishing_process() {
-    let Some(place) = std::env::var_os(PUBLISH) else { return };
-    let client = connect(Path::new(&place));
+    let Some(directory) = std::env::var_os(PUBLISH) else { return };
+    let client = connect(Path::new(&directory));
     let mut publisher = client.publish_imu("base").unwrap();
     for turn in 0_u32.. {
         let _between_daemons = publisher.send(&noisy(sample(), turn));
@@ -128,7 +128,7 @@ fn external_imu_follows_its_publishers() {
 
     first.kill();
     let lost = until("the loss", || base(&client).filter(|imu| imu.lost));
-    let state = client.wait(PATIENCE).unwrap();
+    let state = client.wait(TIMEOUT).unwrap();
     let silent = Duration::from_nanos(state.tick_ns() - lost.receive_ns);
     assert!(silent > LOST_AFTER, "{silent:?}");
     until("the next publisher", || {
@@ -232,10 +232,10 @@ fn stuck_and_misdated_publishers_are_named() {
         let _other_for_a_cycle = publisher.send(&sample());
         base(&client).filter(|imu| imu.lost && imu.rejected > 0)
     });
-    let says = |text: &str| {
+    let must_log = |text: &str| {
         until(text, || std::fs::read_to_string(&log).unwrap().contains(text).then_some(()));
     };
-    says("repeats one measurement");
+    must_log("repeats one measurement");
     let realtime = std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap();
     let dated = ImuSample { time_ns: realtime.as_nanos() as u64, ..sample() };
     let error = publisher.send(&dated).unwrap_err();
@@ -254,7 +254,7 @@ fn stuck_and_misdated_publishers_are_named() {
         ..ImuMessage::default()
     };
     port.send(&message).unwrap();
-    says("fit CLOCK_REALTIME");
+    must_log("fit CLOCK_REALTIME");
     std::fs::remove_file(log).unwrap();
 }
 
@@ -265,7 +265,7 @@ fn hostile_publisher_changes_nothing_else() {
     let client = connect(daemon.directory.path());
     let owner = publisher(daemon.directory.path());
     until("a sample", || base(&client).filter(|imu| imu.fresh));
-    let before = client.wait(PATIENCE).unwrap();
+    let before = client.wait(TIMEOUT).unwrap();
     let attachment = Instance::below(daemon.directory.path(), "robot").unwrap().attach().unwrap().unwrap();
     let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
     let mut random = 1_u64;
@@ -295,7 +295,7 @@ fn hostile_publisher_changes_nothing_else() {
             assert!((down - 9.81).abs() < 1e-3, "{imu:?}");
         }
     }
-    let after = client.wait(PATIENCE).unwrap();
+    let after = client.wait(TIMEOUT).unwrap();
     let imu = base(&client).unwrap();
     assert!(imu.rejected > 1000 && !imu.lost, "{imu:?}");
     let others =

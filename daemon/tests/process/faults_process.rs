@@ -8,7 +8,7 @@
 
 use motord_harness::programs::lacks;
 use motord_ports::{ClientPorts, Instance};
-use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_PLACES};
+use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_SLOTS};
 use motord_shared::message::AdminReply;
 use motord_shared::{AdminRequest, Cause, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
@@ -49,7 +49,7 @@ model = "GIM8108-8"
 const READY: &str = "READY=1";
 const FED: &str = "WATCHDOG=1";
 /// Longer than a busy machine stalls.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 /// `WatchdogSec=` of the unit, and half of it.
 const WATCHDOG: Duration = Duration::from_secs(3);
 /// Runs its arguments unchanged.
@@ -58,30 +58,30 @@ const PLAINLY: &str = r#"exec "$@""#;
 /// The daemon as a child of a shell.
 struct Daemon {
     process: Child,
-    place: TempDir,
+    directory: TempDir,
     notes: UnixDatagram,
 }
 
 impl Daemon {
     /// Starts it by the shell's `script`, which runs its arguments.
     fn start(script: &str, config: &str, stderr: Stdio) -> Self {
-        let place = TempDir::new().unwrap();
-        let notes = UnixDatagram::bind(place.path().join("notes")).unwrap();
-        fs::write(place.path().join("motord.toml"), config).unwrap();
-        Self { process: Self::spawn(place.path(), script, stderr), place, notes }
+        let directory = TempDir::new().unwrap();
+        let notes = UnixDatagram::bind(directory.path().join("notes")).unwrap();
+        fs::write(directory.path().join("motord.toml"), config).unwrap();
+        Self { process: Self::spawn(directory.path(), script, stderr), directory, notes }
     }
 
-    fn spawn(place: &Path, script: &str, stderr: Stdio) -> Child {
+    fn spawn(directory: &Path, script: &str, stderr: Stdio) -> Child {
         let mut command = Command::new("sh");
         command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config"]);
-        command.arg(place.join("motord.toml"));
-        command.env("MOTORD_RUNTIME_DIR", place).env("NOTIFY_SOCKET", place.join("notes"));
+        command.arg(directory.join("motord.toml"));
+        command.env("MOTORD_RUNTIME_DIR", directory).env("NOTIFY_SOCKET", directory.join("notes"));
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr).spawn().unwrap()
     }
 
     fn plain() -> Self {
         let mut daemon = Self::start(PLAINLY, CONFIG, Stdio::null());
-        daemon.must_say(READY);
+        daemon.must_report(READY);
         daemon
     }
 
@@ -94,7 +94,7 @@ impl Daemon {
     }
 
     /// Returns `true` if it sends `note` to systemd within `time`, before it ends.
-    fn says(&mut self, note: &str, time: Duration) -> bool {
+    fn reports(&mut self, note: &str, time: Duration) -> bool {
         let (begun, mut bytes) = (Instant::now(), [0; 256]);
         self.notes.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
         while begun.elapsed() < time {
@@ -111,21 +111,21 @@ impl Daemon {
         false
     }
 
-    fn must_say(&mut self, note: &str) {
-        assert!(self.says(note, PATIENCE), "it never said {note}");
+    fn must_report(&mut self, note: &str) {
+        assert!(self.reports(note, TIMEOUT), "it never said {note}");
     }
 
     /// Checks that it is healthy, and exits cleanly on request.
     fn must_live_and_end(mut self) {
-        self.must_say(FED);
-        self.must_say(FED);
+        self.must_report(FED);
+        self.must_report(FED);
         self.signal(Signal::SIGTERM);
         assert!(self.ends().success());
     }
 
     fn ends(&mut self) -> ExitStatus {
         let begun = Instant::now();
-        while begun.elapsed() < PATIENCE {
+        while begun.elapsed() < TIMEOUT {
             if let Some(status) = self.process.try_wait().unwrap() {
                 return status;
             }
@@ -137,7 +137,7 @@ impl Daemon {
     /// Checks that it either exits before it is ready, with a reason, or becomes ready and exits
     /// cleanly.
     fn must_refuse_or_run(mut self) -> Option<i32> {
-        if self.says(READY, PATIENCE) {
+        if self.reports(READY, TIMEOUT) {
             self.signal(Signal::SIGTERM);
             assert!(self.ends().success());
             return None;
@@ -173,7 +173,7 @@ struct Operator {
 
 impl Operator {
     fn of(daemon: &Daemon) -> Self {
-        let instance = Instance::below(daemon.place.path(), "test").unwrap();
+        let instance = Instance::below(daemon.directory.path(), "test").unwrap();
         let ports = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
         Self { ports, sequence: 0, lease: 0, state: StateMessage::default() }
     }
@@ -185,7 +185,7 @@ impl Operator {
             if let Some((reply, _)) = question.answer().unwrap() {
                 return reply;
             }
-            assert!(begun.elapsed() < PATIENCE, "no answer to {operation}");
+            assert!(begun.elapsed() < TIMEOUT, "no answer to {operation}");
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -206,7 +206,7 @@ impl Operator {
         let port = self.ports.setpoint_port().unwrap();
         let (begun, mut enabled) = (Instant::now(), false);
         while self.phase() != Phase::Active || self.state.joints[0].applied.kp < 39.0 {
-            assert!(begun.elapsed() < PATIENCE, "{}", self.phase());
+            assert!(begun.elapsed() < TIMEOUT, "{}", self.phase());
             if self.refresh() && self.state.joints[0].position.is_finite() {
                 self.sequence += 1;
                 let mut message =
@@ -232,15 +232,15 @@ fn terminated_daemon_damps_and_stops_first() {
         daemon.signal(signal);
         let begun = Instant::now();
         let status = loop {
-            let news = operator.refresh();
+            let is_new = operator.refresh();
             let applied = operator.state.joints[0].applied;
-            if news && operator.phase() == Phase::Damping {
+            if is_new && operator.phase() == Phase::Damping {
                 assert!(applied.kp == 0.0 && applied.kd > 0.0 && applied.torque == 0.0, "{applied:?}");
             }
             if let Some(status) = daemon.process.try_wait().unwrap() {
                 break status;
             }
-            assert!(begun.elapsed() < PATIENCE);
+            assert!(begun.elapsed() < TIMEOUT);
         };
         operator.refresh();
         assert!(status.success(), "{signal}: {status}");
@@ -254,7 +254,7 @@ fn terminated_daemon_damps_and_stops_first() {
 fn a_second_signal_ends_the_damping_at_once() {
     let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\nrest-velocity-rad-s = 0.01\n[[bus]]");
     let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     let mut operator = Operator::of(&daemon);
     operator.activate();
     daemon.signal(Signal::SIGTERM);
@@ -274,9 +274,9 @@ fn a_second_signal_ends_the_damping_at_once() {
 fn terminated_daemon_asks_systemd_to_wait() {
     let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\n[[bus]]");
     let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     daemon.signal(Signal::SIGTERM);
-    daemon.must_say("STOPPING=1\nEXTEND_TIMEOUT_USEC=33000000");
+    daemon.must_report("STOPPING=1\nEXTEND_TIMEOUT_USEC=33000000");
     assert!(daemon.ends().success());
 }
 
@@ -292,13 +292,13 @@ fn a_hangup_is_no_reason_to_end() {
 #[test]
 fn watchdog_is_not_fed_while_cycle_stalls() {
     let mut daemon = Daemon::plain();
-    daemon.must_say(FED);
+    daemon.must_report(FED);
     let cycle = thread(daemon.pid(), "motord-cycle");
     hold(cycle);
     // Notifications in flight, and one more turn of the feeding thread, which saw the cycle move
     // before the stop.
-    while daemon.says(FED, Duration::from_millis(1500)) {}
-    assert!(!daemon.says(FED, WATCHDOG));
+    while daemon.reports(FED, Duration::from_millis(1500)) {}
+    assert!(!daemon.reports(FED, WATCHDOG));
     ptrace::detach(cycle, None).unwrap();
     daemon.must_live_and_end();
 }
@@ -309,11 +309,11 @@ fn watchdog_is_not_fed_while_cycle_stalls() {
 #[test]
 fn the_watchdog_is_fed_while_telemetry_stands_still() {
     let mut daemon = Daemon::plain();
-    daemon.must_say(FED);
+    daemon.must_report(FED);
     let telemetry = thread(daemon.pid(), "motord-telemetr");
     hold(telemetry);
     // The first notification may have been in flight.
-    let fed = (0..3).filter(|_| daemon.says(FED, PATIENCE)).count();
+    let fed = (0..3).filter(|_| daemon.reports(FED, TIMEOUT)).count();
     ptrace::detach(telemetry, None).unwrap();
     assert_eq!(fed, 3);
     daemon.must_live_and_end();
@@ -342,7 +342,7 @@ fn without_rights() -> String {
 #[test]
 fn unprivileged_daemon_runs_and_reports_missing_rights() {
     let mut daemon = Daemon::start(&without_rights(), CONFIG, Stdio::piped());
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     daemon.signal(Signal::SIGTERM);
     assert!(daemon.ends().success());
     let log = daemon.log();
@@ -357,7 +357,7 @@ fn unprivileged_daemon_runs_and_reports_missing_rights() {
 fn required_realtime_is_refused_without_rights() {
     let config = CONFIG.replace("rate-hz = 100", "rate-hz = 100\nrequire-realtime = true");
     let mut daemon = Daemon::start(&without_rights(), &config, Stdio::piped());
-    assert!(!daemon.says(READY, PATIENCE));
+    assert!(!daemon.reports(READY, TIMEOUT));
     assert_eq!(daemon.ends().code(), Some(78));
     let log = daemon.log();
     assert!(log.contains("LimitRTPRIO"), "{log}");
@@ -385,12 +385,12 @@ fn filling_filesystem_does_not_kill_the_daemon() {
         read -r _; kill -TERM $motord; wait $motord"#;
     let mut daemon = Daemon::start(&on_file_system("32m", script), CONFIG, Stdio::null());
     let mut shell = daemon.process.stdin.take().unwrap();
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     shell.write_all(b"go on\n").unwrap();
     let mut full = [0; 4];
     daemon.process.stdout.take().unwrap().read_exact(&mut full).unwrap();
     assert_eq!(&full, b"full");
-    (0..3).for_each(|_| daemon.must_say(FED));
+    (0..3).for_each(|_| daemon.must_report(FED));
     shell.write_all(b"end\n").unwrap();
     assert!(daemon.ends().success());
 }
@@ -424,10 +424,10 @@ fn may_mount() -> bool {
 fn removed_files_stop_robot_and_report_cause() {
     for removed in ["", "test.lock", "iox", "iox/test.cycle", "iox/test", "iox/test/services"] {
         let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
-        daemon.must_say(READY);
+        daemon.must_report(READY);
         let mut operator = Operator::of(&daemon);
         operator.activate();
-        let path = daemon.place.path().join(removed);
+        let path = daemon.directory.path().join(removed);
         if path.is_dir() {
             fs::remove_dir_all(&path).unwrap();
         } else {
@@ -436,7 +436,7 @@ fn removed_files_stop_robot_and_report_cause() {
         let begun = Instant::now();
         while operator.phase() == Phase::Active {
             operator.refresh();
-            assert!(begun.elapsed() < PATIENCE, "{removed:?} is gone, and the robot goes on");
+            assert!(begun.elapsed() < TIMEOUT, "{removed:?} is gone, and the robot goes on");
         }
         assert_eq!(operator.state.groups[0].cause, Cause::DirectoryLost.code(), "{removed:?}");
         assert_eq!(daemon.ends().code(), Some(69), "{removed:?}");
@@ -458,18 +458,18 @@ fn damaged_shared_memory_costs_at_most_one_start() {
         |bytes: Vec<u8>| vec![0xA5; bytes.len()],
     ] {
         let mut daemon = Daemon::plain();
-        let client = Instance::below(daemon.place.path(), "test").unwrap().attach().unwrap();
+        let client = Instance::below(daemon.directory.path(), "test").unwrap().attach().unwrap();
         daemon.signal(Signal::SIGKILL);
         daemon.ends();
-        for path in files(&daemon.place.path().join("iox")) {
+        for path in files(&daemon.directory.path().join("iox")) {
             let damaged = damage(fs::read(&path).unwrap());
             // Some files are read-only, but their owner may delete them.
             fs::remove_file(&path).unwrap();
             fs::write(&path, damaged).unwrap();
         }
         let runs = |daemon: &mut Daemon| {
-            daemon.process = Daemon::spawn(daemon.place.path(), PLAINLY, Stdio::null());
-            daemon.says(READY, PATIENCE)
+            daemon.process = Daemon::spawn(daemon.directory.path(), PLAINLY, Stdio::null());
+            daemon.reports(READY, TIMEOUT)
         };
         assert!(runs(&mut daemon) || runs(&mut daemon), "no daemon starts any more");
         drop(client);
@@ -497,8 +497,8 @@ fn odd_character_in_runtime_directory_is_refused() {
 
 #[test]
 fn a_verdict_stands_although_its_reader_has_gone() {
-    let place = TempDir::new().unwrap();
-    let path = place.path().join("motord.toml");
+    let directory = TempDir::new().unwrap();
+    let path = directory.path().join("motord.toml");
     for (config, status) in [(CONFIG, 0), ("nonsense", 78)] {
         fs::write(&path, config).unwrap();
         let mut command = Command::new("sh");
@@ -520,7 +520,7 @@ fn unwritable_log_does_not_stop_the_daemon() {
     let closed = r#"exec 2>&-; exec "$@""#;
     for (script, stderr) in [(PLAINLY, Stdio::from(full)), (closed, Stdio::null())] {
         let mut daemon = Daemon::start(script, CONFIG, stderr);
-        daemon.must_say(READY);
+        daemon.must_report(READY);
         daemon.must_live_and_end();
     }
 }
@@ -528,7 +528,7 @@ fn unwritable_log_does_not_stop_the_daemon() {
 #[test]
 fn log_without_reader_does_not_stop_daemon() {
     let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     drop(daemon.process.stderr.take());
     daemon.signal(Signal::SIGHUP);
     daemon.must_live_and_end();
@@ -539,7 +539,7 @@ fn log_without_reader_does_not_stop_daemon() {
 fn a_log_that_nobody_reads_holds_nobody_up() {
     let (_reader, writer) = full_pipe();
     let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::from(writer));
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     daemon.must_live_and_end();
 }
 
@@ -556,7 +556,7 @@ fn too_few_descriptors_are_error_before_motion() {
     for limit in [6, 8, 10, 12, 16, 20, 24, 32, 64, 256] {
         let script = format!(r#"ulimit -n {limit}; exec "$@""#);
         let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
-        assert!(!daemon.says(READY, PATIENCE), "{limit} do not serve every client");
+        assert!(!daemon.reports(READY, TIMEOUT), "{limit} do not serve every client");
         let status = daemon.ends();
         let code = status.code().filter(|code| (64..=78).contains(code));
         assert!(code.is_some(), "{limit}: {status}: {}", daemon.log());
@@ -568,7 +568,7 @@ fn too_few_descriptors_are_error_before_motion() {
 fn await_the_first_reply(daemon: &Daemon) {
     let (begun, mut operator) = (Instant::now(), Operator::of(daemon));
     while !(operator.refresh() && operator.state.joints[0].position.is_finite()) {
-        assert!(begun.elapsed() < PATIENCE, "the motor does not answer");
+        assert!(begun.elapsed() < TIMEOUT, "the motor does not answer");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -577,10 +577,10 @@ fn await_the_first_reply(daemon: &Daemon) {
 #[test]
 fn ready_daemon_has_descriptors_for_all_clients() {
     let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
-    daemon.must_say(READY);
+    daemon.must_report(READY);
     await_the_first_reply(&daemon);
     let mut operators = Vec::new();
-    for _ in 0..ADMINS_MAX - STOP_PLACES {
+    for _ in 0..ADMINS_MAX - STOP_SLOTS {
         let mut operator = Operator::of(&daemon);
         operator.refresh();
         operator.ports.sleep(None, Duration::ZERO).unwrap();

@@ -33,7 +33,7 @@ const PLAY_STOP: &str = "MOTORD_TEST_PLAY_STOP_SOCKET";
 /// A user who owns nothing, and the group whose members share the directory.
 const MEMBER: u32 = 65_534;
 /// Longer than a busy machine stalls.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Returns a directory like that of the service, `/run/motord`. `None` where no member can be
 /// played.
@@ -71,7 +71,7 @@ fn plays_the_switch() {
             match daemon.receive::<Request>() {
                 Ok((Request::Register(_), _)) => daemon.send(&Answer::Registered, None).unwrap(),
                 Ok((Request::AskWhetherActing, _)) => {
-                    let _gone = daemon.send(&Answer::Acting(vec!["can0".into()]), None);
+                    let _disconnected = daemon.send(&Answer::Acting(vec!["can0".into()]), None);
                 }
                 Err(_) => daemon.beat(),
             }
@@ -88,13 +88,13 @@ fn daemon_registers_with_no_switch_of_a_member() {
     let impostor = impostor(directory.path());
     let (heartbeat, pulse) = beating();
     let registration = Registration::start(&instance, pulse);
-    let hears = &registration.lost;
-    assert!(hears.recv_timeout(PATIENCE).unwrap(), "no switch yet");
-    let watched = hears.recv_timeout(Duration::from_secs(3));
+    let losses = &registration.lost;
+    assert!(losses.recv_timeout(TIMEOUT).unwrap(), "no switch yet");
+    let watched = losses.recv_timeout(Duration::from_secs(3));
     assert!(watched.is_err(), "the daemon believes that process {} watches it", impostor.id());
     let switch = Switch::start(&instance);
-    assert!(!hears.recv_timeout(PATIENCE).unwrap(), "the real switch watches");
-    let (_, first) = switch.sent.recv_timeout(PATIENCE).unwrap();
+    assert!(!losses.recv_timeout(TIMEOUT).unwrap(), "the real switch watches");
+    let (_, first) = switch.sent.recv_timeout(TIMEOUT).unwrap();
     assert_eq!(candump::frame(DAMPING), Some(first), "this heartbeat stands still");
     heartbeat.rest();
     registration.end();
@@ -122,7 +122,7 @@ fn stop_that_a_member_confirms_is_unconfirmed() {
     let Some((directory, instance)) = shared() else { return };
     let role = "impostors::plays_the_stop_socket";
     let impostor = Player::start(role, &[(PLAY_STOP, directory.path().as_os_str())], "listens");
-    let outcome = AskedStop::send(&instance, PATIENCE).unwrap().confirm(PATIENCE);
+    let outcome = AskedStop::send(&instance, TIMEOUT).unwrap().confirm(TIMEOUT);
     let Err(StopError::NotTrusted(found)) = outcome else { panic!("{outcome:?}") };
     assert_eq!((found.pid.cast_unsigned(), found.uid), (impostor.id(), MEMBER));
 }
@@ -136,10 +136,10 @@ fn safe_stop_believes_no_switch_of_a_member() {
     let config = configuration(directory.path(), &can(&no_can("lie")));
     let begun = Instant::now();
     let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
-    let said = text(&output);
-    assert!(said.contains("answers instead of motord"), "{said}");
-    assert!(!said.contains("left to the dead man's switch"), "{said}");
-    assert!(begun.elapsed() < Duration::from_secs(2), "{said}");
+    let printed = text(&output);
+    assert!(printed.contains("answers instead of motord"), "{printed}");
+    assert!(!printed.contains("left to the dead man's switch"), "{printed}");
+    assert!(begun.elapsed() < Duration::from_secs(2), "{printed}");
 }
 
 /// Variable for a process that becomes another user and holds the lock of an interface: its name.
@@ -161,7 +161,7 @@ fn plays_the_holder() {
     become_user(MEMBER);
     let _lock = BusLock::interface(interface.parse().unwrap()).unwrap();
     println!("holds");
-    sleep(PATIENCE);
+    sleep(TIMEOUT);
 }
 
 fn hidden(interface: &str) -> bool {
@@ -173,7 +173,7 @@ fn hidden(interface: &str) -> bool {
 fn hide_holder(interface: &str) {
     let begun = Instant::now();
     while !hidden(interface) {
-        assert!(begun.elapsed() < PATIENCE, "the kernel still names the holder");
+        assert!(begun.elapsed() < TIMEOUT, "the kernel still names the holder");
     }
 }
 
@@ -190,9 +190,9 @@ fn frames_beside<T>(name: &str, frozen: Duration, hold: impl FnOnce(&str) -> T) 
     frames.buses[0].interface = no_can(name);
     let interface = frames.buses[0].interface.clone();
     let (heartbeat, pulse) = beating();
-    let daemon = Channel::connect(&instance, PATIENCE).unwrap();
+    let daemon = Channel::connect(&instance, TIMEOUT).unwrap();
     daemon.send(&Request::Register(frames), Some(&pulse)).unwrap();
-    (0..2).for_each(|_| server.turn(clock::monotonic() + PATIENCE));
+    (0..2).for_each(|_| server.turn(clock::monotonic() + TIMEOUT));
     let _held = hold(&interface);
     // That took time. These turns show the switch that it runs, and that the daemon does.
     for cycle in 2..4 {
@@ -255,12 +255,15 @@ fn safe_stop_damps_beside_outsider() {
         let path = configuration(directory.path(), &can(&interface));
         safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder))), &mut |_| None).unwrap();
         assert!(sent.try_iter().count() > 6, "hides: {hides}");
-        let said = text(&motord(directory.path(), &["safe-stop"], &path).output().unwrap());
+        let printed = text(&motord(directory.path(), &["safe-stop"], &path).output().unwrap());
         let (held, ends) = match hides {
             false => (format!("process {} (", holder.id()), format!("sudo kill {}", holder.id())),
             true => ("another process of user 65534".to_owned(), "sudo ss -xap".to_owned()),
         };
-        assert!(said.contains(&held) && said.contains(&ends) && said.contains(&interface), "{said}");
+        assert!(
+            printed.contains(&held) && printed.contains(&ends) && printed.contains(&interface),
+            "{printed}"
+        );
     }
 }
 
@@ -271,12 +274,12 @@ fn refused_daemon_names_holder_and_remedy() {
     let Some(holder) = outsider(&interface) else { return };
     let config = configuration(directory.path(), &can(&interface));
     let output = motord(directory.path(), &["run"], &config).output().unwrap();
-    let said = text(&output);
-    assert_eq!(output.status.code(), Some(75), "{said}");
+    let printed = text(&output);
+    assert_eq!(output.status.code(), Some(75), "{printed}");
     let expected = [
         format!("process {} (", holder.id()),
         "of user 65534; ".into(),
         format!("`sudo kill {}`", holder.id()),
     ];
-    assert!(expected.iter().all(|part| said.contains(part)), "{said}");
+    assert!(expected.iter().all(|part| printed.contains(part)), "{printed}");
 }

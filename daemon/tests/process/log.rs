@@ -40,39 +40,44 @@ model = "GIM8108-8"
 name = "arm"
 joints = ["elbow"]
 "#;
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// A daemon whose standard error may be the journal's stream.
 struct Session {
     daemon: Child,
-    place: TempDir,
+    directory: TempDir,
 }
 
 impl Session {
     fn start(for_journal: bool) -> Self {
-        let place = TempDir::new().unwrap();
-        let file = place.path().join("motord.toml");
+        let directory = TempDir::new().unwrap();
+        let file = directory.path().join("motord.toml");
         std::fs::write(&file, CONFIG).unwrap();
         let (reader, writer) = std::io::pipe().unwrap();
         let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.arg("run").arg("--config").arg(file).env("MOTORD_RUNTIME_DIR", place.path()).stderr(writer);
+        command
+            .arg("run")
+            .arg("--config")
+            .arg(file)
+            .env("MOTORD_RUNTIME_DIR", directory.path())
+            .stderr(writer);
         if for_journal {
             command.env("JOURNAL_STREAM", format!("{}:{}", stream.st_dev, stream.st_ino));
         }
         let daemon = command.stdin(Stdio::null()).spawn().unwrap();
         drop(command);
-        let log = place.path().join("log");
+        let log = directory.path().join("log");
         std::thread::spawn(move || {
             let (mut reader, mut text) = (reader, String::new());
             let _ended = reader.read_to_string(&mut text);
             std::fs::write(&log, text).unwrap();
         });
-        Self { daemon, place }
+        Self { daemon, directory }
     }
 
     fn instance(&self) -> Instance {
-        Instance::below(self.place.path(), "test").unwrap()
+        Instance::below(self.directory.path(), "test").unwrap()
     }
 
     /// Ends the daemon, and returns the lines of its log.
@@ -81,9 +86,9 @@ impl Session {
         assert!(self.daemon.wait().unwrap().success());
         let begun = Instant::now();
         loop {
-            match std::fs::read_to_string(self.place.path().join("log")) {
+            match std::fs::read_to_string(self.directory.path().join("log")) {
                 Ok(text) if !text.is_empty() => return text.lines().map(str::to_owned).collect(),
-                _ => assert!(begun.elapsed() < PATIENCE, "the log does not end"),
+                _ => assert!(begun.elapsed() < TIMEOUT, "the log does not end"),
             }
         }
     }
@@ -97,12 +102,12 @@ impl Drop for Session {
 }
 
 /// A client of the session.
-struct Asker {
+struct Requester {
     ports: ClientPorts,
     state: StateMessage,
 }
 
-impl Asker {
+impl Requester {
     fn of(instance: &Instance) -> Self {
         let begun = Instant::now();
         loop {
@@ -110,7 +115,7 @@ impl Asker {
             if let Some(Ok(ports)) = ports {
                 return Self { ports, state: StateMessage::default() };
             }
-            assert!(begun.elapsed() < PATIENCE, "no daemon");
+            assert!(begun.elapsed() < TIMEOUT, "no daemon");
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -129,7 +134,7 @@ impl Asker {
             if let Some((reply, _)) = question.answer().unwrap() {
                 return (reply.lease, reply.refusal);
             }
-            assert!(begun.elapsed() < PATIENCE, "no answer to {operation}");
+            assert!(begun.elapsed() < TIMEOUT, "no answer to {operation}");
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -137,7 +142,7 @@ impl Asker {
     fn until(&mut self, wanted: impl Fn(&StateMessage) -> bool) {
         let begun = Instant::now();
         while !wanted(&self.state) {
-            assert!(begun.elapsed() < PATIENCE, "{:?} {:?}", self.state.groups[0], self.state.joints[0]);
+            assert!(begun.elapsed() < TIMEOUT, "{:?} {:?}", self.state.groups[0], self.state.joints[0]);
             if let Some(state) = self.ports.newest_state().unwrap() {
                 self.state = state;
             }
@@ -152,7 +157,7 @@ impl Asker {
         let port = self.ports.setpoint_port().unwrap();
         let (begun, mut sequence, mut enabled) = (Instant::now(), 0, false);
         while self.state.groups[0].phase != Phase::Active.code() {
-            assert!(begun.elapsed() < PATIENCE);
+            assert!(begun.elapsed() < TIMEOUT);
             if let Some(state) = self.ports.newest_state().unwrap() {
                 self.state = state;
             }
@@ -179,7 +184,7 @@ fn disarmed(state: &StateMessage) -> bool {
 fn journal_names_actor_and_cause_of_each_event() {
     let session = Session::start(true);
     let instance = session.instance();
-    let mut controller = Asker::of(&instance);
+    let mut controller = Requester::of(&instance);
     controller.activate();
     // The controller sends no more setpoints, as if it were killed.
     controller.until(disarmed);
@@ -237,12 +242,12 @@ fn assert_events_are_named(events: &[&String], log: &str) {
 /// At this rate the first cycle would end long after a daemon that did not wait for it is ready.
 #[test]
 fn ready_daemon_has_published_its_first_state() {
-    let place = TempDir::new().unwrap();
-    let config = place.path().join("motord.toml");
+    let directory = TempDir::new().unwrap();
+    let config = directory.path().join("motord.toml");
     std::fs::write(&config, CONFIG.replace("rate-hz = 200", "rate-hz = 5")).unwrap();
     let start = || {
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.arg("run").arg("--config").arg(&config).env("MOTORD_RUNTIME_DIR", place.path());
+        command.arg("run").arg("--config").arg(&config).env("MOTORD_RUNTIME_DIR", directory.path());
         let mut daemon = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
         assert!(lines.any(|line| line.contains(" ready ")));
@@ -251,8 +256,8 @@ fn ready_daemon_has_published_its_first_state() {
         daemon
     };
     let mut daemon = start();
-    let client = Client::connect_in(place.path(), "test").unwrap();
-    let before = client.wait(PATIENCE).unwrap();
+    let client = Client::connect_in(directory.path(), "test").unwrap();
+    let before = client.wait(TIMEOUT).unwrap();
     daemon.kill().unwrap();
     daemon.wait().unwrap();
     let mut successor = start();
@@ -265,7 +270,7 @@ fn ready_daemon_has_published_its_first_state() {
 #[test]
 fn terminal_and_file_logs_have_time_and_level() {
     let session = Session::start(false);
-    let _running = Asker::of(&session.instance());
+    let _running = Requester::of(&session.instance());
     let lines = session.end();
     assert!(lines.iter().all(|line| line.starts_with("20") && line.contains('Z')), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains(" INFO ready ")), "{lines:?}");
@@ -273,13 +278,13 @@ fn terminal_and_file_logs_have_time_and_level() {
 
 #[test]
 fn refused_configuration_is_an_error_in_journal() {
-    let place = TempDir::new().unwrap();
+    let directory = TempDir::new().unwrap();
     let (mut reader, writer) = std::io::pipe().unwrap();
     let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
     command.arg("run").arg("--config").arg(Path::new("missing.toml")).stderr(writer);
     command.env("JOURNAL_STREAM", format!("{}:{}", stream.st_dev, stream.st_ino));
-    assert_eq!(command.current_dir(place.path()).status().unwrap().code(), Some(78));
+    assert_eq!(command.current_dir(directory.path()).status().unwrap().code(), Some(78));
     drop(command);
     let mut text = String::new();
     reader.read_to_string(&mut text).unwrap();

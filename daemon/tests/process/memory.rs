@@ -18,14 +18,14 @@ const RESIDENT_MAX: u64 = 31 * 1024;
 const SCHEDULING_POLICY: usize = 41;
 const SCHED_OTHER: u32 = 0;
 
-/// Starts the daemon in `place`, and returns it once it is ready.
-fn start(place: &Path, metrics: SocketAddr) -> Child {
-    let config = place.join("robot.toml");
+/// Starts the daemon in `directory`, and returns it once it is ready.
+fn start(directory: &Path, metrics: SocketAddr) -> Child {
+    let config = directory.join("robot.toml");
     let robot = std::fs::read_to_string(CONFIG).unwrap();
     std::fs::write(&config, format!("{robot}\n[telemetry]\nprometheus-listen = '{metrics}'\n")).unwrap();
     let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"))
         .args(["run".as_ref(), "--config".as_ref(), config.as_os_str()])
-        .env("MOTORD_RUNTIME_DIR", place)
+        .env("MOTORD_RUNTIME_DIR", directory)
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -55,9 +55,9 @@ fn stat(pid: u32, name: &str, field: usize) -> u32 {
 
 #[test]
 fn resident_memory_stays_within_budget() {
-    let place = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let metrics = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let mut daemon = start(place.path(), metrics);
+    let mut daemon = start(directory.path(), metrics);
     std::thread::sleep(std::time::Duration::from_secs(1));
     // Each holds a buffer of the server.
     let clients: Vec<_> = (0..64).map(|_| TcpStream::connect(metrics).unwrap()).collect();
@@ -83,10 +83,10 @@ fn daemon_names_missing_capability() {
     if lacks(&["prlimit", "setpriv"]) {
         return;
     }
-    let place = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let mut daemon = Command::new("sh")
         .args(["-c", WITHOUT_RIGHT, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config", CONFIG])
-        .env("MOTORD_RUNTIME_DIR", place.path())
+        .env("MOTORD_RUNTIME_DIR", directory.path())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();

@@ -9,7 +9,7 @@ use crate::deadman::{beating, safe_frames};
 use crate::player::{Player, become_user};
 use crate::safe_stop::{motord, text};
 use motord_bus::BusLock;
-use motord_deadman::channel::{Answer, Channel, PATIENCE as SWITCH_PATIENCE, Request};
+use motord_deadman::channel::{Answer, Channel, Request, TIMEOUT as SWITCH_TIMEOUT};
 use motord_deadman::safe_frames::InterfaceFrames;
 use motord_ports::instance::Instance;
 use nix::fcntl::{FcntlArg, FdFlag, fcntl};
@@ -42,7 +42,7 @@ const FREEZES: [u64; 6] = [0, 5, 10, 20, 35, 50];
 const DAMP: f64 = 0.1;
 const STOP_BYTES: usize = 13 * 12;
 /// Longer than a busy machine stalls.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// A line without frames for this long has no further frames of a stop.
 const QUIET: Duration = Duration::from_millis(50);
 const STOP: &str = "001#9200800000000800";
@@ -74,9 +74,9 @@ fn line() -> Line {
 impl Line {
     /// Returns when the first of all frames of a stop arrived; `None` if they do not arrive.
     fn stopped(&self) -> Option<Instant> {
-        let (first, mut bytes) = self.arrivals.recv_timeout(PATIENCE).ok()?;
+        let (first, mut bytes) = self.arrivals.recv_timeout(TIMEOUT).ok()?;
         while bytes < STOP_BYTES {
-            bytes += self.arrivals.recv_timeout(PATIENCE).ok()?.1;
+            bytes += self.arrivals.recv_timeout(TIMEOUT).ok()?.1;
         }
         while self.arrivals.recv_timeout(QUIET).is_ok() {}
         Some(first)
@@ -138,7 +138,7 @@ fn plays_the_driver() {
         damp: [vec![STOP.into()], vec![STOP.into()]],
         stop: vec![STOP.into()],
     }];
-    let switch = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let switch = Channel::connect(&instance, SWITCH_TIMEOUT).unwrap();
     switch.send(&Request::Register(frames), Some(&pulse)).unwrap();
     assert_eq!(switch.receive::<Answer>().unwrap().0, Answer::Registered);
     println!("registered");
@@ -163,8 +163,8 @@ fn plays_the_outsider() {
     println!("begun");
     loop {
         if let Ok(_lock) = BusLock::device(&device) {
-            let _nobody_reads = writeln!(std::io::stdout(), "holds");
-            sleep(3 * PATIENCE);
+            let _closed = writeln!(std::io::stdout(), "holds");
+            sleep(3 * TIMEOUT);
         }
         sleep(Duration::from_micros(50));
     }

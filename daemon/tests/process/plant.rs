@@ -4,7 +4,7 @@
 
 use motord_client::{ImuContradiction, Phase, Setpoint};
 use motord_harness::conventions::{CONVENTIONS, Convention};
-use motord_harness::daemon::{Daemon, PATIENCE, until};
+use motord_harness::daemon::{Daemon, TIMEOUT, until};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -111,12 +111,12 @@ fn end(mut daemon: Daemon) -> (Option<i32>, String) {
 fn plant_moves_joints_and_is_measured() {
     let daemon = daemon(CONFIG, r#"{"begin": [0.7], "imu": true}"#, joint());
     let client = daemon.connect();
-    let state = client.wait(PATIENCE).unwrap();
+    let state = client.wait(TIMEOUT).unwrap();
     let begin = state.joints().next().unwrap().position().unwrap();
     assert!((begin - 0.7).abs() < 0.01, "{begin}");
     let imu = until("a sample", || {
         client
-            .wait(PATIENCE)
+            .wait(TIMEOUT)
             .ok()?
             .imu(client.imu("base")?)
             .filter(|imu| imu.angular_velocity().is_some_and(|axes| axes[0] > 0.0))
@@ -125,14 +125,14 @@ fn plant_moves_joints_and_is_measured() {
     assert_eq!(imu.angular_velocity(), Some([0.1, 0.2, 0.3]));
 
     let mut claim = client.claim("all").unwrap();
-    claim.hold(&client.wait(PATIENCE).unwrap(), 20.0, 1.0).unwrap();
+    claim.hold(&client.wait(TIMEOUT).unwrap(), 20.0, 1.0).unwrap();
     claim.commit().unwrap();
     claim.enable().unwrap();
-    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    claim.wait_for(Phase::Active, TIMEOUT).unwrap();
     until("the joint at its goal", || {
         claim.set("arm", Setpoint::impedance(1.0, 0.0, 20.0, 1.0, 0.0)).ok()?;
         claim.commit().ok()?;
-        let position = client.wait(PATIENCE).ok()?.joints().next()?.position()?;
+        let position = client.wait(TIMEOUT).ok()?.joints().next()?.position()?;
         ((position - 1.0).abs() < 0.02).then_some(())
     });
     claim.disable().unwrap();
@@ -238,7 +238,7 @@ fn each_convention_of_a_plant_is_in_status() {
         kind.store(index, Ordering::Relaxed);
         let (names, begun) = (convention.names(), Instant::now());
         until(&format!("{names:?}"), || {
-            let imu = client.wait(PATIENCE).ok()?.imu(0)?;
+            let imu = client.wait(TIMEOUT).ok()?.imu(0)?;
             imu.contradictions().map(ImuContradiction::name).eq(names.iter().copied()).then_some(())
         });
         println!("{names:?} after {:?}", begun.elapsed());

@@ -47,7 +47,7 @@ impl Motors {
     }
 
     /// Injects a fault into the line or one of its motors.
-    pub(crate) fn suffer(&self, verb: &str) {
+    pub(crate) fn inject(&self, verb: &str) {
         let verb = verb.parse().unwrap_or_else(|error| panic!("{verb}: {error}"));
         let mut port = self.port.lock().expect("nobody panicked");
         port.inject(clock::monotonic(), &verb).expect("the line has it");

@@ -5,7 +5,7 @@
 use crate::deadman::{Recorder, Switch, beating, runtime, safe_frames};
 use motord_bus::clock;
 use motord_core::stopper::Outlet;
-use motord_deadman::channel::{Answer, Listener, PATIENCE as SWITCH_PATIENCE, Request};
+use motord_deadman::channel::{Answer, Listener, Request, TIMEOUT as SWITCH_TIMEOUT};
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
 use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::InterfaceError;
@@ -27,9 +27,9 @@ pub(crate) struct Registration {
 
 impl Registration {
     pub(crate) fn start(instance: &Instance, pulse: Pulse) -> Self {
-        let (tells, lost) = channel();
+        let (losses, lost) = channel();
         let report = move |is_lost| {
-            let _ended = tells.send(is_lost);
+            let _ended = losses.send(is_lost);
         };
         let mut registrar = Registrar::new(instance.clone(), safe_frames(), pulse).reports(report);
         let end = Arc::new(AtomicBool::new(false));
@@ -77,7 +77,7 @@ fn late_switch_leaves_living_daemon_alone() {
         move |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::new(&sent))) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let registration = Registration::start(&instance, pulse);
-    sleep(SWITCH_PATIENCE + Duration::from_millis(500));
+    sleep(SWITCH_TIMEOUT + Duration::from_millis(500));
     let due = clock::monotonic() + Duration::from_secs(1);
     while clock::monotonic() < due {
         server.turn(due);

@@ -246,16 +246,16 @@ impl Running {
 /// Runs a robot for `time`, and applies `misfortunes` to its line. Returns its CAN buses, and the
 /// counters of the line.
 fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord_shared::BusState) {
-    let place = TempDir::new().unwrap();
-    let device = place.path().join("ttyUSB0");
+    let directory = TempDir::new().unwrap();
+    let device = directory.path().join("ttyUSB0");
     let settings = settings(&device);
     let motors = Motors::start(&settings, LINE, device);
-    let (broken, hears_broken) = channel();
+    let (broken, broken_buses) = channel();
     let stop = AtomicBool::new(false);
     scope(|threads| {
         let (mut robot, mut reconnector) = Running::new(&settings, broken);
         let (settings, stop) = (&settings, &stop);
-        threads.spawn(move || reconnector.run(settings, &hears_broken, || stop.load(Ordering::Relaxed)));
+        threads.spawn(move || reconnector.run(settings, &broken_buses, || stop.load(Ordering::Relaxed)));
         prepare_thread(50);
         let is_enabled = robot.enable();
         // The other robot waits for this one even if it fails.
@@ -268,9 +268,9 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         threads.spawn(move || {
             for misfortune in misfortunes {
                 sleep(part);
-                motors.suffer(misfortune);
+                motors.inject(misfortune);
                 sleep(part);
-                motors.suffer("arm ok");
+                motors.inject("arm ok");
             }
         });
         robot.measure(time);
@@ -306,7 +306,7 @@ fn side_by_side(time: Duration) -> (Can, Can) {
 
 /// Checks that nothing is refused, no condition changes, and replies take as long as on the other
 /// robot.
-fn judge(ill: &Can, well: &Can) {
+fn check(ill: &Can, well: &Can) {
     for can in [ill, well] {
         assert_eq!((can.dropped, can.errors, can.conditions_changed), (0, 0, 0), "{}", can.row());
     }
@@ -319,7 +319,7 @@ fn judge(ill: &Can, well: &Can) {
 #[test]
 fn line_faults_change_nothing_on_can_bus() {
     let (ill, well) = side_by_side(Duration::from_secs(8));
-    judge(&ill, &well);
+    check(&ill, &well);
 }
 
 /// On an otherwise idle machine, the cycles take as long, and no more replies are missed.
@@ -327,7 +327,7 @@ fn line_faults_change_nothing_on_can_bus() {
 #[ignore = "takes a minute of a machine that does nothing else"]
 fn minute_of_line_faults_changes_nothing_on_can() {
     let (ill, well) = side_by_side(Duration::from_secs(60));
-    judge(&ill, &well);
+    check(&ill, &well);
     for part in [0.5, 0.99] {
         let [ill, well] = [&ill, &well].map(|can| can.cycles.value_at_quantile(part));
         assert!(ill.abs_diff(well) <= 30_000, "{:.1} % of the cycles: {ill} and {well} ns", 100.0 * part);

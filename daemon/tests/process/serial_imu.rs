@@ -17,7 +17,7 @@ use tempfile::TempDir;
 
 /// Longer than a busy machine stalls: an IMU that is lost sooner is not lost by this time.
 const LOST_AFTER: Duration = Duration::from_secs(10);
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// The sensors of both are on one body, and sway together.
 const CONFIG: &str = r#"
 [daemon]
@@ -76,9 +76,9 @@ struct Sensors {
 }
 
 impl Sensors {
-    fn start(place: &Path) -> Self {
+    fn start(directory: &Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord-sim"));
-        command.arg("--config").arg(place.join("robot.toml")).arg("--link").arg(place);
+        command.arg("--config").arg(directory.join("robot.toml")).arg("--link").arg(directory);
         let mut process = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let output = BufReader::new(process.stdout.take().unwrap());
         let mut sensors = Self { process: Program(process), output };
@@ -103,22 +103,22 @@ impl Sensors {
 
 /// A running daemon.
 struct Robot {
-    place: TempDir,
+    directory: TempDir,
     daemon: Program,
     client: Client,
 }
 
 impl Robot {
     fn start() -> Self {
-        let place = TempDir::new().unwrap();
-        let config = CONFIG.replace("PLACE", place.path().to_str().unwrap());
-        std::fs::write(place.path().join("robot.toml"), config).unwrap();
+        let directory = TempDir::new().unwrap();
+        let config = CONFIG.replace("PLACE", directory.path().to_str().unwrap());
+        std::fs::write(directory.path().join("robot.toml"), config).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.args(["run", "--config"]).arg(place.path().join("robot.toml"));
-        command.env("MOTORD_RUNTIME_DIR", place.path()).stderr(Stdio::null());
+        command.args(["run", "--config"]).arg(directory.path().join("robot.toml"));
+        command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null());
         let daemon = Program(command.spawn().unwrap());
-        let client = until("a daemon", || Client::connect_in(place.path(), "robot").ok());
-        Self { place, daemon, client }
+        let client = until("a daemon", || Client::connect_in(directory.path(), "robot").ok());
+        Self { directory, daemon, client }
     }
 
     fn state(&self) -> State {
@@ -141,7 +141,7 @@ impl Robot {
     }
 
     fn device(&self) -> PathBuf {
-        std::fs::read_link(self.place.path().join("hipnuc")).unwrap()
+        std::fs::read_link(self.directory.path().join("hipnuc")).unwrap()
     }
 }
 
@@ -151,7 +151,7 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
         if let Some(found) = found() {
             return found;
         }
-        assert!(begun.elapsed() < PATIENCE, "{what} within {PATIENCE:?}");
+        assert!(begun.elapsed() < TIMEOUT, "{what} within {TIMEOUT:?}");
     }
 }
 
@@ -181,7 +181,7 @@ fn late_devices_deliver_samples_through_the_mount() {
         Err(Error::Refused { refusal: Refusal::ImuLost, .. }) => Some(()),
         _motor_is_not_known_yet => None,
     });
-    let mut sensors = Sensors::start(robot.place.path());
+    let mut sensors = Sensors::start(robot.directory.path());
     robot.await_fresh();
     let (base, head) = until("samples of one moment", || {
         let state = robot.state();
@@ -212,7 +212,7 @@ fn late_devices_deliver_samples_through_the_mount() {
 #[test]
 fn unplugged_device_stops_the_robot_and_returns() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.place.path());
+    let mut sensors = Sensors::start(robot.directory.path());
     robot.await_fresh();
     let mut claim = robot.client.claim("arms").unwrap();
     until("the robot moves", || {
@@ -249,7 +249,7 @@ fn unplugged_device_stops_the_robot_and_returns() {
 #[test]
 fn damaged_samples_are_counted_and_not_published() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.place.path());
+    let mut sensors = Sensors::start(robot.directory.path());
     robot.await_fresh();
     sensors.obey("base corrupt 0.5%");
     let begun = robot.imu("base");
@@ -272,7 +272,7 @@ fn each_convention_of_a_serial_sensor_is_named() {
     let robot = Robot::start();
     let open = |name: &str| {
         let ends = openpty(None, None).unwrap();
-        std::os::unix::fs::symlink(ttyname(&ends.slave).unwrap(), robot.place.path().join(name)).unwrap();
+        std::os::unix::fs::symlink(ttyname(&ends.slave).unwrap(), robot.directory.path().join(name)).unwrap();
         (std::fs::File::from(ends.master), ends.slave)
     };
     let ((mut hipnuc, _hipnuc_stays), (mut xsens, _xsens_stays)) = (open("hipnuc"), open("xsens"));
@@ -319,7 +319,7 @@ fn reader_ticks(pid: u32) -> u64 {
 #[test]
 fn garbage_at_line_speed_changes_nothing_else() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.place.path());
+    let mut sensors = Sensors::start(robot.directory.path());
     robot.await_fresh();
     sensors.obey("head garbage");
     let (begun, ticks) = (robot.imu("head"), reader_ticks(robot.daemon.0.id()));

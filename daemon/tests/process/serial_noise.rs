@@ -79,17 +79,17 @@ impl Line {
     }
 
     /// Decodes `bytes` to frames and refusals.
-    fn hear(&mut self, bytes: &[u8]) -> Vec<Content> {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<Content> {
         self.motors.write_all(bytes).unwrap();
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         // One read takes 256 bytes.
         for _ in 0..bytes.len().div_ceil(256) {
             let mut inbox = Inbox::new();
             self.bus.receive(self.now, &mut inbox);
             let contents = inbox.arrivals().iter().map(|arrival| arrival.content);
-            heard.extend(contents.filter(|content| !matches!(content, Content::Unsupported(_))));
+            received.extend(contents.filter(|content| !matches!(content, Content::Unsupported(_))));
         }
-        heard
+        received
     }
 }
 
@@ -148,9 +148,9 @@ fn corrupted_bytes_neither_hide_nor_forge_replies() {
         total += bytes.len();
         let answer = reply(request, &mut random);
         bytes.extend(framed(host, answer));
-        let heard = line.hear(&bytes);
-        assert!(heard.len() <= 1, "one request has one answer: {heard:?}");
-        match heard.first() {
+        let received = line.receive(&bytes);
+        assert!(received.len() <= 1, "one request has one answer: {received:?}");
+        match received.first() {
             Some(Content::Frame(frame)) => {
                 assert_eq!(frame.id(), FrameId::from(id));
                 let (payload, repeated) = (frame.payload(), request.1);

@@ -20,13 +20,13 @@ use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 /// The command that starts a motor, neutral for one in MIT mode.
 const START: [u8; 8] = [0x91, 0, 0x80, 0, 0, 0, 0x08, 0];
 
 /// Two native motors on a line, and a directory for everything.
 struct Arm {
-    place: TempDir,
+    directory: TempDir,
     motors: Motors,
     device: String,
 }
@@ -39,12 +39,12 @@ impl Arm {
     /// Starts the motors of the first of these configurations, each with its instance; all use the
     /// device.
     fn of(configurations: impl Fn(&str) -> Vec<(&'static str, String)>) -> Self {
-        let place = TempDir::new().unwrap();
-        let link = place.path().join("ttyUSB0");
+        let directory = TempDir::new().unwrap();
+        let link = directory.path().join("ttyUSB0");
         let device = link.to_str().unwrap().to_owned();
         let configurations = configurations(&device);
         let motors = Motors::start(&robot::settings(&configurations[0].1), 0, link);
-        let arm = Self { place, motors, device };
+        let arm = Self { directory, motors, device };
         for (instance, text) in configurations {
             fs::write(arm.file(instance), text).unwrap();
         }
@@ -52,13 +52,13 @@ impl Arm {
     }
 
     fn file(&self, instance: &str) -> std::path::PathBuf {
-        self.place.path().join(format!("{instance}.toml"))
+        self.directory.path().join(format!("{instance}.toml"))
     }
 
     fn motord(&self, command: &str, instance: &str) -> Command {
         let mut motord = Command::new(env!("CARGO_BIN_EXE_motord"));
         motord.arg(command).arg("--config").arg(self.file(instance));
-        motord.env("MOTORD_RUNTIME_DIR", self.place.path()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        motord.env("MOTORD_RUNTIME_DIR", self.directory.path()).stdout(Stdio::piped()).stderr(Stdio::piped());
         motord
     }
 
@@ -80,7 +80,7 @@ impl Arm {
                 assert!(matches!(sent, Ok(()) | Err(Refusal::Full)), "{sent:?}");
                 sleep(Duration::from_millis(3));
             }
-            assert!(begun.elapsed() < PATIENCE, "{:?}", self.modes());
+            assert!(begun.elapsed() < TIMEOUT, "{:?}", self.modes());
         }
     }
 
@@ -91,7 +91,7 @@ impl Arm {
     fn must_stop(&self) {
         let begun = Instant::now();
         while self.modes() != [Mode::Stopped; 2] {
-            assert!(begun.elapsed() < PATIENCE, "{:?}", self.modes());
+            assert!(begun.elapsed() < TIMEOUT, "{:?}", self.modes());
             sleep(Duration::from_millis(5));
         }
     }
@@ -136,7 +136,7 @@ fn the_shipped_arm_runs_on_a_line() {
     let pid = Pid::from_raw(daemon.id().cast_signed());
     let (answered, waits) = channel::<()>();
     let _ends_the_log = spawn(move || {
-        let is_late = waits.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout);
+        let is_late = waits.recv_timeout(TIMEOUT) == Err(RecvTimeoutError::Timeout);
         is_late.then(|| kill(pid, Signal::SIGTERM))
     });
     let mut silent = vec!["shoulder", "elbow", "wrist", "gripper"];
@@ -181,7 +181,7 @@ fn safe_stop_stops_motors_of_a_line() {
 fn safe_stop_names_silent_motors_of_line() {
     let arm = Arm::new();
     arm.start_motors();
-    arm.motors.suffer("jaw power-off");
+    arm.motors.inject("jaw power-off");
     let output = arm.motord("safe-stop", "one").output().unwrap();
     assert_eq!(output.status.code(), Some(80), "{}", text(&output));
     assert!(text(&output).ends_with("may still move, so cut the power: jaw\n"), "{}", text(&output));
@@ -194,7 +194,7 @@ fn safe_stop_reports_an_unreachable_line() {
         [("arm gone", "there is no such device"), ("arm blocked", "refuses frames")]
     {
         let arm = Arm::new();
-        arm.motors.suffer(misfortune);
+        arm.motors.inject(misfortune);
         let output = arm.motord("safe-stop", "one").output().unwrap();
         assert_eq!(output.status.code(), Some(69), "{misfortune}: {}", text(&output));
         assert!(text(&output).contains(complaint), "{misfortune}: {}", text(&output));
@@ -235,22 +235,22 @@ fn daemon_waits_for_adapter_that_comes_later() {
 /// Method: the motors are another process, since a child of this one would keep its terminal open.
 #[test]
 fn returned_port_is_opened_once() {
-    let place = TempDir::new().unwrap();
-    let file = place.path().join("one.toml");
-    fs::write(&file, config("one", place.path().join("ttyUSB0").to_str().unwrap())).unwrap();
+    let directory = TempDir::new().unwrap();
+    let file = directory.path().join("one.toml");
+    fs::write(&file, config("one", directory.path().join("ttyUSB0").to_str().unwrap())).unwrap();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_motord-sim"));
-    simulator.arg("--config").arg(&file).arg("--link").arg(place.path());
+    simulator.arg("--config").arg(&file).arg("--link").arg(directory.path());
     let mut simulator = simulator.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut verbs = simulator.stdin.take().unwrap();
     assert!(BufReader::new(simulator.stdout.take().unwrap()).lines().any(|line| line.unwrap() == "ready"));
     let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"));
-    daemon.args(["run", "--config"]).arg(&file).env("MOTORD_RUNTIME_DIR", place.path());
+    daemon.args(["run", "--config"]).arg(&file).env("MOTORD_RUNTIME_DIR", directory.path());
     let mut daemon = daemon.stderr(Stdio::piped()).spawn().unwrap();
     let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
     let (lines, logged) = channel();
     spawn(move || log.for_each(|line| drop(lines.send(line))));
     let await_line = |text: &str| {
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + TIMEOUT;
         while !logged.recv_timeout(end - Instant::now()).expect(text).contains(text) {}
     };
     await_line(" ready ");

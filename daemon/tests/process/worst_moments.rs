@@ -9,7 +9,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use crate::player::become_user;
-use motord_harness::daemon::{PATIENCE, until};
+use motord_harness::daemon::{TIMEOUT, until};
 use motord_harness::programs::lacks;
 use motord_ports::ClientPorts;
 use motord_ports::instance::Instance;
@@ -71,24 +71,24 @@ fn alone() -> MutexGuard<'static, ()> {
 /// A daemon, and its motor that follows setpoints.
 struct Robot {
     process: Child,
-    place: TempDir,
+    directory: TempDir,
     ports: Arc<ClientPorts>,
     over: Arc<AtomicBool>,
     owner: Option<JoinHandle<()>>,
 }
 
 impl Robot {
-    /// Starts the daemon in `place`, and waits until the motor is active.
-    fn start(place: TempDir) -> Self {
-        let path = place.path().join("motord.toml");
+    /// Starts the daemon in `directory`, and waits until the motor is active.
+    fn start(directory: TempDir) -> Self {
+        let path = directory.path().join("motord.toml");
         fs::write(&path, CONFIG).unwrap();
-        let log = fs::File::create(place.path().with_extension("log")).unwrap();
+        let log = fs::File::create(directory.path().with_extension("log")).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", place.path()).stderr(log);
+        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", directory.path()).stderr(log);
         let process = command.spawn().unwrap();
-        let ports = Arc::new(until("the daemon runs", || attached(place.path())));
+        let ports = Arc::new(until("the daemon runs", || attached(directory.path())));
         let over = Arc::new(AtomicBool::new(false));
-        let mut robot = Self { process, place, ports, over, owner: None };
+        let mut robot = Self { process, directory, ports, over, owner: None };
         robot.activate();
         robot
     }
@@ -109,8 +109,8 @@ impl Robot {
         until("an owner", || (self.ask(Operation::Enable)?.refusal == 0).then_some(()));
         let begun = Instant::now();
         while self.phase() != Some(Phase::Active) {
-            let log = || fs::read_to_string(self.place.path().with_extension("log")).unwrap_or_default();
-            assert!(begun.elapsed() < PATIENCE, "no active arm: {}", log());
+            let log = || fs::read_to_string(self.directory.path().with_extension("log")).unwrap_or_default();
+            assert!(begun.elapsed() < TIMEOUT, "no active arm: {}", log());
             sleep(Duration::from_millis(1));
         }
     }
@@ -123,7 +123,7 @@ impl Robot {
         let request = AdminRequest { operation: operation.code(), group: 0, ..Default::default() };
         let question = self.ports.ask(request).ok()?;
         let begun = Instant::now();
-        while begun.elapsed() < PATIENCE {
+        while begun.elapsed() < TIMEOUT {
             if let Some(answer) = question.answer().ok()? {
                 return Some(answer);
             }
@@ -160,7 +160,7 @@ impl Drop for Robot {
         let _signal = kill(self.pid(), Signal::SIGCONT);
         let _ended = self.process.kill();
         let _reaped = self.process.wait();
-        let _log = fs::remove_file(self.place.path().with_extension("log"));
+        let _log = fs::remove_file(self.directory.path().with_extension("log"));
     }
 }
 
@@ -203,7 +203,7 @@ fn none(_: &Robot) -> Misfortune {
 }
 
 fn file_system_full(robot: &Robot) -> Misfortune {
-    let path = robot.place.path().join("filler");
+    let path = robot.directory.path().join("filler");
     let mut file = fs::File::create(&path).unwrap();
     let full = std::io::copy(&mut std::io::repeat(0), &mut file).unwrap_err();
     assert_eq!(full.raw_os_error(), Some(nix::libc::ENOSPC), "{full}");
@@ -211,7 +211,7 @@ fn file_system_full(robot: &Robot) -> Misfortune {
 }
 
 fn directory_emptied(robot: &Robot) -> Misfortune {
-    for entry in fs::read_dir(robot.place.path()).unwrap().map(Result::unwrap) {
+    for entry in fs::read_dir(robot.directory.path()).unwrap().map(Result::unwrap) {
         let path = entry.path();
         if path.is_dir() { fs::remove_dir_all(path).unwrap() } else { fs::remove_file(path).unwrap() }
     }
@@ -231,8 +231,8 @@ fn descriptors_used_up(robot: &Robot) -> Misfortune {
     }))
 }
 
-fn places_taken(robot: &Robot) -> Misfortune {
-    let instance = Instance::below(robot.place.path(), "robot").unwrap();
+fn slots_taken(robot: &Robot) -> Misfortune {
+    let instance = Instance::below(robot.directory.path(), "robot").unwrap();
     let mut taken = Vec::new();
     while let Ok(ports) = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()) {
         taken.push(ports);
@@ -242,20 +242,20 @@ fn places_taken(robot: &Robot) -> Misfortune {
 }
 
 fn crowd(robot: &Robot) -> Misfortune {
-    let asker = || {
-        let mut asker = Command::new(std::env::current_exe().unwrap());
-        asker
+    let requester = || {
+        let mut requester = Command::new(std::env::current_exe().unwrap());
+        requester
             .args(["--exact", "worst_moments::one_of_the_crowd", "--nocapture"])
-            .env(ASK, robot.place.path());
-        asker.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+            .env(ASK, robot.directory.path());
+        requester.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     };
-    let mut crowd: Vec<Child> = (0..CROWD).map(|_| asker()).collect();
+    let mut crowd: Vec<Child> = (0..CROWD).map(|_| requester()).collect();
     sleep(Duration::from_secs(3));
-    assert!(crowd.iter_mut().all(|asker| asker.try_wait().unwrap().is_none()), "they ask on");
+    assert!(crowd.iter_mut().all(|requester| requester.try_wait().unwrap().is_none()), "they ask on");
     Box::new(Undo(move || {
-        for asker in &mut crowd {
-            asker.kill().unwrap();
-            asker.wait().unwrap();
+        for requester in &mut crowd {
+            requester.kill().unwrap();
+            requester.wait().unwrap();
         }
     }))
 }
@@ -298,22 +298,22 @@ fn one_of_the_crowd() {
 struct Row {
     misfortune: &'static str,
     status: Option<i32>,
-    said: String,
+    printed: String,
     answered_after: Duration,
     damped_after: Duration,
     group: motord_shared::GroupState,
 }
 
-fn row(misfortune: &'static str, place: TempDir, begin: Begin) -> Row {
-    let robot = Robot::start(place);
+fn row(misfortune: &'static str, directory: TempDir, begin: Begin) -> Row {
+    let robot = Robot::start(directory);
     let happens = begin(&robot);
     let (since_ns, begun) = (motord_ports::clock::now_ns(), Instant::now());
-    let mut motorctl = estop(robot.place.path());
-    let mut said = String::new();
-    BufReader::new(motorctl.stdout.take().unwrap()).read_line(&mut said).unwrap();
+    let mut motorctl = estop(robot.directory.path());
+    let mut printed = String::new();
+    BufReader::new(motorctl.stdout.take().unwrap()).read_line(&mut printed).unwrap();
     let answered_after = begun.elapsed();
     let Output { status, stderr, .. } = motorctl.wait_with_output().unwrap();
-    said += str::from_utf8(&stderr).unwrap();
+    printed += str::from_utf8(&stderr).unwrap();
     drop(happens);
     let latched = || {
         let group = robot.state()?.groups[0];
@@ -321,7 +321,7 @@ fn row(misfortune: &'static str, place: TempDir, begin: Begin) -> Row {
     };
     let group = until("a latched stop", latched);
     let damped_after = robot.stopped_after(since_ns);
-    Row { misfortune, status: status.code(), said, answered_after, damped_after, group }
+    Row { misfortune, status: status.code(), printed, answered_after, damped_after, group }
 }
 
 fn estop(runtime: &Path) -> Child {
@@ -334,8 +334,8 @@ fn estop(runtime: &Path) -> Child {
 
 impl Row {
     fn print(&self) {
-        let Self { misfortune, status, said, answered_after, damped_after, .. } = self;
-        let first = said.lines().next().unwrap_or_default();
+        let Self { misfortune, status, printed, answered_after, damped_after, .. } = self;
+        let first = printed.lines().next().unwrap_or_default();
         println!(
             "| {misfortune} | {first} | {} | {answered_after:.0?} | {damped_after:.0?} |",
             status.unwrap_or(-1)
@@ -343,8 +343,8 @@ impl Row {
     }
 
     fn must_be_confirmed(&self) {
-        assert_eq!(self.status, Some(0), "{}: {}", self.misfortune, self.said);
-        assert!(self.said.starts_with("confirmed: "), "{}: {}", self.misfortune, self.said);
+        assert_eq!(self.status, Some(0), "{}: {}", self.misfortune, self.printed);
+        assert!(self.printed.starts_with("confirmed: "), "{}: {}", self.misfortune, self.printed);
         assert_ne!(self.group.cause_pid, 0, "{}", self.misfortune);
     }
 }
@@ -356,7 +356,7 @@ fn emergency_stop_is_confirmed_in_worst_moments() {
         ("none", none),
         ("the directory is emptied", directory_emptied),
         ("the descriptors are used up", descriptors_used_up),
-        ("all slots are in use", places_taken),
+        ("all slots are in use", slots_taken),
         ("24 processes ask without pause", crowd),
         ("the ipc thread hangs", ipc_thread_hangs),
     ];
@@ -367,8 +367,8 @@ fn emergency_stop_is_confirmed_in_worst_moments() {
     }
     let frozen = row("the daemon is frozen", TempDir::new().unwrap(), daemon_frozen);
     frozen.print();
-    assert_eq!(frozen.status, Some(79), "{}", frozen.said);
-    assert!(frozen.said.contains("EMERGENCY STOP NOT CONFIRMED: cut the power"), "{}", frozen.said);
+    assert_eq!(frozen.status, Some(79), "{}", frozen.printed);
+    assert!(frozen.printed.contains("EMERGENCY STOP NOT CONFIRMED: cut the power"), "{}", frozen.printed);
     assert!(frozen.damped_after > Duration::from_millis(500), "it was carried out when the daemon went on");
 }
 
@@ -393,11 +393,11 @@ fn emergency_stop_is_confirmed_on_full_filesystem() {
         assert!(is_refused || status.unwrap().success());
         return;
     }
-    let place = TempDir::new().unwrap();
+    let directory = TempDir::new().unwrap();
     let mut mount = Command::new("mount");
-    mount.args(["-t", "tmpfs", "-o", "size=64m,mode=700", "tmpfs"]).arg(place.path());
+    mount.args(["-t", "tmpfs", "-o", "size=64m,mode=700", "tmpfs"]).arg(directory.path());
     assert!(mount.status().unwrap().success());
-    let row = row("the runtime file system is full", place, file_system_full);
+    let row = row("the runtime file system is full", directory, file_system_full);
     row.print();
     row.must_be_confirmed();
 }
@@ -408,8 +408,8 @@ fn an_intruder_asks() {
     let Some(runtime) = std::env::var_os(INTRUDE) else { return };
     let instance = Instance::below(Path::new(&runtime), "robot").unwrap();
     become_user(NOBODY);
-    let asked = AskedStop::send(&instance, PATIENCE).unwrap();
-    assert_eq!(asked.confirm(PATIENCE), Err(StopError::NotPermitted));
+    let asked = AskedStop::send(&instance, TIMEOUT).unwrap();
+    assert_eq!(asked.confirm(TIMEOUT), Err(StopError::NotPermitted));
 }
 
 #[test]
@@ -422,7 +422,7 @@ fn nobody_else_may_stop_the_robot() {
     let mut intruder = Command::new(std::env::current_exe().unwrap());
     intruder
         .args(["--exact", "worst_moments::an_intruder_asks", "--nocapture"])
-        .env(INTRUDE, robot.place.path());
+        .env(INTRUDE, robot.directory.path());
     assert!(intruder.status().unwrap().success());
     assert_eq!(robot.phase(), Some(Phase::Active));
 }
@@ -430,8 +430,8 @@ fn nobody_else_may_stop_the_robot() {
 /// Goal: motors that keep their last command are not taken for stopped ones.
 #[test]
 fn daemon_that_died_is_named_until_the_next() {
-    let connect = |place: &Path| motord_client::Client::connect_in(place, "robot");
-    let died = |place: &Path| match connect(place) {
+    let connect = |directory: &Path| motord_client::Client::connect_in(directory, "robot");
+    let died = |directory: &Path| match connect(directory) {
         Err(motord_client::Error::NotRunning { died, .. }) => died,
         other => panic!("{other:?}"),
     };
@@ -441,8 +441,8 @@ fn daemon_that_died_is_named_until_the_next() {
         kill(robot.pid(), signal).unwrap();
         robot.process.wait().unwrap();
         let expected = (signal == Signal::SIGKILL).then_some(robot.process.id());
-        assert_eq!(died(robot.place.path()), expected, "{signal}");
-        let text = connect(robot.place.path()).unwrap_err().to_string();
+        assert_eq!(died(robot.directory.path()), expected, "{signal}");
+        let text = connect(robot.directory.path()).unwrap_err().to_string();
         assert_eq!(text.contains("died without stopping its motors"), expected.is_some(), "{text}");
     }
 }

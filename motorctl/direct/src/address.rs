@@ -181,12 +181,12 @@ fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<
         .map(|change| format!("{} from {} to {}", change.item.name, text(change.from), text(change.to)))
         .collect();
     let to_mit = changes.iter().any(|change| change.item.name == PROTOCOL && change.to == Value::Integer(1));
-    let way_back = match (to_mit, wire) {
+    let reversal = match (to_mit, wire) {
         (true, _) => "\nIt cannot be changed back over CAN, only by its serial port (RS485, RS232).",
         (false, _) => "",
     };
     confirm.ask(&format!(
-        "This permanently changes {} of {name}. Connect it alone: every motor with this id would change.{way_back}",
+        "This permanently changes {} of {name}. Connect it alone: every motor with this id would change.{reversal}",
         described.join(", ")
     ))?;
     let written = apply.run(&mut session.gim(), &mut |event| {

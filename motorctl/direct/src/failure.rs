@@ -49,10 +49,10 @@ pub enum DirectFailure {
         ports: usize,
     },
     /// An IMU was not set as asked.
-    #[error("{place}: {reason}")]
+    #[error("{address}: {reason}")]
     Imu {
         /// Its port, or its interface and node.
-        place: String,
+        address: String,
         /// Why, and what to do.
         reason: String,
     },

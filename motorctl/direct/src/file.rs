@@ -204,15 +204,15 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
          no document."
     ))?;
     session.gim().reset_configuration()?;
-    for place in [FACTORY_ID, id] {
-        if let Some(found) = identify(&mut session.line.link, place)? {
+    for candidate in [FACTORY_ID, id] {
+        if let Some(found) = identify(&mut session.line.link, candidate)? {
             if found.family == Family::Native {
                 // Makes the defaults survive a loss of power.
-                Native::new(&mut session.line.link, place, found.host_id).refresh()?;
+                Native::new(&mut session.line.link, candidate, found.host_id).refresh()?;
             }
             let host_id =
                 found.host_id.map_or_else(String::new, |id| format!(" with host id {:#05X}", id.raw()));
-            return print_line(&format!("{name}: reset; it answers as id {place}{host_id} now"));
+            return print_line(&format!("{name}: reset; it answers as id {candidate}{host_id} now"));
         }
     }
     print_line(&format!(

@@ -124,7 +124,7 @@ fn one(
 ) -> Result<Report, Error> {
     scan(&mut line.link, settings, &mut |progress| {
         let _unread = sender.send(progress);
-        !interrupt.came()
+        !interrupt.is_raised()
     })
 }
 

@@ -90,19 +90,19 @@ impl FoundImu {
     fn named(self, index: usize) -> Self {
         let Self { kind, rate_hz, .. } = self;
         let name = if index == 0 { "base".to_owned() } else { format!("imu-{}", index + 1) };
-        let place = match (&self.device, self.baud, &self.bus, self.node_id) {
+        let address = match (&self.device, self.baud, &self.bus, self.node_id) {
             (Some(device), Some(baud), ..) => format!("device = \"{device}\"\nbaud = {baud}\n"),
             (_, _, Some(bus), Some(node)) => {
                 format!("bus = \"NAME\"  # of the [[bus]] with interface = \"{bus}\"\nnode-id = {node}\n")
             }
             _ => String::new(),
         };
-        let lines = format!("[[imu]]\nname = \"{name}\"\ntype = \"{kind}\"\n{place}rate-hz = {rate_hz}\n");
+        let lines = format!("[[imu]]\nname = \"{name}\"\ntype = \"{kind}\"\n{address}rate-hz = {rate_hz}\n");
         Self { lines, ..self }
     }
 
     /// Returns its port or interface, and its baud rate or node.
-    fn place(&self) -> [String; 2] {
+    fn address(&self) -> [String; 2] {
         let text = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         match (&self.bus, self.node_id) {
             (Some(bus), Some(node)) => [bus.clone(), format!("node {node}")],
@@ -112,7 +112,7 @@ impl FoundImu {
 }
 
 /// The samples of one protocol among the bytes of a port.
-pub(crate) struct Heard {
+pub(crate) struct SampleStream {
     pub(crate) protocol: SerialProtocol,
     decoder: SerialDecoder,
     pub(crate) count: usize,
@@ -121,7 +121,7 @@ pub(crate) struct Heard {
     last: Instant,
 }
 
-impl Heard {
+impl SampleStream {
     pub(crate) fn new(protocol: SerialProtocol) -> Self {
         let decoder = SerialDecoder::new(protocol);
         Self { protocol, decoder, count: 0, complete: 0, first: None, last: Instant::ZERO }
@@ -170,7 +170,7 @@ pub fn find(arguments: &ImuFind) -> Result<(), DirectFailure> {
         let started: Vec<_> = started.collect();
         started.into_iter().filter_map(|thread| thread.join().ok()).collect()
     });
-    if interrupt.came() {
+    if interrupt.is_raised() {
         return Err(motord_protocol::commissioning::Error::Interrupted.into());
     }
     let mut found = Found { imus: Vec::new(), notes: Vec::new() };
@@ -245,16 +245,16 @@ fn one(device: &str, bauds: &[u32], interrupt: &Interrupt) -> Outcome {
             Err(OpenError::Baud { .. }) => continue,
             Err(error) => return Outcome::Note(error.to_string()),
         };
-        let mut heard = SerialProtocol::ALL.map(Heard::new);
-        let is_found = |heard: &[Heard]| heard.iter().any(|one| one.count >= SAMPLES);
-        bytes += listen(&port, &mut heard, PROBE, |heard| is_found(heard) || interrupt.came());
-        if let Some(known) = heard.into_iter().find(|one| one.count >= SAMPLES) {
-            let mut measured = [Heard::new(known.protocol)];
-            listen(&port, &mut measured, MEASURE, |_| interrupt.came());
+        let mut streams = SerialProtocol::ALL.map(SampleStream::new);
+        let is_found = |streams: &[SampleStream]| streams.iter().any(|one| one.count >= SAMPLES);
+        bytes += listen(&port, &mut streams, PROBE, |streams| is_found(streams) || interrupt.is_raised());
+        if let Some(known) = streams.into_iter().find(|one| one.count >= SAMPLES) {
+            let mut measured = [SampleStream::new(known.protocol)];
+            listen(&port, &mut measured, MEASURE, |_| interrupt.is_raised());
             let [measured] = measured;
             return Outcome::Imu(report(device, baud, &measured));
         }
-        if interrupt.came() {
+        if interrupt.is_raised() {
             break;
         }
     }
@@ -264,19 +264,19 @@ fn one(device: &str, bauds: &[u32], interrupt: &Interrupt) -> Outcome {
     })
 }
 
-/// Passes the bytes of a port to `heard` for at most `duration`, until `ends`. Returns their number.
+/// Passes the bytes of a port to `streams` for at most `duration`, until `ends`. Returns their number.
 pub(crate) fn listen(
     port: &Port,
-    heard: &mut [Heard],
+    streams: &mut [SampleStream],
     duration: Duration,
-    ends: impl Fn(&[Heard]) -> bool,
+    ends: impl Fn(&[SampleStream]) -> bool,
 ) -> usize {
     let mut buffer = [0; 4096];
     let mut total = 0;
     let end = clock::monotonic() + duration;
     loop {
         let now = clock::monotonic();
-        if now >= end || ends(heard) {
+        if now >= end || ends(streams) {
             return total;
         }
         if !wait(&[port.readiness()], now, end.min(now + TURN)).any() {
@@ -285,7 +285,7 @@ pub(crate) fn listen(
         match port.read(&mut buffer) {
             Ok(count) if count > 0 => {
                 let received = clock::monotonic();
-                heard.iter_mut().for_each(|one| one.take(&buffer[..count], received));
+                streams.iter_mut().for_each(|one| one.take(&buffer[..count], received));
                 total += count;
             }
             Err(Errno::EAGAIN | Errno::EINTR) => {}
@@ -294,12 +294,12 @@ pub(crate) fn listen(
     }
 }
 
-fn report(device: &str, baud: u32, heard: &Heard) -> FoundImu {
+fn report(device: &str, baud: u32, streams: &SampleStream) -> FoundImu {
     FoundImu {
         device: Some(lasting_name(device)),
         baud: Some(baud),
-        complete: heard.count > 0 && heard.complete == heard.count,
-        ..measured(heard.protocol.name(), heard.rate_hz().unwrap_or(0.0))
+        complete: streams.count > 0 && streams.complete == streams.count,
+        ..measured(streams.protocol.name(), streams.rate_hz().unwrap_or(0.0))
     }
 }
 
@@ -329,9 +329,9 @@ fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
         let mut table = Table::new(&["type", "device or bus", "baud or node", "Hz", "samples"]);
         for imu in &found.imus {
             let samples = if imu.complete { "complete" } else { "INCOMPLETE" };
-            let [place, heard] = imu.place();
+            let [port, baud] = imu.address();
             let cells =
-                [imu.kind.to_owned(), place, heard, format!("{:.1}", imu.measured_hz), samples.to_owned()];
+                [imu.kind.to_owned(), port, baud, format!("{:.1}", imu.measured_hz), samples.to_owned()];
             table.row(cells.map(Cell::plain).into());
         }
         table.write(out, Palette::of_stdout())?;
@@ -344,7 +344,7 @@ fn print(found: &Found, as_json: bool) -> Result<(), DirectFailure> {
         let needed = protocol.map_or("", SerialProtocol::complete_samples);
         eprintln!(
             "{}: samples lack a quantity, and motord rejects them; set in the device: {needed}",
-            imu.place()[0]
+            imu.address()[0]
         );
     }
     found.notes.iter().for_each(|note| eprintln!("{note}"));
@@ -369,14 +369,14 @@ mod tests {
     #[test]
     fn measured_rate_is_rounded_to_that_of_devices() {
         let begin = Instant::from_nanos(1_000_000_000);
-        let heard = Heard {
+        let streams = SampleStream {
             count: 99,
             complete: 99,
             first: Some(begin),
             last: begin + Duration::from_millis(490),
-            ..Heard::new(SerialProtocol::Xsens)
+            ..SampleStream::new(SerialProtocol::Xsens)
         };
-        let found = report("/dev/ttyUSB0", 460_800, &heard).named(1);
+        let found = report("/dev/ttyUSB0", 460_800, &streams).named(1);
         assert!(found.lines.starts_with("[[imu]]\nname = \"imu-2\"\n"));
         assert_eq!((found.rate_hz, found.complete), (200.0, true));
         assert!(

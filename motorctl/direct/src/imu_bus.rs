@@ -82,7 +82,7 @@ pub(crate) fn listen(interface: &str, interrupt: &Interrupt) -> Result<Vec<Node>
     let end = clock::monotonic() + MEASURE;
     loop {
         let now = clock::monotonic();
-        if interrupt.came() {
+        if interrupt.is_raised() {
             return Err(motord_protocol::commissioning::Error::Interrupted.into());
         }
         if now >= end {

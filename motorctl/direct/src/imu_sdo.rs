@@ -66,7 +66,7 @@ pub(crate) fn set(
 
 impl Device<'_> {
     fn failed(&self, reason: String) -> DirectFailure {
-        DirectFailure::Imu { place: format!("{} node {}", self.interface, self.node), reason }
+        DirectFailure::Imu { address: format!("{} node {}", self.interface, self.node), reason }
     }
 
     /// Returns the requests with their values, or refuses values that the device or the bus cannot have.

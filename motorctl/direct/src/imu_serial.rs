@@ -1,7 +1,7 @@
 //! `motorctl imu set --device`: the commands of HiPNUC and Xsens on a serial line.
 
 use crate::failure::DirectFailure;
-use crate::imu::{Heard, PROBE, SAMPLES, bauds, listen};
+use crate::imu::{PROBE, SAMPLES, SampleStream, bauds, listen};
 use crate::imu_values::{Set, Values};
 use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{BusLock, Duration, clock, wait};
@@ -84,33 +84,33 @@ impl<'a> Device<'a> {
                 Err(OpenError::Baud { .. }) => continue,
                 Err(error) => return Err(error.into()),
             };
-            let mut heard = SerialProtocol::ALL.map(Heard::new);
-            let is_found = |heard: &[Heard]| heard.iter().any(|one| one.count >= SAMPLES);
-            listen(&port, &mut heard, PROBE, |heard| is_found(heard) || interrupt.came());
-            if interrupt.came() {
+            let mut streams = SerialProtocol::ALL.map(SampleStream::new);
+            let is_found = |streams: &[SampleStream]| streams.iter().any(|one| one.count >= SAMPLES);
+            listen(&port, &mut streams, PROBE, |streams| is_found(streams) || interrupt.is_raised());
+            if interrupt.is_raised() {
                 return Err(Error::Interrupted.into());
             }
-            if let Some(known) = heard.into_iter().find(|one| one.count >= SAMPLES) {
+            if let Some(known) = streams.into_iter().find(|one| one.count >= SAMPLES) {
                 return Ok(Self { name, interrupt, port, baud, protocol: known.protocol });
             }
         }
         let reason = "no sample of a HiPNUC or Xsens arrives, so nothing was written: `motorctl imu find` says what arrives; a device \
                       that was silenced needs the vendor's tool";
-        Err(DirectFailure::Imu { place: name.to_owned(), reason: reason.to_owned() })
+        Err(DirectFailure::Imu { address: name.to_owned(), reason: reason.to_owned() })
     }
 
     fn failed(&self, reason: String) -> DirectFailure {
-        DirectFailure::Imu { place: self.name.to_owned(), reason }
+        DirectFailure::Imu { address: self.name.to_owned(), reason }
     }
 
     /// Returns the samples per second that arrive.
     fn measure(&self, time: Duration) -> Result<f64, DirectFailure> {
-        let mut heard = [Heard::new(self.protocol)];
-        listen(&self.port, &mut heard, time, |_| self.interrupt.came());
-        if self.interrupt.came() {
+        let mut streams = [SampleStream::new(self.protocol)];
+        listen(&self.port, &mut streams, time, |_| self.interrupt.is_raised());
+        if self.interrupt.is_raised() {
             return Err(Error::Interrupted.into());
         }
-        Ok(heard[0].rate_hz().unwrap_or(0.0))
+        Ok(streams[0].rate_hz().unwrap_or(0.0))
     }
 
     /// Refuses values that the device does not have, or that its line cannot carry.
@@ -256,9 +256,11 @@ impl<'a> Device<'a> {
         // It holds the lock.
         drop(port);
         let device = Self { name, interrupt, port: Port::exclusive(name, baud)?, baud, protocol };
-        let mut heard = [Heard::new(protocol)];
-        listen(&device.port, &mut heard, RESTART, |heard| heard[0].count >= SAMPLES || interrupt.came());
-        if heard[0].count < SAMPLES {
+        let mut streams = [SampleStream::new(protocol)];
+        listen(&device.port, &mut streams, RESTART, |streams| {
+            streams[0].count >= SAMPLES || interrupt.is_raised()
+        });
+        if streams[0].count < SAMPLES {
             return Err(device.failed(format!(
                 "no samples arrive at {baud} baud after the restart of the device: `motorctl imu find --device {name}`"
             )));

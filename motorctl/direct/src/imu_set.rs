@@ -77,7 +77,7 @@ fn check_rate(set: &Set) -> Result<(), DirectFailure> {
     match wrong {
         None => Ok(()),
         Some(rate) => Err(DirectFailure::Imu {
-            place: set.place(),
+            address: set.address(),
             reason: format!(
                 "{:.1} Hz arrive instead of {rate} Hz: the device took another rate, the line is too slow, or this computer is too busy to count",
                 set.measured_hz

@@ -45,7 +45,7 @@ pub(crate) struct Set {
 
 impl Set {
     /// Returns its port, or its interface and node.
-    pub(crate) fn place(&self) -> String {
+    pub(crate) fn address(&self) -> String {
         match (&self.bus, self.node_id) {
             (Some(bus), Some(node)) => format!("{bus} node {node}"),
             _ => self.device.clone().unwrap_or_default(),
@@ -59,7 +59,7 @@ impl Set {
         let asked = rate_hz.map_or_else(String::new, |rate| format!("asked for {rate} Hz, "));
         parts.push(format!("{asked}{:.1} Hz arrive", self.measured_hz));
         parts.extend(baud.map(|baud| format!("at {baud} baud")));
-        let mut text = format!("{}: {}", self.place(), parts.join(" "));
+        let mut text = format!("{}: {}", self.address(), parts.join(" "));
         let stored = [node.map(|node| format!("node {node}")), bitrate.map(|rate| format!("{rate} bit/s"))];
         let stored: Vec<_> = stored.into_iter().flatten().collect();
         if !stored.is_empty() {

@@ -79,7 +79,7 @@ fn hold_to_run(
     let mut hand = Hand::new(arguments);
     let mut position = begin;
     while let Some(direction) = hand.direction()
-        && !interrupt.came()
+        && !interrupt.is_raised()
     {
         // At an end of the range only the way back is open.
         let blocked = if direction > 0.0 {

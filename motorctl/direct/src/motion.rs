@@ -161,7 +161,7 @@ fn follow(
     motor.start()?;
     let end = Instant::now() + Duration::from_secs_f64(bounds.seconds);
     let mut state = command(&mut motor, goal, bounds.seconds)?;
-    while Instant::now() < end && !interrupt.came() {
+    while Instant::now() < end && !interrupt.is_raised() {
         if let Some(reason) = bounds.exceeded(state, begin, allowed) {
             return Err(DirectFailure::Unfit { id: motor.address().id, reason });
         }
@@ -173,7 +173,7 @@ fn follow(
         };
     }
     motor.stop()?;
-    if interrupt.came() { Err(Error::Interrupted.into()) } else { Ok(state) }
+    if interrupt.is_raised() { Err(Error::Interrupted.into()) } else { Ok(state) }
 }
 
 /// Sends the goal. Returns position, rad, velocity, rad/s, and torque, N·m, from the answer. A

@@ -37,7 +37,7 @@ pub(crate) fn calibrate(
     let interrupt = Interrupt::register();
     let calibrated = session.gim().calibrate(calibration, &mut |elapsed| {
         eprint!("\r{:3} s of at most {} s", elapsed.as_secs(), CALIBRATION_MAX.as_secs());
-        !interrupt.came()
+        !interrupt.is_raised()
     });
     eprintln!();
     calibrated?;

@@ -48,7 +48,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
         let on_bus: Vec<_> = motors.iter().copied().filter(|motor| motor.bus == index).collect();
         let Some(mut line) = open(&settings, index, &on_bus)? else { continue };
         for motor in on_bus {
-            if interrupt.came() {
+            if interrupt.is_raised() {
                 return Err(Error::Interrupted.into());
             }
             progress(&motor.name);

@@ -200,7 +200,7 @@ impl Indicators {
             if self.watch {
                 interrupt.pause_until(Instant::now() + Duration::from_secs(1));
             }
-            if !self.watch || interrupt.came() {
+            if !self.watch || interrupt.is_raised() {
                 return Ok(());
             }
         }

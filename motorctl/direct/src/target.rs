@@ -170,13 +170,13 @@ impl Target {
     ///
     /// The motor cannot be reached.
     pub fn open(&self) -> Result<Session, DirectFailure> {
-        let place = self.place()?;
-        if self.host_id.is_some() && is_line(&place.bus) {
+        let address = self.address()?;
+        if self.host_id.is_some() && is_line(&address.bus) {
             let usage = "answers on a serial line have no id: leave --host-id out";
             return Err(DirectFailure::Usage(usage.to_owned()));
         }
-        let line = open(&place.bus, place.baud)?;
-        let MotorAddress { id, host_id, settings, .. } = place;
+        let line = open(&address.bus, address.baud)?;
+        let MotorAddress { id, host_id, settings, .. } = address;
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
@@ -209,7 +209,7 @@ impl Target {
         Self { config: Some(config), joint: Some(joint.to_owned()), ..self.clone() }
     }
 
-    fn place(&self) -> Result<MotorAddress, DirectFailure> {
+    fn address(&self) -> Result<MotorAddress, DirectFailure> {
         match (&self.line.bus, self.id, &self.config, &self.joint) {
             (Some(bus), Some(id), None, _) => {
                 let (bus, baud) = (bus.clone(), self.line.baud);

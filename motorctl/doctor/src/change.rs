@@ -49,8 +49,8 @@ fn run(words: &[String]) -> io::Result<()> {
     if output.status.success() {
         return Ok(());
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.trim_end().lines().last().filter(|line| !line.is_empty());
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let last = stderr.trim_end().lines().last().filter(|line| !line.is_empty());
     Err(io::Error::other(last.map_or_else(|| output.status.to_string(), str::to_owned)))
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The checks read the files of the kernel below a [`Tree`] and change nothing. `--tune` first
 //! makes the changes that last until the next boot. Then a thread with the scheduling, processor
-//! and locked memory of the cycle sleeps from tick to tick for some seconds. Its latency is judged
+//! and locked memory of the cycle sleeps from tick to tick for some seconds. Its latency is checked
 //! as a share of the period. While a daemon runs its cycle, the measurement is skipped: it would
 //! delay a moving robot.
 
@@ -153,7 +153,7 @@ fn measured(robot: &Robot, arguments: &Arguments) -> Result<Wake, DoctorFailure>
     let begin = Instant::now();
     let end = begin + Duration::from_secs_f64(arguments.seconds);
     let shows = io::stderr().is_terminal();
-    while Instant::now() < end && !interrupt.came() {
+    while Instant::now() < end && !interrupt.is_raised() {
         interrupt.pause_until(end.min(Instant::now() + PROGRESS));
         if shows {
             let (passed, whole) = (begin.elapsed().as_secs_f64(), arguments.seconds);
@@ -166,5 +166,5 @@ fn measured(robot: &Robot, arguments: &Arguments) -> Result<Wake, DoctorFailure>
         let _no_progress = write!(io::stderr(), "\r\x1b[K");
     }
     let wake = measurement.end().map_err(DoctorFailure::Measurement)?;
-    if interrupt.came() { Err(DoctorFailure::Interrupted) } else { Ok(wake) }
+    if interrupt.is_raised() { Err(DoctorFailure::Interrupted) } else { Ok(wake) }
 }

@@ -39,9 +39,9 @@ impl Shares {
     }
 }
 
-/// Judges the latencies of 99.9 % of the ticks and of every tick, as shares of the period.
+/// Checks the latencies of 99.9 % of the ticks and of every tick, as shares of the period.
 #[must_use]
-pub(crate) fn judge(p99_9: f64, max: f64) -> Level {
+pub(crate) fn grade(p99_9: f64, max: f64) -> Level {
     match (GOOD.allow(p99_9, max), WARN.allow(p99_9, max)) {
         (true, _) => Level::Good,
         (false, true) => Level::Warn,
@@ -173,7 +173,7 @@ impl Wake {
             return Level::Warn;
         }
         let period_us = self.period.as_nanos() as f64 / 1e3;
-        judge(self.quantile_us(0.999) / period_us, self.max_us() / period_us)
+        grade(self.quantile_us(0.999) / period_us, self.max_us() / period_us)
     }
 }
 
@@ -215,7 +215,7 @@ mod tests {
             (0.01, 0.51, Level::Bad),
             (0.01, 3.0, Level::Bad),
         ] {
-            assert_eq!(judge(p99_9, max), level, "{p99_9} {max}");
+            assert_eq!(grade(p99_9, max), level, "{p99_9} {max}");
         }
     }
 

@@ -25,12 +25,12 @@ impl LoggedImu {
         }
         let id = u16::try_from(frame.id().raw()).ok()?;
         let payload = frame.payload();
-        let asks =
+        let is_request =
             |request: &motord_protocol::imu::CanRequest| request.id() == id && request.payload() == payload;
-        if let Some(number) = self.device.requests().position(|request| asks(&request)) {
+        if let Some(number) = self.device.requests().position(|request| is_request(&request)) {
             return Some(Ok(self.object("imu_request", self.device.requested(number))));
         }
-        if self.device.start().is_some_and(|start| asks(&start)) {
+        if self.device.start().is_some_and(|start| is_request(&start)) {
             return Some(Ok(self.object("imu_start", None)));
         }
         if !self.device.sent_ids().any(|sent| sent == id) {

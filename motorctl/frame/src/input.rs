@@ -5,7 +5,7 @@ use crate::hex;
 use crate::log::pcap::{self, InvalidCapture};
 use crate::log::{Entry, Log, Source};
 use crate::object::Object;
-use crate::output::{ObjectWriter, Place};
+use crate::output::{ObjectWriter, Origin};
 use crate::rejected::Rejected;
 use crate::robot::LoggedRobot;
 use motord_bus::{Content, Frame, Unsupported};
@@ -62,7 +62,7 @@ impl Decoder<'_> {
         pcap::read(input, |number, entry| {
             let decoded = match entry {
                 Ok(entry) => self.entry(&entry).map(Some),
-                Err(invalid) => Err((Place::default(), invalid.into())),
+                Err(invalid) => Err((Origin::default(), invalid.into())),
             };
             self.print(file, Some(number), decoded)
         })
@@ -98,10 +98,10 @@ impl Decoder<'_> {
             }
             _ => Err(invalid.into()),
         };
-        decoded.map(Some).map_err(|rejected| (Place::default(), rejected))
+        decoded.map(Some).map_err(|rejected| (Origin::default(), rejected))
     }
 
-    fn entry(&mut self, entry: &Entry<'_>) -> Result<Object, (Place, Rejected)> {
+    fn entry(&mut self, entry: &Entry<'_>) -> Result<Object, (Origin, Rejected)> {
         let &Entry { at, source, content } = entry;
         let name = match (source, self.interface, &self.frames) {
             (Source::Interface(name), ..) | (_, Some(name), _) => Some(name),
@@ -111,8 +111,8 @@ impl Decoder<'_> {
         };
         let name = name.map(str::to_owned);
         // A double holds microseconds since 1970 exactly, nanoseconds not.
-        let place = Place { time: at.map(|at| at.as_micros() as f64 / 1e6), interface: name };
-        let interface = place.interface.as_deref();
+        let origin = Origin { time: at.map(|at| at.as_micros() as f64 / 1e6), interface: name };
+        let interface = origin.interface.as_deref();
         let decoded = readable(content).and_then(|frame| match (&mut self.frames, interface, source) {
             (Frames::Alike(codec), ..) => codec.decode(frame.payload()),
             (Frames::OfRobot(robot), Some(interface), _) => robot.decode(interface, &frame),
@@ -122,10 +122,10 @@ impl Decoder<'_> {
         });
         match decoded {
             Ok(mut object) => {
-                place.members().for_each(|(key, value)| object.insert(key, value));
+                origin.members().for_each(|(key, value)| object.insert(key, value));
                 Ok(object)
             }
-            Err(rejected) => Err((place, rejected)),
+            Err(rejected) => Err((origin, rejected)),
         }
     }
 
@@ -133,13 +133,13 @@ impl Decoder<'_> {
         match decoded {
             Ok(None) => Ok(()),
             Ok(Some(object)) => self.report.object(object),
-            Err((place, rejected)) => self.report.reject(&rejected, file, line, &place),
+            Err((origin, rejected)) => self.report.reject(&rejected, file, line, &origin),
         }
     }
 }
 
 /// An object, or no frame, or a rejected one with its place.
-type Decoded = Result<Option<Object>, (Place, Rejected)>;
+type Decoded = Result<Option<Object>, (Origin, Rejected)>;
 
 /// Returns a frame that a motor can send or read.
 fn readable(content: Content) -> Result<Frame, Rejected> {

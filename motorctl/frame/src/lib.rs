@@ -151,7 +151,7 @@ pub fn run(frame: FrameCommand) -> Result<(), FrameFailure> {
 fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
     let mut report = ObjectWriter::default();
     let Decode { protocol, direction, constants, asked, config, interface, json: _, frames } = arguments;
-    let whose = match (config, *protocol, *direction) {
+    let source = match (config, *protocol, *direction) {
         (Some(path), protocol, _) => Frames::OfRobot(LoggedRobot::read(path, protocol)?),
         (None, Some(protocol), Some(direction)) => {
             let (profile, scale) = (constants.profile.profile, constants.scale()?);
@@ -160,7 +160,7 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
         // The command line requires both.
         (None, ..) => return Ok(()),
     };
-    let mut decoder = Decoder { frames: whose, interface: interface.as_deref(), report: &mut report };
+    let mut decoder = Decoder { frames: source, interface: interface.as_deref(), report: &mut report };
     for argument in frames {
         decoder.argument(argument)?;
     }

@@ -24,13 +24,13 @@ impl Default for ObjectWriter {
 
 /// Time and interface of a frame, as its log has them.
 #[derive(Debug, Default)]
-pub(super) struct Place {
+pub(super) struct Origin {
     /// Seconds.
     pub(super) time: Option<f64>,
     pub(super) interface: Option<String>,
 }
 
-impl Place {
+impl Origin {
     /// Returns the known members of an object.
     pub(super) fn members(&self) -> impl Iterator<Item = (&'static str, Value)> {
         let time = self.time.map(|time| ("time", time.into()));
@@ -61,12 +61,12 @@ impl ObjectWriter {
         rejected: &Rejected,
         file: Option<&str>,
         line: Option<u64>,
-        place: &Place,
+        origin: &Origin,
     ) -> Result<(), io::Error> {
         (self.total, self.refused) = (self.total + 1, self.refused + 1);
         let mut object = reject(rejected);
         let known = [file.map(|file| ("file", file.into())), line.map(|line| ("line", line.into()))];
-        for (key, value) in known.into_iter().flatten().chain(place.members()) {
+        for (key, value) in known.into_iter().flatten().chain(origin.members()) {
             object[key] = value;
         }
         writeln!(self.out, "{object}")

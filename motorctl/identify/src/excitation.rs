@@ -276,12 +276,12 @@ impl Plan {
         Command { position: reference.clamp(lower + margin, upper - margin), ..wanted }
     }
 
-    /// Judges where the joint is, rad, and its velocity, rad/s.
+    /// Checks where the joint is, rad, and its velocity, rad/s.
     ///
     /// # Errors
     ///
     /// [`PlanError::Left`] or [`PlanError::Fast`]: the caller stops the joint.
-    pub fn judge(&self, position: f64, velocity: f64) -> Result<(), PlanError> {
+    pub fn check(&self, position: f64, velocity: f64) -> Result<(), PlanError> {
         let ([lower, upper], margin) = (self.limits.position, 0.5 * self.limits.margin());
         if !(lower + margin..=upper - margin).contains(&position) {
             return Err(PlanError::Left { position, limits: self.limits.position });
@@ -487,9 +487,9 @@ mod tests {
         let wide = Plan::new(LIMITS, 0.0, Shape { amplitude: Some(1.2), ..SHAPE }).unwrap_err();
         assert!(matches!(wide, PlanError::Narrow { most, .. } if (most - 0.88).abs() < 1e-9), "{wide}");
         let plan = Plan::new(LIMITS, 0.0, SHAPE).unwrap();
-        assert!(plan.judge(0.9, 1.0).is_ok());
-        assert!(matches!(plan.judge(0.98, 0.0), Err(PlanError::Left { .. })));
-        assert!(matches!(plan.judge(0.0, -6.1), Err(PlanError::Fast { .. })));
-        assert!(plan.judge(f64::NAN, 0.0).is_err());
+        assert!(plan.check(0.9, 1.0).is_ok());
+        assert!(matches!(plan.check(0.98, 0.0), Err(PlanError::Left { .. })));
+        assert!(matches!(plan.check(0.0, -6.1), Err(PlanError::Fast { .. })));
+        assert!(plan.check(f64::NAN, 0.0).is_err());
     }
 }

@@ -119,8 +119,8 @@ mod tests {
 
     #[test]
     fn log_is_complete_after_each_interval() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("run.hlog");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.hlog");
         let mut log = Hlog::create(&path, &RobotDescription::default()).unwrap();
         for (second, values) in [(0, &[11_000, 12_000][..]), (1, &[13_000, 2_000_000])] {
             log.append(&interval(log.begun + Duration::from_secs(second), values)).unwrap();

@@ -159,7 +159,7 @@ fn follow(client: &Client, arguments: &Arguments) -> Result<(), LatencyFailure> 
     let (begun, length) = (Instant::now(), Duration::from_secs_f64(arguments.interval));
     let ends = arguments.seconds.map(|seconds| begun + Duration::from_secs_f64(seconds));
     let (mut before, mut next, mut absence) = (Snapshot::take(client)?, begun, Absence::default());
-    while !interrupt.came() && ends.is_none_or(|ends| Instant::now() < ends) {
+    while !interrupt.is_raised() && ends.is_none_or(|ends| Instant::now() < ends) {
         next = (next + length).max(Instant::now());
         interrupt.pause_until(ends.map_or(next, |ends| ends.min(next)));
         let now = match Snapshot::take(client) {

@@ -55,10 +55,10 @@ pub struct ClockStep {
 impl ClockStep {
     /// Returns the text of the event in a recording.
     pub(crate) fn text(self) -> String {
-        let (way, seconds) =
+        let (direction, seconds) =
             (if self.by_ns < 0 { "back" } else { "forward" }, self.by_ns.unsigned_abs() as f64 / 1e9);
         format!(
-            "the computer's clock was set {way} by {seconds:.3} s, or it slept; the times of this file do not follow"
+            "the computer's clock was set {direction} by {seconds:.3} s, or it slept; the times of this file do not follow"
         )
     }
 }

@@ -127,8 +127,8 @@ pub(crate) fn group(group: &motord::Group, robot: &RobotDescription) -> GroupSta
         setpoint_horizon_ns: u32::try_from(group.setpoint_horizon_ns).unwrap_or(u32::MAX),
         ..GroupState::default()
     };
-    for (place, count) in state.rejected.iter_mut().zip(&group.rejected) {
-        *place = *count;
+    for (slot, count) in state.rejected.iter_mut().zip(&group.rejected) {
+        *slot = *count;
     }
     state
 }
@@ -169,8 +169,8 @@ pub(crate) fn indicators(indicators: &motord::Indicators) -> [f32; INDICATORS_MA
     let mut values = [f32::NAN; INDICATORS_MAX];
     for indicator in Indicator::ALL {
         let value = indicators.values.get(indicator.name());
-        if let (Some(value), Some(place)) = (value, values.get_mut(indicator.code() as usize)) {
-            *place = *value;
+        if let (Some(value), Some(slot)) = (value, values.get_mut(indicator.code() as usize)) {
+            *slot = *value;
         }
     }
     values

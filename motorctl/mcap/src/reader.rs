@@ -122,10 +122,10 @@ fn take(
             let values = decode::indicators(&motord::Indicators::decode(data)?);
             let count = state.indicator_count as usize;
             let known = state.indicators().iter().position(|known| known.joint as usize == joint);
-            let place = known.unwrap_or(count);
-            if place < INDICATOR_JOINTS_MAX {
-                state.indicators[place] = JointIndicators { joint: joint as u32, values };
-                state.indicator_count = count.max(place + 1) as u32;
+            let slot = known.unwrap_or(count);
+            if slot < INDICATOR_JOINTS_MAX {
+                state.indicators[slot] = JointIndicators { joint: joint as u32, values };
+                state.indicator_count = count.max(slot + 1) as u32;
             }
         }
         Topic::Imu(index) => state.imus[index] = decode::imu(&motord::Imu::decode(data)?),

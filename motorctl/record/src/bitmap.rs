@@ -147,24 +147,24 @@ impl Pen {
         }
         let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
         let length = dx.hypot(dy);
-        let at = |way: f64| {
-            let part = way / length;
+        let at = |position: f64| {
+            let part = position / length;
             (from.0 + (dx * part).round() as i32, from.1 + (dy * part).round() as i32)
         };
-        let (mut way, mut lines) = (0.0, Vec::new());
-        while way < length {
-            let is_over = way + self.left <= length;
-            let end = if is_over { way + self.left } else { length };
+        let (mut position, mut lines) = (0.0, Vec::new());
+        while position < length {
+            let is_over = position + self.left <= length;
+            let end = if is_over { position + self.left } else { length };
             if self.index.is_multiple_of(2) {
-                lines.push((at(way), at(end)));
+                lines.push((at(position), at(end)));
             }
             if is_over {
                 self.index = (self.index + 1) % self.lengths.len();
                 self.left = f64::from(self.lengths[self.index] * self.scale);
             } else {
-                self.left -= end - way;
+                self.left -= end - position;
             }
-            way = end;
+            position = end;
         }
         lines
     }

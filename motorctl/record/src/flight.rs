@@ -1,8 +1,8 @@
 //! `motorctl flight`: the last seconds of a robot, as a file after each of its stops.
 
 use crate::failure::RecorderFailure;
-use crate::place::Place;
-use crate::record::{PATIENCE, PAUSE, clock};
+use crate::record::{PAUSE, TIMEOUT, clock};
+use crate::store::FileStore;
 use motord_client::{Client, CycleRecord, Error, Records};
 use motord_mcap::{Clock, Memory, Remembered, Stops};
 use motord_terminal::{Absence, Interrupt, printable, within};
@@ -35,8 +35,8 @@ pub struct FlightArguments {
 }
 
 impl FlightArguments {
-    fn place(&self, instance: &str) -> Place {
-        Place {
+    fn store(&self, instance: &str) -> FileStore {
+        FileStore {
             directory: self.directory.clone(),
             instance: instance.to_owned(),
             files_max: usize::try_from(self.files).unwrap_or(usize::MAX),
@@ -59,14 +59,14 @@ pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFa
     let interrupt = Interrupt::register();
     let directory = &arguments.directory;
     fs::read_dir(directory).map_err(|error| RecorderFailure::unwritable(directory, error))?;
-    let mut files = Files { place: arguments.place(instance), under_way: None };
+    let mut files = Files { store: arguments.store(instance), writer: None };
     let mut absence = Absence::default();
-    while !interrupt.came() {
+    while !interrupt.is_raised() {
         match Flight::begin(instance, arguments) {
             Ok(flight) => {
                 absence.end();
-                let place = directory.display().to_string();
-                eprintln!("motorctl: {instance}: a stop is written to {}", printable(&place));
+                let shown = directory.display().to_string();
+                eprintln!("motorctl: {instance}: a stop is written to {}", printable(&shown));
                 flight.follow(&mut files, &interrupt);
             }
             Err(error) if error.is_transient() => absence.report(&error),
@@ -94,7 +94,7 @@ impl Flight {
     fn begin(instance: &str, arguments: &FlightArguments) -> Result<Self, Error> {
         let client = Client::connect(instance)?;
         let mut records = client.records()?;
-        let begun = client.wait(PATIENCE)?;
+        let begun = client.wait(TIMEOUT)?;
         let after = Duration::from_secs_f64(arguments.after);
         let time = Duration::from_secs(arguments.seconds.saturating_add(after.as_secs()).saturating_add(1));
         let bytes = usize::try_from(arguments.max_size.saturating_mul(1_000_000)).unwrap_or(usize::MAX);
@@ -112,7 +112,7 @@ impl Flight {
     /// Records every cycle until the daemon ends or a signal arrives.
     fn follow(mut self, files: &mut Files, interrupt: &Interrupt) {
         let mut record = Box::<CycleRecord>::default();
-        while !interrupt.came() {
+        while !interrupt.is_raised() {
             match self.records.take(&mut record) {
                 Ok(true) => self.take(&record, files),
                 Ok(false) => std::thread::sleep(PAUSE),
@@ -147,19 +147,19 @@ impl Flight {
 
 /// The writing thread: the recording thread never waits for the disk.
 struct Files {
-    place: Place,
-    under_way: Option<JoinHandle<()>>,
+    store: FileStore,
+    writer: Option<JoinHandle<()>>,
 }
 
 impl Files {
     fn write(&mut self, remembered: io::Result<Remembered>, why: String) {
-        if self.under_way.as_ref().is_some_and(|thread| !thread.is_finished()) {
+        if self.writer.as_ref().is_some_and(|thread| !thread.is_finished()) {
             eprintln!("motorctl: {why} is not written: the disk is still writing the previous file");
             return;
         }
-        let place = self.place.clone();
+        let store = self.store.clone();
         let thread = std::thread::Builder::new().name("motorctl-write".to_owned()).spawn(move || {
-            match remembered.and_then(|remembered| place.write(&remembered, &why)) {
+            match remembered.and_then(|remembered| store.write(&remembered, &why)) {
                 Ok((path, cycles)) => {
                     eprintln!("motorctl: {}: {cycles} cycles", printable(&path.display().to_string()));
                 }
@@ -169,15 +169,16 @@ impl Files {
             }
         });
         match thread {
-            Ok(thread) => self.under_way = Some(thread),
+            Ok(thread) => self.writer = Some(thread),
             Err(error) => eprintln!("motorctl: a stop is not written: {}", printable(&error.to_string())),
         }
     }
 
     /// Waits for the disk; a second signal ends the wait.
     fn wait(&self, interrupt: &Interrupt) {
-        let _the_first = interrupt.came_again();
-        while self.under_way.as_ref().is_some_and(|thread| !thread.is_finished()) && !interrupt.came_again() {
+        let _the_first = interrupt.is_raised_again();
+        while self.writer.as_ref().is_some_and(|thread| !thread.is_finished()) && !interrupt.is_raised_again()
+        {
             std::thread::sleep(PAUSE);
         }
     }

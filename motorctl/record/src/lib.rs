@@ -17,10 +17,10 @@ mod failure;
 mod flight;
 mod marks;
 mod picture;
-mod place;
 mod plot;
 mod record;
 mod recording;
+mod store;
 
 pub use failure::RecorderFailure;
 pub use flight::{FlightArguments, run as flight};

@@ -92,8 +92,8 @@ fn read(file: &Path, arguments: &PlotArguments) -> Result<Vec<Row>, RecorderFail
     let mut recording = Recording::open(file)?;
     let robot = recording.robot().clone();
     let subjects = subjects(&robot, &arguments.names)?;
-    let place = if arguments.with.is_empty() { String::new() } else { format!(" ({})", file.display()) };
-    let titled = arguments.names.iter().map(|name| format!("{name}{place}")).zip(&subjects);
+    let suffix = if arguments.with.is_empty() { String::new() } else { format!(" ({})", file.display()) };
+    let titled = arguments.names.iter().map(|name| format!("{name}{suffix}")).zip(&subjects);
     let mut rows: Vec<Vec<Panel>> = titled.map(|(title, subject)| panels(&title, *subject)).collect();
     let to = arguments.to.unwrap_or(f64::INFINITY);
     let (mut first, mut events, mut marks) = (None, Events::default(), Vec::new());

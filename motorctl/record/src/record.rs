@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 pub(crate) const PAUSE: Duration = Duration::from_millis(5);
 
 /// Longest time to wait for the first state.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The arguments of the command.
 #[derive(Debug, Clone, clap::Args)]
@@ -92,9 +92,9 @@ fn record(
     let mut session = Session::begin(client, records, arguments, out)?;
     let mut ended = session.take_all(interrupt);
     session.disk.finish(session.counts());
-    let _the_first = interrupt.came_again();
+    let _the_first = interrupt.is_raised_again();
     // A second Ctrl-C ends the wait for the disk.
-    while !session.disk.has_ended() && !interrupt.came_again() {
+    while !session.disk.has_ended() && !interrupt.is_raised_again() {
         std::thread::sleep(PAUSE);
     }
     let written = match session.disk.has_ended() {
@@ -151,7 +151,7 @@ impl Session {
         arguments: &RecordArguments,
         out: impl Output,
     ) -> Result<Self, RecorderFailure> {
-        let begun = client.wait(PATIENCE)?;
+        let begun = client.wait(TIMEOUT)?;
         let max_bytes = arguments.max_size.map_or(u64::MAX, |megabytes| megabytes.saturating_mul(1_000_000));
         let mut clock = clock(&begun);
         let disk = Disk::begin(out, &client.description(), clock.origin(), begun.tick_ns(), max_bytes)
@@ -174,7 +174,7 @@ impl Session {
                     Err(error) => return End::Daemon(error),
                 }
             }
-            if interrupt.came() {
+            if interrupt.is_raised() {
                 return End::Interrupted;
             }
             if self.disk.has_ended() {

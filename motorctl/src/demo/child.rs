@@ -11,11 +11,11 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Longest wait for the exit of a child. The daemon damps for up to 2 s before it stops the motors.
-const PATIENCE: Duration = Duration::from_secs(6);
+const TIMEOUT: Duration = Duration::from_secs(6);
 /// Time between two checks of a child that exits.
 const GLANCE: Duration = Duration::from_millis(10);
 
-/// A child process. Dropping it terminates the process, and kills it after [`PATIENCE`].
+/// A child process. Dropping it terminates the process, and kills it after [`TIMEOUT`].
 #[derive(Debug)]
 pub(crate) struct Child {
     process: std::process::Child,
@@ -55,7 +55,7 @@ impl Child {
         self.process.try_wait()
     }
 
-    /// Sends SIGTERM and waits. Kills the process after [`PATIENCE`], which its status shows.
+    /// Sends SIGTERM and waits. Kills the process after [`TIMEOUT`], which its status shows.
     ///
     /// # Errors
     ///
@@ -67,16 +67,16 @@ impl Child {
         // The child is not reaped yet, so the number is valid. An error means that it has just
         // exited.
         let _ = kill(Pid::from_raw(self.process.id().cast_signed()), Signal::SIGTERM);
-        self.wait(PATIENCE)
+        self.wait(TIMEOUT)
     }
 
-    /// Waits for its exit. Kills it after `patience`.
+    /// Waits for its exit. Kills it after `timeout`.
     ///
     /// # Errors
     ///
     /// The kernel does not return the exit status.
-    pub(crate) fn wait(&mut self, patience: Duration) -> io::Result<ExitStatus> {
-        let deadline = Instant::now() + patience;
+    pub(crate) fn wait(&mut self, timeout: Duration) -> io::Result<ExitStatus> {
+        let deadline = Instant::now() + timeout;
         while Instant::now() < deadline {
             if let Some(status) = self.process.try_wait()? {
                 return Ok(status);
@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn a_child_that_ended_keeps_its_status() {
         let mut child = bare("sh", &["-c", "exit 3"]);
-        assert_eq!(child.wait(PATIENCE).unwrap().code(), Some(3));
+        assert_eq!(child.wait(TIMEOUT).unwrap().code(), Some(3));
         assert_eq!(child.stop().unwrap().code(), Some(3));
     }
 }

@@ -22,7 +22,7 @@ const KP: f32 = 70.0;
 /// Damping, N·m·s/rad.
 const KD: f32 = 2.0;
 /// Longest wait for a state. Then the daemon counts as unavailable.
-const PATIENCE: Duration = Duration::from_millis(500);
+const TIMEOUT: Duration = Duration::from_millis(500);
 /// Longest time to find, start and stop the motors each, s.
 const CHANGE_MAX: f64 = 8.0;
 /// Time between two messages of progress, s.
@@ -67,7 +67,7 @@ pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
     controller.claim.disable()?;
     controller.stand("stopped", |controller, state| controller.phase(state) == Some(Phase::Disarmed))?;
     trot?;
-    tell(&ControllerMessage::Outcome(controller.tracking))
+    send_message(&ControllerMessage::Outcome(controller.tracking))
 }
 
 struct Controller {
@@ -88,7 +88,7 @@ impl Controller {
     fn connect(instance: &str) -> Result<Self, Failure> {
         let interrupt = Interrupt::register();
         let client = Client::connect(instance)?;
-        client.set_silence(PATIENCE);
+        client.set_silence(TIMEOUT);
         let claim = client.claim(GROUP)?;
         let joints = &client.description().joints;
         let swings: Vec<Swing> = claim.joints().iter().map(|&joint| Swing::of(&joints[joint].name)).collect();
@@ -140,16 +140,16 @@ impl Controller {
             self.track(time, &state);
             if time >= progress_due {
                 progress_due += PROGRESS_PERIOD;
-                tell(&ControllerMessage::TrotProgress(self.progress(time, &state)))?;
+                send_message(&ControllerMessage::TrotProgress(self.progress(time, &state)))?;
             }
         }
     }
 
     fn next(&mut self) -> Result<State, Failure> {
-        if self.interrupt.came_again() {
+        if self.interrupt.is_raised_again() {
             return Err(Failure::Interrupted);
         }
-        Ok(self.client.wait(PATIENCE)?)
+        Ok(self.client.wait(TIMEOUT)?)
     }
 
     fn phase(&self, state: &State) -> Option<Phase> {
@@ -206,7 +206,7 @@ fn seconds_since(begun_ns: u64, state: &State) -> f64 {
     state.tick_ns().saturating_sub(begun_ns) as f64 * 1e-9
 }
 
-fn tell(message: &ControllerMessage) -> Result<(), Failure> {
+fn send_message(message: &ControllerMessage) -> Result<(), Failure> {
     let out = &mut io::stdout().lock();
     json::write_line(out, message)?;
     Ok(out.flush()?)

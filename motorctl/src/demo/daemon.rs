@@ -56,7 +56,7 @@ impl<'a> Daemon<'a> {
                 return Err(DemoError::NotReady { log: self.log() });
             }
             interrupt.pause_until(Instant::now() + POLL);
-            if interrupt.came() {
+            if interrupt.is_raised() {
                 return Err(DemoError::Interrupted);
             }
         }

@@ -97,7 +97,7 @@ fn play(
     let display = Display::open(seconds, &client, as_json).map_err(DemoError::system("use the terminal"))?;
     let tracking = trot(&mut daemon, seconds, display, &interrupt)?;
     let mut report = DemoReport::new(&client.description(), &client.telemetry()?, &tracking);
-    let shortfalls = report.judge(&client.description(), overload.as_deref());
+    let shortfalls = report.conclude(&client.description(), overload.as_deref());
     drop(client);
     daemon.stop()?;
 
@@ -114,16 +114,16 @@ fn trot(
 ) -> Result<Vec<Tracking>, DemoError> {
     let mut controller = daemon.start_controller(seconds)?;
     let messages = messages(&mut controller);
-    let mut heard = Instant::now();
+    let mut last_message = Instant::now();
     let mut tracking = None;
     loop {
         let goes_on = display.turn(POLL).map_err(DemoError::system("use the terminal"))?;
-        if !goes_on || interrupt.came() {
+        if !goes_on || interrupt.is_raised() {
             return Err(DemoError::Interrupted);
         }
-        match messages.recv_timeout(display.patience(POLL)) {
+        match messages.recv_timeout(display.wait_time(POLL)) {
             Ok(message) => {
-                heard = Instant::now();
+                last_message = Instant::now();
                 match message {
                     ControllerMessage::TrotProgress(progress) => display.show(&progress, seconds),
                     ControllerMessage::Outcome(outcome) => tracking = Some(outcome),
@@ -133,7 +133,7 @@ fn trot(
             Err(RecvTimeoutError::Timeout) => {}
         }
         daemon.check()?;
-        if heard.elapsed() > SILENCE_MAX {
+        if last_message.elapsed() > SILENCE_MAX {
             return Err(DemoError::ControllerSilent);
         }
     }

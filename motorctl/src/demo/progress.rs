@@ -58,7 +58,7 @@ impl Display {
 
     /// Returns the wait for the next message: `at_most`, or zero with the monitor, whose turn
     /// already waits.
-    pub(crate) fn patience(&self, at_most: Duration) -> Duration {
+    pub(crate) fn wait_time(&self, at_most: Duration) -> Duration {
         match self {
             Self::Line(_) => at_most,
             Self::Monitor(_) => Duration::ZERO,

@@ -116,7 +116,7 @@ impl DemoReport {
 
     /// Sets the verdict of a run on `robot`, with an `overload` of the computer. Returns the
     /// exceeded limits.
-    pub(crate) fn judge(&mut self, robot: &RobotDescription, overload: Option<&str>) -> Vec<Shortfall> {
+    pub(crate) fn conclude(&mut self, robot: &RobotDescription, overload: Option<&str>) -> Vec<Shortfall> {
         let shortfalls = self.shortfalls(robot);
         self.passed = shortfalls.is_empty();
         self.failures = failures(overload, &shortfalls);
@@ -291,11 +291,11 @@ mod tests {
     #[test]
     fn overload_is_reported_only_for_failed_runs() {
         let mut report = DemoReport::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.01)]);
-        report.judge(&description(), Some("overloaded"));
+        report.conclude(&description(), Some("overloaded"));
         assert!(report.passed && report.failures.is_empty());
         let slow = Telemetry { cycles: 2501, overruns: 500, missed_replies: 1001, ..telemetry() };
         let mut report = DemoReport::new(&description(), &slow, &[tracked(0.01), tracked(0.01)]);
-        report.judge(&description(), Some("overloaded"));
+        report.conclude(&description(), Some("overloaded"));
         assert!(!report.passed);
         assert_eq!((report.failures.len(), report.failures[0].as_str()), (3, "overloaded"));
         assert!(report.failures[1].contains("is the computer overloaded?"), "{:?}", report.failures);

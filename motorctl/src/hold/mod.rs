@@ -114,7 +114,7 @@ pub(crate) fn run(instance: &str, arguments: &HoldArguments) -> Result<(), Failu
     }
     followed.and(stopped).and(printed)?;
     report.summary(out, Palette::of_stdout())?;
-    Ok(report.say(out, &format!("{}: stopped, after damping what moves", hold.claim.group()))?)
+    Ok(report.print_text(out, &format!("{}: stopped, after damping what moves", hold.claim.group()))?)
 }
 
 /// The group to claim, and the joints of it to hold.
@@ -274,8 +274,8 @@ impl Hold {
         printer: &Printer,
     ) -> Result<(), Failure> {
         let (mut begun, mut due) = (None, 0.0);
-        let mut is_printed = printer.say(self.announcement());
-        while is_printed && !interrupt.came() {
+        let mut is_printed = printer.print_text(self.announcement());
+        while is_printed && !interrupt.is_raised() {
             let state = self.client.wait(SILENCE)?;
             state.of(&self.claim)?.must_be_active()?;
             let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
@@ -318,14 +318,14 @@ impl Hold {
 ///
 /// The daemon refuses, ends, or does not confirm the stop in time.
 pub(crate) fn disable(claim: &mut Claim, interrupt: &Interrupt) -> Result<(), Failure> {
-    interrupt.came_again();
+    interrupt.is_raised_again();
     match claim.disable() {
         Err(Error::Refused { refusal: Refusal::NotOwner, .. }) => return Ok(()),
         outcome => outcome?,
     }
     for _ in 0..STOP.as_secs() {
         match claim.wait_for(Phase::Disarmed, Duration::from_secs(1)) {
-            Err(Error::NotReached { .. }) if !interrupt.came_again() => {}
+            Err(Error::NotReached { .. }) if !interrupt.is_raised_again() => {}
             outcome => return Ok(outcome?),
         }
     }

@@ -35,7 +35,7 @@ impl Printer {
     }
 
     /// Prints sentences for people. Never blocks. Returns false once the output cannot be written.
-    pub(crate) fn say(&self, sentences: Vec<String>) -> bool {
+    pub(crate) fn print_text(&self, sentences: Vec<String>) -> bool {
         self.pass(Text::Sentences(sentences))
     }
 
@@ -66,7 +66,7 @@ fn print(report: &Report, texts: &Receiver<Text>) -> io::Result<()> {
         let out = &mut io::stdout().lock();
         match text {
             Text::Sentences(sentences) => {
-                sentences.iter().try_for_each(|sentence| report.say(out, sentence))?;
+                sentences.iter().try_for_each(|sentence| report.print_text(out, sentence))?;
                 out.flush()?;
             }
             Text::Line(line) => report.line(out, &line)?,

@@ -79,7 +79,7 @@ impl Report {
     /// # Errors
     ///
     /// When `out` cannot be written.
-    pub(crate) fn say(&self, out: &mut dyn Write, sentence: &str) -> io::Result<()> {
+    pub(crate) fn print_text(&self, out: &mut dyn Write, sentence: &str) -> io::Result<()> {
         if self.as_json { Ok(()) } else { writeln!(out, "{}", motord_terminal::printable(sentence)) }
     }
 
@@ -103,7 +103,7 @@ impl Report {
             "{:5.1} s  {which}{name} at {position} rad, goal {goal_rad:.3} rad, {torque} N·m",
             line.time_s
         );
-        self.say(out, &text)?;
+        self.print_text(out, &text)?;
         out.flush()
     }
 

@@ -216,7 +216,7 @@ fn lines(joint: &JointDescription, found: &Identified) -> (Vec<String>, Option<S
     (lines, lighter)
 }
 
-/// Judges whether anything was identified.
+/// Checks whether anything was identified.
 ///
 /// # Errors
 ///

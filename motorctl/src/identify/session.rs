@@ -121,7 +121,7 @@ impl Session {
     pub(crate) fn follow(&mut self, interrupt: &Interrupt, printer: &Printer) -> Result<(), Failure> {
         let (mut begun, mut due) = (None, 0.0);
         loop {
-            if interrupt.came() {
+            if interrupt.is_raised() {
                 return Err(IdentifyFailure::Interrupted(self.joint.name.clone()).into());
             }
             let state = self.client.wait(SILENCE)?;
@@ -138,7 +138,7 @@ impl Session {
             if time >= due {
                 due = (due + PROGRESS).max(time);
                 let text = format!("{time:5.0} of {:.0} s  {stage}", self.plan.seconds());
-                if !printer.say(vec![text]) {
+                if !printer.print_text(vec![text]) {
                     return Ok(());
                 }
             }
@@ -155,7 +155,7 @@ impl Session {
         let (position, velocity) = (joint.position(), joint.velocity());
         let (position, velocity) =
             (f64::from(position.unwrap_or(f32::NAN)), f64::from(velocity.unwrap_or(f32::NAN)));
-        self.plan.judge(position, velocity).map_err(|reason| refused(&self.joint, reason))?;
+        self.plan.check(position, velocity).map_err(|reason| refused(&self.joint, reason))?;
         if let Some(command) = self.plan.command(time, position, velocity) {
             let [position, velocity, kp, kd] =
                 [command.position, command.velocity, command.kp, command.kd].map(|value| value as f32);

@@ -12,7 +12,7 @@ pub(crate) fn findings(instance: &str) -> Vec<Finding> {
     if imus.is_empty() {
         return Vec::new();
     }
-    let Ok(state) = client.wait(status::PATIENCE) else { return Vec::new() };
+    let Ok(state) = client.wait(status::TIMEOUT) else { return Vec::new() };
     let finding = |(of, imu): (ImuDescription, Imu)| {
         const CHECK: &str = "IMU gravity";
         let names: Vec<_> = imu.contradictions().map(ImuContradiction::name).collect();

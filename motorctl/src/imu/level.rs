@@ -204,10 +204,10 @@ fn measure(client: &Client, imu: usize, seconds: f64, interrupt: &Interrupt) -> 
     let end = Instant::now() + Duration::from_secs_f64(seconds);
     let (mut samples, mut newest) = (Samples::default(), 0);
     while Instant::now() < end {
-        if interrupt.came() {
+        if interrupt.is_raised() {
             return Err(Failure::Interrupted);
         }
-        let state = client.wait(status::PATIENCE)?;
+        let state = client.wait(status::TIMEOUT)?;
         let Some(sample) = state.imu(imu).filter(|sample| !sample.lost && sample.sequence != newest) else {
             continue;
         };

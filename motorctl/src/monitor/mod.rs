@@ -8,8 +8,8 @@
 //! ```
 
 mod draw;
+mod events;
 mod keys;
-mod news;
 mod picture;
 mod question;
 mod reader;
@@ -26,10 +26,10 @@ pub(crate) use replay::{ReplayArguments, run as replay};
 pub(crate) use terminal::is_there;
 
 use crate::failure::Failure;
-use crate::status::{self, PATIENCE};
+use crate::status::{self, TIMEOUT};
+use events::Event;
 use motord_client::Client;
 use motord_terminal::Interrupt;
-use news::News;
 use picture::{Loss, Picture};
 use question::Question;
 use request::{Notice, Requests, Tone};
@@ -56,12 +56,12 @@ pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
         return Err(Failure::NoTerminal);
     }
     let mut monitor = Monitor::open(client, Some(instance), hz)?;
-    while !interrupt.came() {
+    while !interrupt.is_raised() {
         match monitor.turn(TURN) {
             Ok(true) => {}
             Ok(false) => break,
             // The terminal was closed: end by its signal.
-            Err(_) if interrupt.came() => break,
+            Err(_) if interrupt.is_raised() => break,
             Err(error) => return Err(error.into()),
         }
     }
@@ -72,7 +72,7 @@ pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
 pub(crate) struct Monitor {
     screen: Screen,
     requests: Requests,
-    news: Receiver<News>,
+    events: Receiver<Event>,
     picture: Picture,
     view: View,
     notice: Notice,
@@ -87,17 +87,17 @@ impl Monitor {
     ///
     /// The terminal cannot be set, or a thread cannot be started.
     pub(crate) fn open(client: Arc<Client>, instance: Option<&str>, hz: f64) -> io::Result<Self> {
-        client.set_silence(PATIENCE);
-        let (sender, news): (Sender<News>, _) = mpsc::channel();
+        client.set_silence(TIMEOUT);
+        let (sender, events): (Sender<Event>, _) = mpsc::channel();
         let requests = Requests::start(&client, instance, &sender)?;
         let stopping = requests.clone();
         let screen = Screen::open(move || stopping.stop(), &sender)?;
         let period = Duration::from_secs_f64(1.0 / hz);
-        news::start("motorctl-read", &sender, move |news| reader::read(&client, period, news))?;
+        events::start("motorctl-read", &sender, move |events| reader::read(&client, period, events))?;
         Ok(Self {
             screen,
             requests,
-            news,
+            events,
             picture: Picture::default(),
             view: View::of_stdout(),
             notice: Notice::default(),
@@ -121,19 +121,19 @@ impl Monitor {
         }
         let Self { screen, picture, view, notice, .. } = self;
         screen.terminal.draw(|frame| draw::draw(frame, picture, view, notice))?;
-        let mut news = self.news.recv_timeout(at_most).ok();
-        while let Some(message) = news {
+        let mut events = self.events.recv_timeout(at_most).ok();
+        while let Some(message) = events {
             if !self.take(message)? {
                 return Ok(false);
             }
-            news = self.news.try_recv().ok();
+            events = self.events.try_recv().ok();
         }
         Ok(true)
     }
 
-    fn take(&mut self, news: News) -> io::Result<bool> {
-        match news {
-            News::Reading(reading) => {
+    fn take(&mut self, events: Event) -> io::Result<bool> {
+        match events {
+            Event::Reading(reading) => {
                 self.view.know_groups(reading.robot.groups.len());
                 self.lost_since = None;
                 if self.picture.is_restart(&reading) {
@@ -141,16 +141,16 @@ impl Monitor {
                 }
                 self.picture.take(*reading);
             }
-            News::Lost(reason) => {
+            Event::Lost(reason) => {
                 let since = *self.lost_since.get_or_insert_with(Instant::now);
                 self.picture.loss = Some(Loss { lasting: since.elapsed(), reason });
             }
-            News::Key(key) => return Ok(self.press(&key)),
-            News::Pasted => self.notice.say(Tone::Warning, "Pasted text was ignored."),
-            News::Resized => {}
-            News::Stop(outcome) => self.notice.stop_done(outcome),
-            News::Done(action, outcomes) => self.notice.done(action, &outcomes),
-            News::Ended(reason) => return Err(io::Error::other(reason)),
+            Event::Key(key) => return Ok(self.press(&key)),
+            Event::Pasted => self.notice.show(Tone::Warning, "Pasted text was ignored."),
+            Event::Resized => {}
+            Event::Stop(outcome) => self.notice.stop_done(outcome),
+            Event::Done(action, outcomes) => self.notice.done(action, &outcomes),
+            Event::Ended(reason) => return Err(io::Error::other(reason)),
         }
         Ok(true)
     }
@@ -168,7 +168,7 @@ impl Monitor {
                 self.ask(Action::Reset, question.groups);
                 return true;
             }
-            self.notice.say(Tone::Warning, "The stop was not cleared.");
+            self.notice.show(Tone::Warning, "The stop was not cleared.");
         }
         match self.view.press(key) {
             Some(Action::Quit) => return false,
@@ -181,7 +181,7 @@ impl Monitor {
 
     fn ask(&mut self, action: Action, groups: Vec<String>) {
         if !self.requests.ask(action, groups) {
-            self.notice.say(Tone::Warning, "the last request is still under way");
+            self.notice.show(Tone::Warning, "the last request is still under way");
         }
     }
 
@@ -189,7 +189,7 @@ impl Monitor {
         let Some(reading) = &self.picture.reading else { return };
         self.notice.question = Question::about(&reading.report, &self.chosen(), Instant::now());
         if self.notice.question.is_none() {
-            self.notice.say(Tone::Plain, "No chosen group has a stop to clear.");
+            self.notice.show(Tone::Plain, "No chosen group has a stop to clear.");
         }
     }
 

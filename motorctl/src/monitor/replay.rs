@@ -1,7 +1,7 @@
 //! `motorctl replay`: a recording in the monitor. No key reaches a robot.
 
 use super::draw;
-use super::news::News;
+use super::events::Event;
 use super::picture::{Picture, Reading};
 use super::request::Notice;
 use super::terminal::{Screen, is_there};
@@ -53,20 +53,20 @@ pub(crate) fn run(arguments: &ReplayArguments) -> Result<(), Failure> {
     if !is_there() {
         return Err(Failure::NoTerminal);
     }
-    let (sender, news) = mpsc::channel();
+    let (sender, events) = mpsc::channel();
     let mut screen = Screen::open(|| {}, &sender)?;
-    while !interrupt.came() {
+    while !interrupt.is_raised() {
         let pause = replay.play();
         let Replay { picture, view, .. } = &mut replay;
         screen.terminal.draw(|frame| draw::draw(frame, picture, view, &Notice::default()))?;
-        let mut message = news.recv_timeout(pause).ok();
+        let mut message = events.recv_timeout(pause).ok();
         while let Some(news_now) = message {
             match news_now {
-                News::Key(key) if !replay.press(&key) => return Ok(()),
-                News::Ended(reason) => return Err(std::io::Error::other(reason).into()),
+                Event::Key(key) if !replay.press(&key) => return Ok(()),
+                Event::Ended(reason) => return Err(std::io::Error::other(reason).into()),
                 _ => {}
             }
-            message = news.try_recv().ok();
+            message = events.try_recv().ok();
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 //!
 //! An emergency stop has a separate thread: it waits neither for other requests nor for the screen.
 
-use super::news::{self, News, StopOutcome};
+use super::events::{self, Event, StopOutcome};
 use super::question::Question;
 use super::view::Action;
 use crate::confirmation;
@@ -36,24 +36,24 @@ impl Requests {
     pub(super) fn start(
         client: &Arc<Client>,
         instance: Option<&str>,
-        news: &Sender<News>,
+        events: &Sender<Event>,
     ) -> io::Result<Self> {
         let (stop, stops) = sync_channel(1);
         let (others, requests) = sync_channel::<(Action, Vec<String>)>(1);
         let (stopping, asking) = (Arc::clone(client), Arc::clone(client));
         let instance = instance.map(str::to_owned);
-        news::start("motorctl-stop", news, move |news| {
+        events::start("motorctl-stop", events, move |events| {
             for () in stops {
-                let _left = news.send(News::Stop(stop_robot(&stopping, instance.as_deref())));
+                let _left = events.send(Event::Stop(stop_robot(&stopping, instance.as_deref())));
             }
         })?;
-        news::start("motorctl-ask", news, move |news| {
+        events::start("motorctl-ask", events, move |events| {
             for (action, groups) in requests {
                 let outcome = groups.into_iter().map(|group| {
                     let outcome = ask(&asking, action, &group).map_err(|error| error.to_string());
                     (group, outcome)
                 });
-                let _left = news.send(News::Done(action, outcome.collect()));
+                let _left = events.send(Event::Done(action, outcome.collect()));
             }
         })?;
         Ok(Self { stop, others })
@@ -62,7 +62,7 @@ impl Requests {
     /// Requests the emergency stop. One more may wait behind the present one; further ones are
     /// dropped.
     pub(super) fn stop(&self) {
-        let _under_way = self.stop.try_send(());
+        let _already_pending = self.stop.try_send(());
     }
 
     /// Requests `action` on `groups`. Returns false if a request already waits behind the present
@@ -77,7 +77,7 @@ impl Requests {
 fn stop_robot(client: &Client, instance: Option<&str>) -> StopOutcome {
     let outcome = |stopped: Result<(), Error>| match stopped {
         Ok(()) => StopOutcome::Confirmed,
-        Err(Error::MotorsOffline { joints }) => StopOutcome::NotHeard(joints),
+        Err(Error::MotorsOffline { joints }) => StopOutcome::MotorsSilent(joints),
         Err(Error::MotorsUnchecked { reason }) => StopOutcome::NotChecked(reason.to_string()),
         Err(error) => StopOutcome::NotConfirmed(error.to_string()),
     };
@@ -126,7 +126,7 @@ impl StopProgress {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Notice {
     stop: StopProgress,
-    said: Option<(Instant, Tone, String)>,
+    message: Option<(Instant, Tone, String)>,
     /// The open question.
     pub(super) question: Option<Question>,
     /// The progress of the program that opened the monitor.
@@ -136,7 +136,7 @@ pub(super) struct Notice {
 impl Notice {
     /// Clears the outcomes after a key. An unconfirmed stop stays.
     pub(super) fn forget(&mut self) {
-        self.said = None;
+        self.message = None;
         if self.stop.is_sure() {
             self.stop = StopProgress::None;
         }
@@ -170,22 +170,22 @@ impl Notice {
             })
             .collect();
         let is_good = outcomes.iter().all(|(_, outcome)| outcome.is_ok());
-        self.say(if is_good { Tone::Plain } else { Tone::Warning }, &texts.join("; "));
+        self.show(if is_good { Tone::Plain } else { Tone::Warning }, &texts.join("; "));
     }
 
     /// Shows `text` for ten seconds, or until the next key.
-    pub(super) fn say(&mut self, tone: Tone, text: &str) {
-        self.said = Some((Instant::now(), tone, text.to_owned()));
+    pub(super) fn show(&mut self, tone: Tone, text: &str) {
+        self.message = Some((Instant::now(), tone, text.to_owned()));
     }
 
     /// Returns the lines to show at `now`.
     pub(super) fn texts(&self, now: Instant) -> Vec<(Tone, String)> {
         let is_shown = |since: &Instant| now.saturating_duration_since(*since) < SHOWN;
         let question = self.question.as_ref().map(|question| (Tone::Warning, question.text.clone()));
-        let said = self.said.as_ref().filter(|(since, ..)| is_shown(since));
-        let said = said.map(|(_, tone, text)| (*tone, text.clone()));
+        let message = self.message.as_ref().filter(|(since, ..)| is_shown(since));
+        let message = message.map(|(_, tone, text)| (*tone, text.clone()));
         let progress = self.progress.clone().map(|progress| (Tone::Plain, progress));
-        self.stop_text(now).into_iter().chain(said).chain(question).chain(progress).collect()
+        self.stop_text(now).into_iter().chain(message).chain(question).chain(progress).collect()
     }
 
     fn stop_text(&self, now: Instant) -> Option<(Tone, String)> {
@@ -207,9 +207,9 @@ fn done_text(outcome: &StopOutcome) -> (Tone, String) {
     match outcome {
         StopOutcome::Confirmed => (Tone::Plain, CONFIRMED.to_owned()),
         StopOutcome::NotChecked(error) => (Tone::Warning, confirmation::not_checked(CONFIRMED, error)),
-        StopOutcome::NotHeard(joints) => (
+        StopOutcome::MotorsSilent(joints) => (
             Tone::Alarm,
-            format!("EMERGENCY STOP confirmed, {}", confirmation::not_heard(&joints.join(", "))),
+            format!("EMERGENCY STOP confirmed, {}", confirmation::motors_silent(&joints.join(", "))),
         ),
         StopOutcome::NotConfirmed(error) => {
             (Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}"))
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn unheard_stop_is_an_alarm() {
         let mut notice = Notice::default();
-        notice.stop_done(StopOutcome::NotHeard(vec!["rr-hip".to_owned(), "rr-knee".to_owned()]));
+        notice.stop_done(StopOutcome::MotorsSilent(vec!["rr-hip".to_owned(), "rr-knee".to_owned()]));
         notice.forget();
         let [(Tone::Alarm, text)] = &notice.texts(Instant::now() + SHOWN)[..] else { panic!("no alarm") };
         assert!(text.contains("cut the power") && text.contains("rr-hip, rr-knee"), "{text}");

@@ -1,7 +1,7 @@
 //! The terminal, as a resource that is given back: at the end, on an error, on a signal and on a panic.
 
+use super::events::Event;
 use super::keys::{Input, Keys, SILENCE};
-use super::news::News;
 use super::view::is_stop;
 use crossterm::event::{DisableBracketedPaste, EnableBracketedPaste};
 use crossterm::{execute, terminal};
@@ -28,20 +28,20 @@ pub(super) struct Screen {
 }
 
 impl Screen {
-    /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to `news`. The key of the
+    /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to `events`. The key of the
     /// emergency stop calls `stop` at once: it does not wait until a slow terminal has taken the next picture.
     ///
     /// # Errors
     ///
     /// When the terminal cannot be set.
-    pub(super) fn open(stop: impl Fn() + Send + 'static, news: &Sender<News>) -> io::Result<Self> {
+    pub(super) fn open(stop: impl Fn() + Send + 'static, events: &Sender<Event>) -> io::Result<Self> {
         let screen = Self { terminal: ratatui::try_init()?, closed: Arc::default() };
         // Without it a terminal passes pasted text as keys.
         execute!(io::stdout(), EnableBracketedPaste)?;
         let closed = Arc::clone(&screen.closed);
-        super::news::start("motorctl-keys", news, move |news| {
-            if let Err(error) = hear(&stop, &closed, news) {
-                let _left = news.send(News::Ended(format!("cannot read the keys: {error}")));
+        super::events::start("motorctl-keys", events, move |events| {
+            if let Err(error) = read_keys(&stop, &closed, events) {
+                let _left = events.send(Event::Ended(format!("cannot read the keys: {error}")));
             }
         })?;
         Ok(screen)
@@ -52,24 +52,24 @@ impl Drop for Screen {
     fn drop(&mut self) {
         self.closed.store(true, Ordering::Relaxed);
         // A closed terminal needs no restoring.
-        let _gone = execute!(io::stdout(), DisableBracketedPaste);
-        let _gone = self.terminal.show_cursor();
-        let _gone = ratatui::try_restore();
+        let _closed = execute!(io::stdout(), DisableBracketedPaste);
+        let _closed = self.terminal.show_cursor();
+        let _closed = ratatui::try_restore();
     }
 }
 
 /// Reads the terminal's bytes here: the reader of crossterm waits without a limit for the end mark
 /// of a paste, and passes no key before it.
-fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Result<()> {
+fn read_keys(stop: &impl Fn(), closed: &AtomicBool, events: &Sender<Event>) -> io::Result<()> {
     let mut keys = Keys::default();
     let (mut inputs, mut size) = (Vec::new(), terminal::size()?);
     while !closed.load(Ordering::Relaxed) {
         read(&mut keys, |input| inputs.push(input))?;
-        if !inputs.drain(..).all(|input| pass_on(input, stop, news)) {
+        if !inputs.drain(..).all(|input| pass_on(input, stop, events)) {
             break;
         }
         let now = terminal::size()?;
-        if std::mem::replace(&mut size, now) != now && news.send(News::Resized).is_err() {
+        if std::mem::replace(&mut size, now) != now && events.send(Event::Resized).is_err() {
             break;
         }
     }
@@ -102,22 +102,22 @@ fn read(keys: &mut Keys, mut done: impl FnMut(Input)) -> io::Result<()> {
 /// Sends an input to the drawing thread without blocking. Returns false if that thread has ended.
 /// Sends the key of a stop before the stop: otherwise the outcome could arrive first, and the
 /// screen would wait for another one.
-fn pass_on(input: Input, stop: &impl Fn(), news: &Sender<News>) -> bool {
+fn pass_on(input: Input, stop: &impl Fn(), events: &Sender<Event>) -> bool {
     match input {
         Input::Key(key) => {
-            let listens = news.send(News::Key(key)).is_ok();
+            let listens = events.send(Event::Key(key)).is_ok();
             if is_stop(&key) {
                 stop();
             }
             listens
         }
-        Input::Pasted => news.send(News::Pasted).is_ok(),
+        Input::Pasted => events.send(Event::Pasted).is_ok(),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::news::StopOutcome;
+    use super::super::events::StopOutcome;
     use super::*;
     use crossterm::event::KeyCode;
     use motord_harness::tmux::Tmux;
@@ -127,14 +127,14 @@ mod tests {
     #[test]
     fn confirmed_stop_is_shown_and_unseen_one_made() {
         let space = Input::Key(KeyCode::Char(' ').into());
-        let (news, heard) = std::sync::mpsc::channel();
-        let confirmed = news.clone();
-        assert!(pass_on(space, &|| confirmed.send(News::Stop(StopOutcome::Confirmed)).unwrap(), &news));
-        let shown: Vec<_> = heard.try_iter().collect();
-        assert!(matches!(shown[..], [News::Key(_), News::Stop(StopOutcome::Confirmed)]), "{shown:?}");
-        drop(heard);
+        let (events, received) = std::sync::mpsc::channel();
+        let confirmed = events.clone();
+        assert!(pass_on(space, &|| confirmed.send(Event::Stop(StopOutcome::Confirmed)).unwrap(), &events));
+        let shown: Vec<_> = received.try_iter().collect();
+        assert!(matches!(shown[..], [Event::Key(_), Event::Stop(StopOutcome::Confirmed)]), "{shown:?}");
+        drop(received);
         let stopped = AtomicBool::new(false);
-        assert!(!pass_on(space, &|| stopped.store(true, Ordering::Relaxed), &news));
+        assert!(!pass_on(space, &|| stopped.store(true, Ordering::Relaxed), &events));
         assert!(stopped.into_inner());
     }
 
@@ -142,16 +142,16 @@ mod tests {
     #[test]
     #[ignore = "the process that another test runs in a terminal"]
     fn counting_process() {
-        let (news, heard) = std::sync::mpsc::channel();
-        let mut screen = Screen::open(|| {}, &news).unwrap();
+        let (events, received) = std::sync::mpsc::channel();
+        let mut screen = Screen::open(|| {}, &events).unwrap();
         let (pid, mut keys, mut sizes) = (std::process::id(), 0, 0);
         loop {
             let counted = format!("pid {pid} keys {keys} sizes {sizes} .");
             screen.terminal.draw(|frame| frame.render_widget(counted, frame.area())).unwrap();
-            match heard.recv().unwrap() {
-                News::Key(key) if key.code == KeyCode::Char('q') => break,
-                News::Key(_) => keys += 1,
-                News::Resized => sizes += 1,
+            match received.recv().unwrap() {
+                Event::Key(key) if key.code == KeyCode::Char('q') => break,
+                Event::Key(_) => keys += 1,
+                Event::Resized => sizes += 1,
                 _ => {}
             }
         }
@@ -183,8 +183,8 @@ mod tests {
     #[test]
     #[ignore = "the process that another test runs in a terminal"]
     fn panicking_process() {
-        let (news, _kept) = std::sync::mpsc::channel();
-        let _screen = Screen::open(|| {}, &news).unwrap();
+        let (events, _kept) = std::sync::mpsc::channel();
+        let _screen = Screen::open(|| {}, &events).unwrap();
         panic!("on purpose");
     }
 

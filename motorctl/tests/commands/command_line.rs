@@ -199,16 +199,16 @@ fn unknown_page_suggests_near_names() {
         ("setpoint-timout", "`setpoint-timeout`"),
     ] {
         let output = motorctl(&["explain", name]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(64), "{said}");
+        let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(64), "{printed}");
         assert!(
-            said.contains(&format!("there is no page {name}: did you mean ")) && said.contains(near),
-            "{said}"
+            printed.contains(&format!("there is no page {name}: did you mean ")) && printed.contains(near),
+            "{printed}"
         );
     }
-    let said = motorctl(&["explain", "xyzzy"]).stderr;
+    let printed = motorctl(&["explain", "xyzzy"]).stderr;
     assert_eq!(
-        String::from_utf8_lossy(&said),
+        String::from_utf8_lossy(&printed),
         "motorctl: there is no page xyzzy: `motorctl explain` lists all names\n"
     );
 }

@@ -59,8 +59,8 @@ fn every_shipped_configuration_with_interfaces_passes_check() {
     for file in real {
         let output = program("motord").arg("check").arg("--config").arg(&file).output();
         let output = output.unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{}: {said}", file.display());
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{}: {printed}", file.display());
     }
 }
 

@@ -84,12 +84,12 @@ fn alone_in(unshare: &[&str], script: &str) -> Option<Output> {
         println!("NOT TESTED: this computer allows no such namespaces");
         return None;
     }
-    let place = TempDir::new().unwrap();
-    std::fs::write(place.path().join("bench.toml"), BENCH).unwrap();
+    let work_directory = TempDir::new().unwrap();
+    std::fs::write(work_directory.path().join("bench.toml"), BENCH).unwrap();
     let path = format!("{}:{}", directory().display(), std::env::var("PATH").unwrap());
     let mut inside = Command::new("unshare");
     inside.args(unshare).args(["bash", "-c", &format!("{START}\n{script}")]);
-    inside.current_dir(place.path()).env("PATH", path).env_remove("MOTORD_INSTANCE");
+    inside.current_dir(work_directory.path()).env("PATH", path).env_remove("MOTORD_INSTANCE");
     Some(inside.output().unwrap())
 }
 
@@ -141,8 +141,8 @@ fn first_cause_survives_emergency_stop() {
     let stop = &status["groups"][0]["stop"];
     assert_eq!((&stop["cause"], &stop["first"]["cause"]), (&"emergency-stop".into(), &"motor-lost".into()));
     assert_eq!(stop["first"]["joint"], "arm");
-    let said = daemon.motorctl(&["status"]);
-    assert!(text(&said.stdout).contains("all was first stopped for motor-lost: "), "{said:?}");
+    let printed = daemon.motorctl(&["status"]);
+    assert!(text(&printed.stdout).contains("all was first stopped for motor-lost: "), "{printed:?}");
     assert!(daemon.motorctl(&["reset", "--wait"]).status.success());
     assert_eq!(daemon.status()["groups"][0]["stop"], Value::Null);
 }
@@ -154,8 +154,11 @@ fn mistyped_stop_says_that_nothing_stopped() {
     for line in [&["estop", "legs"][..], &["e_stop"], &["STOP"], &["--instance", "bench", "E-Stop"]] {
         let output = daemon.motorctl(line);
         assert_eq!(output.status.code(), Some(64), "{line:?}");
-        let said = text(&output.stderr);
-        assert!(said.ends_with("motorctl: NOTHING WAS STOPPED: type `motorctl estop`\n"), "{line:?}: {said}");
+        let printed = text(&output.stderr);
+        assert!(
+            printed.ends_with("motorctl: NOTHING WAS STOPPED: type `motorctl estop`\n"),
+            "{line:?}: {printed}"
+        );
     }
     for line in ["e-stop", "emergency-stop"] {
         assert!(daemon.motorctl(&[line]).status.success(), "{line}");
@@ -180,9 +183,9 @@ fn disabling_that_motors_did_not_hear_fails() {
 fn only_daemon_elsewhere_is_stopped() {
     let Some(output) = alone("start other robot && motorctl estop && is_stopped other robot") else { return };
     assert!(output.status.success(), "{output:?}");
-    let said = text(&output.stdout);
-    assert!(said.contains("confirmed: every motor of instance robot in /"), "{said}");
-    assert!(said.contains("MOTORD_RUNTIME_DIR=/") && said.contains("motorctl reset`"), "{said}");
+    let printed = text(&output.stdout);
+    assert!(printed.contains("confirmed: every motor of instance robot in /"), "{printed}");
+    assert!(printed.contains("MOTORD_RUNTIME_DIR=/") && printed.contains("motorctl reset`"), "{printed}");
 }
 
 /// Goal: an operator who names the wrong instance sees the line of each running instance, and the line that stops all.
@@ -191,12 +194,12 @@ fn wrong_instance_prints_lines_that_stop() {
     let Some(output) = alone("start other arm; motorctl --instance leg estop") else { return };
     assert_eq!(output.status.code(), Some(69), "{output:?}");
     assert_eq!(text(&output.stdout), "");
-    let said = text(&output.stderr);
-    let lines: Vec<&str> = said.lines().collect();
+    let printed = text(&output.stderr);
+    let lines: Vec<&str> = printed.lines().collect();
     assert_eq!(lines[0], "motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power");
     let these = lines.iter().position(|line| *line == "motorctl: these run:").unwrap();
-    assert!(lines[these + 1].ends_with("/other motorctl --instance arm estop"), "{said}");
-    assert_eq!(lines[these + 2..], ["  motorctl estop --all"], "{said}");
+    assert!(lines[these + 1].ends_with("/other motorctl --instance arm estop"), "{printed}");
+    assert_eq!(lines[these + 2..], ["  motorctl estop --all"], "{printed}");
 }
 
 /// The motors of a killed daemon may still move: a stop of another one is no success.
@@ -206,13 +209,13 @@ fn killed_instance_prints_lines_that_stop() {
         export MOTORD_RUNTIME_DIR=$PWD/killed; motorctl estop; status=$?\n\
         is_stopped other leg && exit 97; exit $status";
     let Some(output) = alone(script) else { return };
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{said}");
-    assert!(said.contains("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{said}");
-    assert!(said.contains("died without stopping its motors"), "{said}");
-    assert!(said.contains("motorctl: these run:\n"), "{said}");
-    assert!(said.contains("/other motorctl --instance leg estop\n"), "{said}");
-    assert!(said.ends_with("  motorctl estop --all\n"), "{said}");
+    let printed = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{printed}");
+    assert!(printed.contains("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{printed}");
+    assert!(printed.contains("died without stopping its motors"), "{printed}");
+    assert!(printed.contains("motorctl: these run:\n"), "{printed}");
+    assert!(printed.contains("/other motorctl --instance leg estop\n"), "{printed}");
+    assert!(printed.ends_with("  motorctl estop --all\n"), "{printed}");
 }
 
 #[test]
@@ -222,10 +225,10 @@ fn several_daemons_elsewhere_are_named() {
         motorctl --instance leg estop; motorctl estop --all && is_stopped one robot && is_stopped two arm && exit $status";
     let Some(output) = alone(script) else { return };
     assert_eq!(output.status.code(), Some(69), "{output:?}");
-    let said = text(&output.stderr);
-    assert!(said.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{said}");
-    assert_eq!(said.matches("/two motorctl --instance arm estop\n").count(), 2, "{said}");
-    assert_eq!(said.matches("  motorctl estop --all\n").count(), 2, "{said}");
+    let printed = text(&output.stderr);
+    assert!(printed.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\n"), "{printed}");
+    assert_eq!(printed.matches("/two motorctl --instance arm estop\n").count(), 2, "{printed}");
+    assert_eq!(printed.matches("  motorctl estop --all\n").count(), 2, "{printed}");
     assert_eq!(text(&output.stdout).matches("confirmed: every motor of instance ").count(), 2, "{output:?}");
 }
 
@@ -235,12 +238,12 @@ fn one_alarm_precedes_daemons_that_are_not_confirmed() {
         kill -CONT $one; is_stopped two arm && exit $status";
     let Some(output) = alone(script) else { return };
     assert_eq!(output.status.code(), Some(79), "{output:?}");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        said.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: robot: "),
-        "{said}"
+        printed.starts_with("motorctl: EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: robot: "),
+        "{printed}"
     );
-    assert_eq!(said.matches("NOT CONFIRMED").count(), 1, "{said}");
+    assert_eq!(printed.matches("NOT CONFIRMED").count(), 1, "{printed}");
     assert!(text(&output.stdout).contains("confirmed: every motor of instance arm"), "{output:?}");
 }
 
@@ -256,8 +259,8 @@ fn client_on_full_file_system_is_told_so() {
     if output.status.code() == Some(42) {
         return println!("NOT TESTED: this computer allows no mount");
     }
-    let said = text(&output.stderr);
-    assert!(said.contains("no space for its files"), "{output:?}");
+    let printed = text(&output.stderr);
+    assert!(printed.contains("no space for its files"), "{output:?}");
     assert!(text(&output.stdout).contains("confirmed: every motor"), "{output:?}");
 }
 
@@ -285,17 +288,17 @@ time.sleep(100)
          kill -KILL $other; is_stopped mine robot || exit 97; exit $status"
     );
     let Some(output) = beside_daemon_of_outsider(&script) else { return };
-    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    let (printed, errors) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{output:?}");
-    assert_eq!(said.matches("confirmed").count(), 1, "{said}");
+    assert_eq!(printed.matches("confirmed").count(), 1, "{printed}");
     assert!(
-        said.contains("confirmed: every motor of instance robot in /") && said.contains("/mine "),
-        "{said}"
+        printed.contains("confirmed: every motor of instance robot in /") && printed.contains("/mine "),
+        "{printed}"
     );
     assert!(errors.contains("Their answers do not count") && errors.contains("and 18 more"), "{errors}");
-    let took: u64 =
-        said.split("took ").nth(1).and_then(|took| took.split(' ').next()).unwrap().parse().unwrap();
-    assert!(took < 5000, "20 silent sockets took 22 s: {took} ms");
+    let elapsed: u64 =
+        printed.split("took ").nth(1).and_then(|elapsed| elapsed.split(' ').next()).unwrap().parse().unwrap();
+    assert!(elapsed < 5000, "20 silent sockets took 22 s: {elapsed} ms");
 }
 
 /// Goal: more names than this process may have descriptors keep the stop from no daemon, and a full queue is mentioned.
@@ -330,14 +333,14 @@ time.sleep(100)
          done; motorctl instances --all --json"
     );
     let Some(output) = beside_outsider(&script) else { return };
-    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    let (printed, errors) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{output:?}");
-    assert_eq!(said.matches("confirmed: every motor of instance zz in /").count(), 2, "{said}");
+    assert_eq!(printed.matches("confirmed: every motor of instance zz in /").count(), 2, "{printed}");
     let full = "a process of user unknown, instance full in /tmp, NOT REACHED";
     assert_eq!(errors.matches(full).count(), 2, "{errors}");
     assert_eq!(errors.matches("and 1498 more").count(), 2, "{errors}");
     assert!(
-        said.contains("\"instance\":\"full\"") || said.contains("\"instance\": \"full\""),
+        printed.contains("\"instance\":\"full\"") || printed.contains("\"instance\": \"full\""),
         "a full queue is listed"
     );
 }
@@ -349,9 +352,9 @@ fn lone_foreign_instance_confirms_no_stop() {
         motorctl instances; motorctl instances --all\n\
         motorctl estop --all; status=$?; is_stopped_outside other || exit 96; exit $status";
     let Some(output) = beside_daemon_of_outsider(script) else { return };
-    let (said, errors) = (text(&output.stdout), text(&output.stderr));
+    let (printed, errors) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(69), "{output:?}");
-    assert!(!said.contains("confirmed"), "{said}");
+    assert!(!printed.contains("confirmed"), "{printed}");
     assert_eq!(errors.matches("EMERGENCY STOP NOT CONFIRMED: cut the power").count(), 2, "{errors}");
     assert!(
         errors.contains(" of user 65534, instance robot in /") && errors.contains("/other: `sudo kill "),
@@ -361,8 +364,8 @@ fn lone_foreign_instance_confirms_no_stop() {
         !errors.contains("sudo -u") && !errors.contains("RUNTIME_DIR=/"),
         "no line runs as the outsider: {errors}"
     );
-    assert!(said.contains("1 of other users, which may be no daemons"), "{said}");
-    assert_eq!(said.matches("65534, foreign").count(), 1, "{said}");
+    assert!(printed.contains("1 of other users, which may be no daemons"), "{printed}");
+    assert_eq!(printed.matches("65534, foreign").count(), 1, "{printed}");
 }
 
 /// Goal: a user who runs a daemon and has become root stops it, and so does root who names its directory.

@@ -35,8 +35,8 @@ const LOGS: [(&str, &str); 6] = [
 
 /// Writes `files` and the configuration, and decodes each file by its name.
 fn decode_files(files: &[(&str, &str)]) -> Output {
-    let place = tempfile::tempdir().unwrap();
-    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     std::fs::write(path("robot.toml"), ROBOT).unwrap();
     let names = files.iter().map(|(name, text)| {
         std::fs::write(path(name), text).unwrap();
@@ -103,8 +103,8 @@ fn log_without_names_follows_its_channels() {
     let log = ";\n1) 1.0 2 Rx 0001 - 8 FF FF FF FF FF FF FF FC\n";
     let output = decode_files(&[("second.trc", log)]);
     assert!(text(&output).contains("channel 2 has no interface in the configuration"), "{output:?}");
-    let place = tempfile::tempdir().unwrap();
-    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     std::fs::write(path("robot.toml"), ROBOT).unwrap();
     std::fs::write(path("second.trc"), log).unwrap();
     let arguments = ["--config", &path("robot.toml"), "--interface", "vcan0", &path("second.trc")];
@@ -120,8 +120,8 @@ fn capture_of_all_interfaces_needs_one_named() {
     capture.extend(words(&[0, 0, 65535, 113, 1_700_000_000, 0, 32, 32]));
     capture.extend([0, 0, 0, 1, 1, 0x18, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0C, 1, 0, 0, 0, 8, 0, 0, 0]);
     capture.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC]);
-    let place = tempfile::tempdir().unwrap();
-    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     std::fs::write(path("any.pcap"), capture).unwrap();
     let two = format!("{ROBOT}[[bus]]\nname = \"vcan1\"\ntype = \"socketcan\"\ninterface = \"vcan1\"\n");
     for (robot, named) in [(ROBOT, false), (&two, false), (&two, true)] {

@@ -46,43 +46,43 @@ fn examples(program: &str, command: &[String]) -> Vec<String> {
 }
 
 /// A directory with everything that the examples name.
-struct Place {
+struct Scene {
     directory: TempDir,
     daemons: Vec<Child>,
 }
 
-impl Drop for Place {
+impl Drop for Scene {
     fn drop(&mut self) {
         for daemon in &mut self.daemons {
-            let _gone = daemon.kill();
+            let _exited = daemon.kill();
             let _status = daemon.wait();
         }
     }
 }
 
-impl Place {
+impl Scene {
     /// `None` on a computer that cannot run the examples.
     fn new() -> Option<Self> {
         if lacks(&["bash", "timeout"]) {
             return None;
         }
-        let mut place = Self { directory: TempDir::new().unwrap(), daemons: Vec::new() };
+        let mut scene = Self { directory: TempDir::new().unwrap(), daemons: Vec::new() };
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
         // Slow, so that two of them run beside other tests.
         let robot = std::fs::read_to_string(config).unwrap().replace("rate-hz = 1000", "rate-hz = 100");
         let named = |name: &str| robot.replace("instance = \"demo\"", &format!("instance = \"{name}\""));
         let can = "[[bus]]\nname = \"can\"\ntype = \"socketcan\"\ninterface = \"can0\"\n\
             [[motor]]\nname = \"hip\"\nbus = \"can\"\nid = 1\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\n";
-        place.write("robot.toml", &named("third"));
-        place.write("motord.toml", can);
-        place.write("candump", "#!/bin/sh\necho '(1436509052.249713) can0 001#FFFFFFFFFFFFFFFC'\n");
-        place.shell("chmod +x candump && mkdir run");
-        place.write_logs();
+        scene.write("robot.toml", &named("third"));
+        scene.write("motord.toml", can);
+        scene.write("candump", "#!/bin/sh\necho '(1436509052.249713) can0 001#FFFFFFFFFFFFFFFC'\n");
+        scene.shell("chmod +x candump && mkdir run");
+        scene.write_logs();
         for instance in ["robot", "arm"] {
-            place.write(&format!("{instance}-daemon.toml"), &named(instance));
-            place.start(instance);
+            scene.write(&format!("{instance}-daemon.toml"), &named(instance));
+            scene.start(instance);
         }
-        Some(place)
+        Some(scene)
     }
 
     fn path(&self) -> &Path {
@@ -170,12 +170,12 @@ impl Place {
         } else {
             outputs.find(|output| output.status.success()).unwrap_or(first)
         };
-        let (said, complaint) = (text(&output.stdout), text(&output.stderr));
-        assert!(output.status.success(), "{example}: {} {said} {complaint}", output.status);
-        let is_empty = said.lines().all(|line| line.contains("null") || line.trim().is_empty());
+        let (printed, complaint) = (text(&output.stdout), text(&output.stderr));
+        assert!(output.status.success(), "{example}: {} {printed} {complaint}", output.status);
+        let is_empty = printed.lines().all(|line| line.contains("null") || line.trim().is_empty());
         assert!(
-            !example.contains("jq") || !said.contains("null") && !is_empty,
-            "{example} finds nothing: {said}"
+            !example.contains("jq") || !printed.contains("null") && !is_empty,
+            "{example} finds nothing: {printed}"
         );
     }
 
@@ -283,10 +283,10 @@ fn hold(runtime: &Path, end: &AtomicBool) {
 
 #[test]
 fn every_example_of_motord_works() {
-    let Some(place) = Place::new() else { return };
+    let Some(scene) = Scene::new() else { return };
     let examples = examples("motord", &[]);
     assert!(examples.len() >= 3, "{examples:?}");
-    examples.iter().for_each(|example| place.example(example));
+    examples.iter().for_each(|example| scene.example(example));
 }
 
 /// A test must send nothing on a real CAN interface: the interface of its configuration is missing.
@@ -294,25 +294,25 @@ fn every_example_of_motord_works() {
 #[test]
 fn motord_sim_examples_parse_up_to_missing_interface() {
     const EXIT_UNAVAILABLE: i32 = 69;
-    let Some(place) = Place::new() else { return };
-    place.shell("sed -i s/can0/nocan0/ motord.toml");
+    let Some(scene) = Scene::new() else { return };
+    scene.shell("sed -i s/can0/nocan0/ motord.toml");
     let examples = examples("motord-sim", &[]);
     assert!(!examples.is_empty());
     for example in examples {
-        let output = place.shell(&example.replace("/etc/motord/motord.toml", "motord.toml"));
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(EXIT_UNAVAILABLE), "{example}: {said}");
-        assert!(said.contains("nocan0"), "{example}: {said}");
+        let output = scene.shell(&example.replace("/etc/motord/motord.toml", "motord.toml"));
+        let printed = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(EXIT_UNAVAILABLE), "{example}: {printed}");
+        assert!(printed.contains("nocan0"), "{example}: {printed}");
     }
 }
 
 #[test]
 fn every_bus_example_of_motorctl_works() {
-    let Some(place) = Place::new() else { return };
+    let Some(scene) = Scene::new() else { return };
     let mut examples = examples("motorctl", &[]);
     examples.retain(|example| needs_bus(example));
     assert!(examples.len() >= 10, "{examples:?}");
-    in_shares(&examples, |share| share.iter().for_each(|example| place.example(example)));
+    in_shares(&examples, |share| share.iter().for_each(|example| scene.example(example)));
 }
 
 #[test]
@@ -323,16 +323,16 @@ fn every_other_example_of_motorctl_works() {
     // `release` ends the claim of the controller, so it is the last.
     examples.sort_by_key(|example| example.contains(" release "));
     in_shares(&examples, |share| {
-        let Some(place) = Place::new() else { return };
+        let Some(scene) = Scene::new() else { return };
         let end = AtomicBool::new(false);
-        let runtime = place.path().join("run");
+        let runtime = scene.path().join("run");
         std::thread::scope(|scope| {
             let _holder = scope.spawn(|| hold(&runtime, &end));
             let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
                 for example in share {
-                    place.stop_robot(example.contains("status"));
-                    place.example(example);
-                    place.heal(example);
+                    scene.stop_robot(example.contains("status"));
+                    scene.example(example);
+                    scene.heal(example);
                 }
             }));
             end.store(true, Ordering::Relaxed);
@@ -347,8 +347,8 @@ fn every_example_of_a_controller_works() {
     examples.retain(|example| CONTROLLERS.contains(&command_of(example)));
     assert!(examples.len() >= 4, "{examples:?}");
     in_shares(&examples, |share| {
-        let Some(place) = Place::new() else { return };
-        share.iter().for_each(|example| place.example(example));
+        let Some(scene) = Scene::new() else { return };
+        share.iter().for_each(|example| scene.example(example));
     });
 }
 
@@ -374,8 +374,8 @@ fn in_shares(examples: &[String], run: impl Fn(&[String]) + Sync) {
         if !commands.contains(&command) {
             commands.push(command);
         }
-        let place = commands.iter().position(|known| *known == command).unwrap();
-        shares[place % SHARES].push(example.clone());
+        let scene = commands.iter().position(|known| *known == command).unwrap();
+        shares[scene % SHARES].push(example.clone());
     }
     let run = &run;
     std::thread::scope(|scope| {

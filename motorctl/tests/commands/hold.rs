@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Starts `motorctl hold` with these arguments, and waits until its group is active.
 fn holding(daemon: &Daemon, arguments: &[&str]) -> Child {
@@ -27,8 +27,8 @@ fn interrupted(child: Child) -> Output {
 
 /// Waits until a state is as wanted.
 fn await_state(client: &Client, wanted: impl Fn(&State) -> bool) {
-    let deadline = Instant::now() + PATIENCE;
-    while !wanted(&client.wait(PATIENCE).unwrap()) {
+    let deadline = Instant::now() + TIMEOUT;
+    while !wanted(&client.wait(TIMEOUT).unwrap()) {
         assert!(Instant::now() < deadline, "the state does not come");
     }
 }
@@ -56,17 +56,17 @@ fn sine_moves_joint_by_its_amplitude() {
     let daemon = started(BENCH);
     let sine = ["hold", "--kp", "40", "--amplitude-rad", "0.2", "--frequency-hz", "0.5", "--seconds", "4"];
     let moved = daemon.motorctl(&sine);
-    let said = text(&moved.stdout);
-    assert!(moved.status.success(), "{said}{}", text(&moved.stderr));
+    let printed = text(&moved.stdout);
+    assert!(moved.status.success(), "{printed}{}", text(&moved.stderr));
     assert!(
-        said.starts_with("holds the 1 joint of all with kp 40, kd 0.5, ±0.2 rad at 0.5 Hz. Ctrl-C"),
-        "{said}"
+        printed.starts_with("holds the 1 joint of all with kp 40, kd 0.5, ±0.2 rad at 0.5 Hz. Ctrl-C"),
+        "{printed}"
     );
-    let row = said.lines().find(|line| line.starts_with("arm ")).unwrap();
+    let row = printed.lines().find(|line| line.starts_with("arm ")).unwrap();
     let cells: Vec<f64> = row.split_whitespace().skip(1).map(|cell| cell.parse().unwrap()).collect();
     let [first, _, lowest, highest, _] = cells[..] else { panic!("{row}") };
     assert!((0.1..0.25).contains(&(first - lowest)) && (0.1..0.25).contains(&(highest - first)), "{row}");
-    assert!(said.ends_with("all: stopped, after damping what moves\n"), "{said}");
+    assert!(printed.ends_with("all: stopped, after damping what moves\n"), "{printed}");
 }
 
 #[test]
@@ -98,14 +98,15 @@ fn gains_rise_within_limits_and_others_are_damped() {
         knee.kp > 0.9 * most && hip.kd > 0.5
     });
     let ended = interrupted(child);
-    let said = text(&ended.stdout);
+    let printed = text(&ended.stdout);
     assert!(
-        said.starts_with("holds fl-knee with kp 500, kd 0.7; the other 11 joints of legs are only damped."),
-        "{said}"
+        printed
+            .starts_with("holds fl-knee with kp 500, kd 0.7; the other 11 joints of legs are only damped."),
+        "{printed}"
     );
     assert!(
-        said.contains(&format!("fl-knee: the configuration limits the gains to kp {most}, kd 0.7")),
-        "{said}"
+        printed.contains(&format!("fl-knee: the configuration limits the gains to kp {most}, kd 0.7")),
+        "{printed}"
     );
 }
 

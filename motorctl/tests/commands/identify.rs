@@ -89,9 +89,9 @@ fn interrupted_identification_ends_stopped_with_130() {
     }
     kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap();
     let ended = child.wait_with_output().unwrap();
-    let said = text(&ended.stderr);
-    assert_eq!(ended.status.code(), Some(130), "{said}");
-    assert!(said.contains("arm is not identified: the motion was interrupted"), "{said}");
+    let printed = text(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(130), "{printed}");
+    assert!(printed.contains("arm is not identified: the motion was interrupted"), "{printed}");
     assert_free(&daemon);
 }
 
@@ -102,9 +102,9 @@ fn stopped_group_ends_identification_with_its_cause() {
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["estop"]).status.success());
     let ended = child.wait_with_output().unwrap();
-    let said = text(&ended.stderr);
-    assert_eq!(ended.status.code(), Some(1), "{said}");
-    assert!(said.contains("emergency-stop") && said.contains("reset all"), "{said}");
+    let printed = text(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{printed}");
+    assert!(printed.contains("emergency-stop") && printed.contains("reset all"), "{printed}");
 }
 
 /// The daemon has stopped the group before: that the program could not stop it explains nothing.
@@ -115,8 +115,8 @@ fn removed_owner_is_told_so() {
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["release", "all", "--force"]).status.success());
     let ended = child.wait_with_output().unwrap();
-    let said = text(&ended.stderr);
-    assert!(!ended.status.success() && said.contains("was taken from its owner"), "{said}");
+    let printed = text(&ended.stderr);
+    assert!(!ended.status.success() && printed.contains("was taken from its owner"), "{printed}");
 }
 
 /// A program that moves the joint.

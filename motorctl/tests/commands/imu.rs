@@ -48,10 +48,13 @@ fn rate_is_written_stored_and_measured() {
 fn baud_rate_is_changed_with_the_rate() {
     for vendor in [ImuVendor::Hipnuc, ImuVendor::Xsens] {
         let line = Line::imu_with(vendor, (100.0, 115_200));
-        let said = line.good("imu set --device LINE --new-baud 460800 --rate-hz 200 --yes");
-        assert!(said.contains("asked for 200 Hz, ") && said.contains(" Hz arrive at 460800 baud"), "{said}");
-        let said = line.bad("imu set --device LINE --baud 115200 --rate-hz 100 --yes", 1);
-        assert!(said.contains("so nothing was written"), "{said}");
+        let printed = line.good("imu set --device LINE --new-baud 460800 --rate-hz 200 --yes");
+        assert!(
+            printed.contains("asked for 200 Hz, ") && printed.contains(" Hz arrive at 460800 baud"),
+            "{printed}"
+        );
+        let printed = line.bad("imu set --device LINE --baud 115200 --rate-hz 100 --yes", 1);
+        assert!(printed.contains("so nothing was written"), "{printed}");
     }
 }
 
@@ -65,11 +68,14 @@ fn rate_that_cannot_be_is_refused() {
         ("--new-node 9", "--bus"),
         ("", "--rate-hz"),
     ] {
-        let said = line.bad(&format!("imu set --device LINE --baud 115200 {values} --yes"), 64);
-        assert!(said.contains(reason), "{values}: {said}");
+        let printed = line.bad(&format!("imu set --device LINE --baud 115200 {values} --yes"), 64);
+        assert!(printed.contains(reason), "{values}: {printed}");
     }
-    let said = line.bad("imu set --device LINE --baud 115200 --rate-hz 50", 64);
-    assert!(said.contains("This changes and stores the settings") && said.contains("--yes"), "{said}");
+    let printed = line.bad("imu set --device LINE --baud 115200 --rate-hz 50", 64);
+    assert!(
+        printed.contains("This changes and stores the settings") && printed.contains("--yes"),
+        "{printed}"
+    );
     let measured = line.json("imu find --device LINE --baud 115200")["imus"][0]["measured_hz"].as_f64();
     assert!((measured.unwrap() - 100.0).abs() < 10.0, "nothing was written: {measured:?}");
 }
@@ -79,8 +85,8 @@ fn rate_that_cannot_be_is_refused() {
 fn port_of_a_daemon_is_not_set() {
     let line = Line::imu_with(ImuVendor::Xsens, (100.0, 115_200));
     let held = motord_bus::serial::Port::exclusive(&line.device(), 115_200).unwrap();
-    let said = line.bad("imu set --device LINE --rate-hz 50 --yes", 75);
-    assert!(said.contains("another"), "{said}");
+    let printed = line.bad("imu set --device LINE --rate-hz 50 --yes", 75);
+    assert!(printed.contains("another"), "{printed}");
     drop(held);
     line.good("imu set --device LINE --rate-hz 50 --yes");
 }
@@ -89,17 +95,17 @@ fn port_of_a_daemon_is_not_set() {
 fn silent_and_unknown_lines_are_named() {
     let line = Line::imu(ImuVendor::Hipnuc);
     line.inject("base off");
-    let said = line.bad("imu find --device LINE --baud 921600", 69);
+    let printed = line.bad("imu find --device LINE --baud 921600", 69);
     assert!(
-        said.contains("is silent: check power and wiring") && said.contains("no IMU on 1 serial ports"),
-        "{said}"
+        printed.contains("is silent: check power and wiring") && printed.contains("no IMU on 1 serial ports"),
+        "{printed}"
     );
     line.inject("base ok");
     line.inject("base garbage");
-    let said = line.bad("imu find --device LINE --baud 921600", 69);
-    assert!(said.contains("and no sample of a known IMU"), "{said}");
-    let said = line.bad("imu find --device /dev/ttyNONE", 69);
-    assert!(said.contains("/dev/ttyNONE: there is no such device"), "{said}");
+    let printed = line.bad("imu find --device LINE --baud 921600", 69);
+    assert!(printed.contains("and no sample of a known IMU"), "{printed}");
+    let printed = line.bad("imu find --device /dev/ttyNONE", 69);
+    assert!(printed.contains("/dev/ttyNONE: there is no such device"), "{printed}");
 }
 
 /// A sensor at rest that is mounted with roll 2°, pitch 0 and yaw 90°, and turns at `turn`, rad/s.
@@ -151,14 +157,14 @@ fn level(daemon: &Daemon, samples: [ImuSample; 2], arguments: &[&str]) -> (Optio
         daemon.await_status(|status| status["imus"][0]["lost"] == false);
         let mut command = daemon.command(&[&["imu", "level", "base"], arguments].concat());
         let mut process = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut said = String::new();
+        let mut printed = String::new();
         for line in BufReader::new(process.stderr.take().unwrap()).lines() {
-            said += &line.unwrap();
-            moved.fetch_or(said.contains("Now lower the nose"), Ordering::Relaxed);
+            printed += &line.unwrap();
+            moved.fetch_or(printed.contains("Now lower the nose"), Ordering::Relaxed);
         }
         let output = process.wait_with_output().unwrap();
         end.store(true, Ordering::Relaxed);
-        (output.status.code(), text(&output.stdout), said)
+        (output.status.code(), text(&output.stdout), printed)
     })
 }
 
@@ -171,17 +177,17 @@ fn external_imu() -> Daemon {
 #[test]
 fn level_measures_roll_and_pitch_and_keeps_yaw() {
     let daemon = external_imu();
-    let (code, measured, said) = level(&daemon, [mounted(0.0); 2], &["--json"]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, measured, printed) = level(&daemon, [mounted(0.0); 2], &["--json"]);
+    assert_eq!(code, Some(0), "{printed}");
     assert_lines_valid("motorctl-imu-level", &measured);
     let measured: serde_json::Value = serde_json::from_str(&measured).unwrap();
     assert_eq!(measured["line"], "mount-rpy-deg = [2, 0, 90]", "{measured}");
     assert!((measured["tilt_deg"].as_f64().unwrap() - 2.0).abs() < 0.01, "{measured}");
-    let (code, _, said) = level(&daemon, [mounted(0.5); 2], &[]);
+    let (code, _, printed) = level(&daemon, [mounted(0.5); 2], &[]);
     assert_eq!(code, Some(1));
     assert!(
-        said.contains("the mount of base is not measured: the robot turns, at up to 0.50 rad/s"),
-        "{said}"
+        printed.contains("the mount of base is not measured: the robot turns, at up to 0.50 rad/s"),
+        "{printed}"
     );
     let unknown = daemon.motorctl(&["imu", "level", "bas"]);
     assert!(!unknown.status.success() && text(&unknown.stderr).contains("bas"), "{}", text(&unknown.stderr));
@@ -191,10 +197,13 @@ fn level_measures_roll_and_pitch_and_keeps_yaw() {
 #[test]
 fn vertical_axis_asks_for_second_pose() {
     let daemon = external_imu();
-    let (code, measured, said) = level(&daemon, [pitched(0.0); 2], &["--seconds", "0.5"]);
-    assert_eq!((code, measured.as_str()), (Some(1), ""), "{said}");
-    assert!(said.contains("Measure a second pose as well: `motorctl imu level base --two-poses`"), "{said}");
+    let (code, measured, printed) = level(&daemon, [pitched(0.0); 2], &["--seconds", "0.5"]);
+    assert_eq!((code, measured.as_str()), (Some(1), ""), "{printed}");
+    assert!(
+        printed.contains("Measure a second pose as well: `motorctl imu level base --two-poses`"),
+        "{printed}"
+    );
     let poses = [pitched(0.0), pitched(40.0)];
-    let (code, measured, said) = level(&daemon, poses, &["--seconds", "0.5", "--two-poses"]);
-    assert_eq!((code, measured.trim()), (Some(0), "mount-rpy-deg = [0, 90, 0]"), "{said}");
+    let (code, measured, printed) = level(&daemon, poses, &["--seconds", "0.5", "--two-poses"]);
+    assert_eq!((code, measured.trim()), (Some(0), "mount-rpy-deg = [0, 90, 0]"), "{printed}");
 }

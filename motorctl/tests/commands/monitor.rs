@@ -149,8 +149,8 @@ fn the_first_screen_tells_everything(tmux: &Tmux) {
     for (width, height) in [(80, 24), (60, 20)] {
         tmux.resize(width, height);
         tmux.until("everything at once", |screen| {
-            let said = screen.split_whitespace().collect::<Vec<_>>().join(" ");
-            screen.lines().count() <= height.into() && everything.iter().all(|line| said.contains(line))
+            let printed = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+            screen.lines().count() <= height.into() && everything.iter().all(|line| printed.contains(line))
         });
     }
 }

@@ -15,8 +15,8 @@ fn latin() -> &'static OsStr {
 
 /// Checks that a program ended with a sentence.
 fn assert_is_refused(line: &str, output: &Output) {
-    let said = text(&[&output.stdout[..], &output.stderr].concat());
-    assert!(!said.contains("panicked") && !said.is_empty(), "{line}: {said}");
+    let printed = text(&[&output.stdout[..], &output.stderr].concat());
+    assert!(!printed.contains("panicked") && !printed.is_empty(), "{line}: {printed}");
     assert!(output.status.code().is_some_and(|status| (64..=80).contains(&status)), "{line}: {output:?}");
 }
 

@@ -44,11 +44,11 @@ fn status_tells_people_and_scripts_the_same() {
     assert_eq!(status["joints"][0]["name"], "arm");
     assert_eq!(status["buses"][0]["condition"], "active");
 
-    let said = text(&daemon.motorctl(&["status"]).stdout);
+    let printed = text(&daemon.motorctl(&["status"]).stdout);
     for word in ["bench: motord", "100 Hz", "disarmed", "arm", "idle", "desk", "active"] {
-        assert!(said.contains(word), "{word} in\n{said}");
+        assert!(printed.contains(word), "{word} in\n{printed}");
     }
-    assert!(!said.contains('\x1b'), "colour is for terminals:\n{said}");
+    assert!(!printed.contains('\x1b'), "colour is for terminals:\n{printed}");
 }
 
 #[test]
@@ -87,8 +87,8 @@ fn emergency_stop_advises_and_reset_clears_it() {
     let status = daemon.status();
     assert_eq!(status["emergency_stop"], true);
     assert_eq!(status["groups"][0]["stop"]["cause"], "emergency-stop");
-    let said = text(&daemon.motorctl(&["status"]).stdout);
-    assert!(said.contains("`motorctl --instance bench reset all`"), "{said}");
+    let printed = text(&daemon.motorctl(&["status"]).stdout);
+    assert!(printed.contains("`motorctl --instance bench reset all`"), "{printed}");
 
     assert!(daemon.motorctl(&["reset"]).status.success());
     let status = daemon.status();
@@ -184,8 +184,11 @@ fn status_names_the_process_that_owns_a_group() {
         let pid = std::process::id();
         let status = daemon.await_status(|status| status["groups"][0]["owner"]["pid"] == pid);
         let program = status["groups"][0]["owner"]["program"].as_str().unwrap();
-        let said = text(&daemon.motorctl(&["status"]).stdout);
-        assert!(said.contains(&format!("pid {pid}, {program}")) && !said.contains("lease"), "{said}");
+        let printed = text(&daemon.motorctl(&["status"]).stdout);
+        assert!(
+            printed.contains(&format!("pid {pid}, {program}")) && !printed.contains("lease"),
+            "{printed}"
+        );
         let mut watch = daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
@@ -203,12 +206,12 @@ fn check_judges_robot_by_exit_status() {
     let check = || daemon.motorctl(&["status", "--check"]);
     assert_eq!((check().status.code(), text(&check().stdout)), (Some(0), String::new()));
     assert!(daemon.motorctl(&["estop"]).status.success());
-    let said = text(&check().stdout);
-    assert_eq!(check().status.code(), Some(1), "{said}");
+    let printed = text(&check().stdout);
+    assert_eq!(check().status.code(), Some(1), "{printed}");
     assert!(
-        said.contains("The emergency stop is latched.")
-            && said.contains("all is stopped for emergency-stop: "),
-        "{said}"
+        printed.contains("The emergency stop is latched.")
+            && printed.contains("all is stopped for emergency-stop: "),
+        "{printed}"
     );
     let report = daemon.motorctl(&["status", "--check", "--json"]);
     assert_eq!(report.status.code(), Some(1));
@@ -285,10 +288,10 @@ fn escape_sequences_of_a_file_are_spelled_out() {
         };
         let output = command.output().unwrap();
         assert!(!output.status.success(), "{program} {arguments:?}");
-        let said = text(&output.stdout) + &text(&output.stderr);
+        let printed = text(&output.stdout) + &text(&output.stderr);
         assert!(
-            !said.chars().any(|letter| letter.is_control() && letter != '\n'),
-            "{program} {arguments:?}: {said:?}"
+            !printed.chars().any(|letter| letter.is_control() && letter != '\n'),
+            "{program} {arguments:?}: {printed:?}"
         );
     }
 }
@@ -302,8 +305,8 @@ fn simulated_fault_is_seen_by_clients_and_ends() {
     daemon.await_status(mode("offline"));
     assert!(sim(&["arm", "ok"]).status.success());
     daemon.await_status(mode("idle"));
-    let said = text(&sim(&["arm", "fault", "over-voltage"]).stdout);
-    assert!(said.contains("`motorctl --instance bench sim arm ok` ends it"), "{said}");
+    let printed = text(&sim(&["arm", "fault", "over-voltage"]).stdout);
+    assert!(printed.contains("`motorctl --instance bench sim arm ok` ends it"), "{printed}");
     daemon.await_status(mode("fault"));
     assert!(daemon.motorctl(&["fault", "clear", "arm"]).status.success());
     daemon.await_status(mode("idle"));
@@ -337,9 +340,9 @@ fn unknown_fault_suggests_the_nearest() {
     }
     let mut command = daemon.command(&["sim", "arm", "off"]);
     let elsewhere = TempDir::new().unwrap();
-    let nobody = command.env("MOTORD_RUNTIME_DIR", elsewhere.path()).output().unwrap();
-    assert_eq!(nobody.status.code(), Some(69));
-    assert!(text(&nobody.stderr).contains("no motord runs"), "{}", text(&nobody.stderr));
+    let missing = command.env("MOTORD_RUNTIME_DIR", elsewhere.path()).output().unwrap();
+    assert_eq!(missing.status.code(), Some(69));
+    assert!(text(&missing.stderr).contains("no motord runs"), "{}", text(&missing.stderr));
 }
 
 #[test]
@@ -387,8 +390,8 @@ fn a_reset_of_the_latencies_begins_them_anew() {
 
 #[test]
 fn latencies_round_trip_through_files() {
-    let (daemon, place) = (started(BENCH), TempDir::new().unwrap());
-    let file = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let (daemon, directory) = (started(BENCH), TempDir::new().unwrap());
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let (log, percentiles, picture) = (file("run.hlog"), file("cycle.hgrm"), file("run.svg"));
     let run = |arguments: &[&str]| {
         let output = daemon.motorctl(&[&["latency"], arguments].concat());

@@ -63,11 +63,11 @@ fn every_page_is_rendered_without_a_warning() {
             let path = directory.path().join(page(name, &command));
             let path = path.to_str().unwrap();
             let shown = shell("man", &["--warnings", "-E", "UTF-8", "-l", path]);
-            let (said, complaint) = (text(&shown.stdout), text(&shown.stderr));
+            let (printed, complaint) = (text(&shown.stdout), text(&shown.stderr));
             assert!(shown.status.success() && complaint.is_empty(), "{path}: {complaint}");
             let described = help(name, &command);
             for option in options(&described) {
-                assert!(said.contains(&option), "{path}: {option} in\n{said}");
+                assert!(printed.contains(&option), "{path}: {option} in\n{printed}");
             }
             let strict = shell("groff", &["-man", "-Tutf8", "-ww", "-z", "-k", path]);
             assert!(strict.status.success() && strict.stderr.is_empty(), "{}", text(&strict.stderr));

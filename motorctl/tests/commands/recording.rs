@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::time::Duration;
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -25,7 +25,7 @@ fn recording_holds_every_cycle_and_is_drawn() {
     let file = daemon.directory.path().join("run.mcap");
     let path = file.to_str().unwrap();
     let output = daemon.motorctl(&["record", path, "--seconds", "2", "--json"]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let count = |name: &str| report[name].as_u64().unwrap();
     let counted =
@@ -34,20 +34,20 @@ fn recording_holds_every_cycle_and_is_drawn() {
     assert!(count("recorded") > 10 && report["ended"] == "seconds", "{report}");
 
     let again = daemon.motorctl(&["record", path, "--seconds", "1"]);
-    assert_eq!(status(&again), 74, "an old recording is kept: {}", said(&again));
+    assert_eq!(status(&again), 74, "an old recording is kept: {}", printed(&again));
     let picture = daemon.motorctl(&["plot", path, "fl-knee"]);
     assert!(
         String::from_utf8_lossy(&picture.stdout).contains("fl-knee: position, rad"),
         "{}",
-        said(&picture)
+        printed(&picture)
     );
     let picture = daemon.motorctl(&["plot", path, "fl-knee", "fl-hip", "--with", path, "--png", "-"]);
-    assert!(picture.stdout.starts_with(b"\x89PNG") && picture.status.success(), "{}", said(&picture));
+    assert!(picture.stdout.starts_with(b"\x89PNG") && picture.status.success(), "{}", printed(&picture));
     let picture = daemon.motorctl(&["plot", path, "base"]);
     let svg = String::from_utf8_lossy(&picture.stdout).into_owned();
-    assert!(svg.contains("base: angular velocity, rad/s"), "{}", said(&picture));
+    assert!(svg.contains("base: angular velocity, rad/s"), "{}", printed(&picture));
     let unknown = daemon.motorctl(&["plot", path, "elbow"]);
-    assert!(status(&unknown) == 64 && said(&unknown).contains("fl-knee"), "{}", said(&unknown));
+    assert!(status(&unknown) == 64 && printed(&unknown).contains("fl-knee"), "{}", printed(&unknown));
 
     let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
     let search = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
@@ -79,7 +79,7 @@ fn exiting_daemon_ends_recording_with_complete_file() {
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["ended"], &report["dropped"]), (&"daemon".into(), &0.into()), "{report}");
     let picture = daemon.motorctl(&["plot", file.to_str().unwrap(), "fl-hip"]);
-    assert!(picture.status.success() && said(&picture).is_empty(), "{}", said(&picture));
+    assert!(picture.status.success() && printed(&picture).is_empty(), "{}", printed(&picture));
 }
 
 #[test]
@@ -89,10 +89,10 @@ fn file_without_recording_is_refused_by_name() {
     std::fs::write(directory.join("text.mcap"), "not a recording").unwrap();
     for command in [&["plot", "text.mcap", "fl-hip"][..], &["replay", "text.mcap"]] {
         let output = daemon.command(command).current_dir(directory).output().unwrap();
-        assert!(status(&output) == 65 && said(&output).contains("text.mcap"), "{}", said(&output));
+        assert!(status(&output) == 65 && printed(&output).contains("text.mcap"), "{}", printed(&output));
     }
     let output = daemon.motorctl(&["replay", "/nowhere/run.mcap"]);
-    assert_eq!(status(&output), 65, "{}", said(&output));
+    assert_eq!(status(&output), 65, "{}", printed(&output));
 }
 
 /// `motorctl flight`, which writes its lines to a file, until the end of the test.
@@ -134,7 +134,7 @@ impl FlightRecorder {
 
 impl Drop for FlightRecorder {
     fn drop(&mut self) {
-        let _gone = self.process.kill();
+        let _exited = self.process.kill();
         let _status = self.process.wait();
     }
 }
@@ -170,7 +170,7 @@ fn each_stop_is_written_and_file_count_limited() {
     assert_eq!(files[2], "notes.mcap", "no file of its own");
     let stop = recorder.directory.join(&files[0]);
     let picture = daemon.motorctl(&["plot", stop.to_str().unwrap(), "fl-knee"]);
-    assert!(picture.status.success() && said(&picture).is_empty(), "{}", said(&picture));
+    assert!(picture.status.success() && printed(&picture).is_empty(), "{}", printed(&picture));
 }
 
 #[test]
@@ -198,8 +198,8 @@ fn pipes_and_devices_are_no_recordings() {
         for command in [&["plot", path, "hip"][..], &["replay", path], &["latency", path]] {
             let output =
                 std::process::Command::new(env!("CARGO_BIN_EXE_motorctl")).args(command).output().unwrap();
-            let is_named = said(&output).contains("name a regular file");
-            assert!(is_named && status(&output) != 0, "{command:?}: {}", said(&output));
+            let is_named = printed(&output).contains("name a regular file");
+            assert!(is_named && status(&output) != 0, "{command:?}: {}", printed(&output));
         }
     }
 }

@@ -176,8 +176,8 @@ fn bus_commands_print_what_schemas_state() {
         (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
     };
     let motor = format!("--bus {device} --id 3");
-    let (said, complaint) = run(format!("config dump knee.toml {motor}"));
-    assert!(directory.path().join("knee.toml").is_file(), "{said}{complaint}");
+    let (text, complaint) = run(format!("config dump knee.toml {motor}"));
+    assert!(directory.path().join("knee.toml").is_file(), "{text}{complaint}");
     let dumped = std::fs::read_to_string(directory.path().join("knee.toml")).unwrap();
     let other = dumped.replace("over-voltage = ", "over-voltage = 1");
     assert_ne!(other, dumped, "a difference to be shown");
@@ -195,10 +195,10 @@ fn bus_commands_print_what_schemas_state() {
         ("config-diff", format!("other.toml {motor}")),
         ("setup", "--config line.toml".to_owned()),
     ] {
-        let (said, complaint) = run(format!("{} {arguments} --json", name.replace('-', " ")));
-        assert!(!said.is_empty(), "{name}: {complaint}");
-        let printed = assert_valid(&format!("motorctl-{name}"), &said);
-        assert!(!printed.as_array().is_some_and(Vec::is_empty), "{name}: {said}");
+        let (text, complaint) = run(format!("{} {arguments} --json", name.replace('-', " ")));
+        assert!(!text.is_empty(), "{name}: {complaint}");
+        let printed = assert_valid(&format!("motorctl-{name}"), &text);
+        assert!(!printed.as_array().is_some_and(Vec::is_empty), "{name}: {text}");
     }
 }
 

@@ -58,8 +58,8 @@ fn configured_motors_agree_and_lock_stores_reports() {
     let findings = findings(&line, 0);
     assert!(findings.iter().all(|(_, _, verdict)| verdict == "agrees"), "{findings:?}");
     let lock = fs::read_to_string(line.path("motord.lock.toml")).unwrap();
-    for said in ["name = \"knee\"", "torque-constant = 0.125", "firmware = 66051", "over-voltage"] {
-        assert!(lock.contains(said), "{said}: {lock}");
+    for printed in ["name = \"knee\"", "torque-constant = 0.125", "firmware = 66051", "over-voltage"] {
+        assert!(lock.contains(printed), "{printed}: {lock}");
     }
 }
 
@@ -84,16 +84,19 @@ fn silent_motor_is_unknown_and_fails_command() {
     let findings = findings(&line, 1);
     assert!(findings.contains(&("hip".into(), "answer".into(), "unknown".into())), "{findings:?}");
     let output = setup(&line, &[]);
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("motorctl scan --bus") && said.contains("1 of 2 motors answered"), "{said}");
-    assert!(said.contains("\n1 does not answer: hip (id 4)\n"), "{said}");
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        printed.contains("motorctl scan --bus") && printed.contains("1 of 2 motors answered"),
+        "{printed}"
+    );
+    assert!(printed.contains("\n1 does not answer: hip (id 4)\n"), "{printed}");
 }
 
 #[test]
 fn silent_motors_are_counted_and_named() {
     let line = robot(|[knee, hip]| (knee.id, hip.id) = (8, 9));
-    let said = String::from_utf8(setup(&line, &[]).stdout).unwrap();
-    assert!(said.contains("\n2 do not answer: knee (id 3), hip (id 4)\n"), "{said}");
+    let printed = String::from_utf8(setup(&line, &[]).stdout).unwrap();
+    assert!(printed.contains("\n2 do not answer: knee (id 3), hip (id 4)\n"), "{printed}");
 }
 
 /// Goal: `setup` distinguishes two motors with one id from a motor without power.
@@ -103,8 +106,8 @@ fn two_motors_with_one_id_are_suspected() {
     let line = robot(|[_, hip]| hip.id = 3);
     let asked = setup(&line, &["--joint", "knee"]);
     let suspicion = "bytes arrive, but no frame: two motors with one id?";
-    let said = String::from_utf8_lossy(&asked.stderr).into_owned();
-    assert!(said.contains(&format!("knee: while it is asked, {suspicion}")), "{said}");
+    let printed = String::from_utf8_lossy(&asked.stderr).into_owned();
+    assert!(printed.contains(&format!("knee: while it is asked, {suspicion}")), "{printed}");
     let pinged = line.bad("ping @", 69);
     assert!(pinged.contains("no motor answers as id 3") && pinged.contains(suspicion), "{pinged}");
     let alone = setup(&robot(|_| {}), &[]);
@@ -138,15 +141,15 @@ fn wrong_values_are_named_corrected_and_kept() {
     let hip = named("hip", &["host-id", "torque-constant"]);
     assert_eq!(differing(&line), [knee, hip].concat());
     let written = setup(&line, &["--write", "--yes"]);
-    let said = String::from_utf8(written.stdout).unwrap();
-    assert_eq!(written.status.code(), Some(1), "{said}");
+    let printed = String::from_utf8(written.stdout).unwrap();
+    assert_eq!(written.status.code(), Some(1), "{printed}");
     for name in ["knee", "hip"] {
         line.inject(&format!("{name} power-cycle"));
     }
     std::thread::sleep(std::time::Duration::from_millis(600));
     assert_eq!(differing(&line), named("hip", &["host-id"]));
     let cure = format!("motorctl config set host-id 68 --bus {} --id 4", line.device());
-    assert!(said.contains(&cure), "{said}");
+    assert!(printed.contains(&cure), "{printed}");
     let mut cured = Command::new(env!("CARGO_BIN_EXE_motorctl"));
     cured.env("MOTORD_RUNTIME_DIR", line.path("run")).args(cure.split(' ').skip(1)).arg("--yes");
     assert!(cured.output().unwrap().status.success());
@@ -159,10 +162,10 @@ fn refused_constant_shows_the_motors_words() {
     line.inject("knee refuse 0x04");
     let refused = setup(&line, &["--write", "--yes"]);
     assert_eq!(refused.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let printed = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
-        said.contains("modify configuration: the motor refused: read-only register (RES 0x04)"),
-        "{said}"
+        printed.contains("modify configuration: the motor refused: read-only register (RES 0x04)"),
+        "{printed}"
     );
 }
 

@@ -20,8 +20,8 @@ fn scan_of_line_finds_motors_and_host_ids() {
     let expected = [(3, 0x43), (4, 0x44), (9, 0x49)].map(|(id, host)| (Value::from(id), Value::from(host)));
     assert_eq!(motors, expected);
     assert_eq!(scanned["motors"][0]["protocol"], "gim");
-    let said = line.good("scan --bus LINE --ids 3");
-    assert!(said.contains("0x043") && said.contains("SDC101"), "{said}");
+    let printed = line.good("scan --bus LINE --ids 3");
+    assert!(printed.contains("0x043") && printed.contains("SDC101"), "{printed}");
 }
 
 #[test]
@@ -51,8 +51,8 @@ fn every_indicator_is_read_with_its_unit() {
 fn every_parameter_is_written_and_read_back() {
     let line = Line::knee();
     for (index, row) in PARAMETERS.iter().enumerate() {
-        let said = line.good(&format!("parameter set {} {} @ --yes", row.name, 500 + index));
-        assert!(said.contains(&format!("reads {} now", 500 + index)), "{said}");
+        let printed = line.good(&format!("parameter set {} {} @ --yes", row.name, 500 + index));
+        assert!(printed.contains(&format!("reads {} now", 500 + index)), "{printed}");
     }
     let stored = line.json("parameter get @");
     for (index, row) in PARAMETERS.iter().enumerate() {
@@ -83,13 +83,13 @@ fn every_configuration_item_is_listed_in_full() {
 #[test]
 fn item_is_written_read_back_or_refused() {
     let line = Line::knee();
-    let said = line.good("config set over-voltage 52 @ --yes");
-    assert!(said.contains("was 56, reads 52 now"), "{said}");
-    let said = line.good("config set torque-constant 0.1 @ --yes");
-    assert!(said.contains("reads 0.1 now"), "{said}");
+    let printed = line.good("config set over-voltage 52 @ --yes");
+    assert!(printed.contains("was 56, reads 52 now"), "{printed}");
+    let printed = line.good("config set torque-constant 0.1 @ --yes");
+    assert!(printed.contains("reads 0.1 now"), "{printed}");
     assert_eq!(line.json("config get torque-constant @")["value"], 0.1);
-    let said = line.good("config set pwm-frequency 16000 @ --yes");
-    assert!(said.contains("powered off and on"), "{said}");
+    let printed = line.good("config set pwm-frequency 16000 @ --yes");
+    assert!(printed.contains("powered off and on"), "{printed}");
     for (line_of, expected) in [
         ("gear-ratio 0", "gear-ratio 0 is not written: a motor has 1 to 500"),
         ("over-voltage 5200", "over-voltage 5200 V is not written: a motor has 6 to 120 V; did you mean 52?"),
@@ -138,8 +138,8 @@ fn motor_moves_for_bounded_time_and_stops() {
     line.good("start @ --yes");
     line.good("stop @ --control");
     line.good("stop @");
-    let said = line.good("torque 0.3 --seconds 0.3 --max-travel-rad 9 --max-rad-s 40 @ --yes");
-    assert!(said.contains("stopped; last at"), "{said}");
+    let printed = line.good("torque 0.3 --seconds 0.3 --max-travel-rad 9 --max-rad-s 40 @ --yes");
+    assert!(printed.contains("stopped; last at"), "{printed}");
     line.good("speed -0.5 --seconds 0.3 @ --yes");
     let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
     line.good(&format!("position {:.3} --seconds 0.6 @ --yes", at + 0.2));
@@ -212,8 +212,8 @@ fn motion_beyond_bounds_is_refused_or_stopped() {
 #[test]
 fn zero_is_moved_to_angle_and_checked() {
     let line = Line::knee();
-    let said = line.good("zero @ --at 0.5 --yes");
-    assert!(said.contains("reports 0.500 rad now"), "{said}");
+    let printed = line.good("zero @ --at 0.5 --yes");
+    assert!(printed.contains("reports 0.500 rad now"), "{printed}");
     line.good("zero @ --yes");
     let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
     assert!(at.abs() < 0.01, "{at}");
@@ -260,8 +260,8 @@ fn ids_and_protocol_are_changed_and_confirmed() {
     line.bad("ping @", 69);
     line.good("id --bus LINE --id 5 --set-bitrate 500000 --yes");
     assert_eq!(line.json("id --bus LINE --id 5")["can_baud_rate"], 5);
-    let said = line.good("protocol mit --bus LINE --id 5 --yes");
-    assert!(said.contains("can-protocol was 0, reads 1 now"), "{said}");
+    let printed = line.good("protocol mit --bus LINE --id 5 --yes");
+    assert!(printed.contains("can-protocol was 0, reads 1 now"), "{printed}");
     line.good("protocol gim --bus LINE --id 5 --yes");
     assert_eq!(line.json("id --bus LINE --id 5")["can_protocol"], "gim");
     line.bad("id @ --set-id 6 --set-host-id 6 --yes", 64);
@@ -349,8 +349,8 @@ fn wrong_arguments_are_refused_before_anybody_is_asked() {
         ("scan --bus LINE --ids 9-3", 64),
         ("scan --bus LINE --bus LINE", 64),
     ] {
-        let said = line.bad(wrong, status);
-        assert!(!said.contains("--yes"), "{wrong}: {said}");
+        let printed = line.bad(wrong, status);
+        assert!(!printed.contains("--yes"), "{wrong}: {printed}");
     }
 }
 
@@ -363,8 +363,8 @@ fn factory_reset_is_undone_by_dump_and_apply() {
         line.good(&format!("config set rated-current {id} {here} --yes"));
         line.good(&format!("config dump knee.toml {here}"));
         line.bad(&format!("config dump knee.toml {here}"), 74);
-        let said = line.good(&format!("config reset {here} --yes"));
-        assert!(said.contains("it answers as id 1"), "{said}");
+        let printed = line.good(&format!("config reset {here} --yes"));
+        assert!(printed.contains("it answers as id 1"), "{printed}");
         let differing = line.bad("config diff knee.toml --bus LINE --id 1", 1);
         assert!(differing.contains("items differ"), "{differing}");
         line.good("config apply knee.toml --bus LINE --id 1 --yes");
@@ -455,8 +455,8 @@ fn configuration_gives_place_and_limits_of_zero() {
     }
     let leaves = line.bad(&format!("speed -1 --seconds 1 {knee} --yes"), 1);
     assert!(leaves.contains("stopped at a bound"), "{leaves}");
-    let said = line.good("jog knee --config robot.toml --seconds 0.3 --yes");
-    assert!(said.contains("knee (motor 3") && said.contains("stopped at"), "{said}");
+    let printed = line.good("jog knee --config robot.toml --seconds 0.3 --yes");
+    assert!(printed.contains("knee (motor 3") && printed.contains("stopped at"), "{printed}");
     line.bad("jog knee --bus LINE --id 3 --seconds 0.3 --yes", 64);
     let outside = line.bad(&format!("zero {knee} --yes"), 1);
     assert!(outside.contains("outside of its limits 0.200 to 1.000 rad"), "{outside}");

@@ -21,7 +21,7 @@ struct Process(Child);
 
 impl Drop for Process {
     fn drop(&mut self) {
-        let _gone = self.0.kill();
+        let _exited = self.0.kill();
         let _status = self.0.wait();
     }
 }

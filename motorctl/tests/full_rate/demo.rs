@@ -35,8 +35,8 @@ fn demo_trots_at_rate_without_missed_replies() {
     let mut runs = (0..ATTEMPTS).map(|_| demo("3", &elsewhere).output().unwrap());
     let stalled = |run: &Output| String::from_utf8_lossy(&run.stderr).contains("is the computer overloaded?");
     let output = runs.find(|run| !stalled(run)).expect("this machine stalls all the time");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{printed}");
 
     let text = String::from_utf8(output.stdout).unwrap();
     let run: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
@@ -84,14 +84,14 @@ impl Running {
 
     /// Waits for the end; no process may remain. Returns the exit status and the output.
     fn end(mut self) -> (Option<i32>, String) {
-        let mut said = String::new();
-        self.stderr.read_to_string(&mut said).unwrap();
+        let mut printed = String::new();
+        self.stderr.read_to_string(&mut printed).unwrap();
         let status = self.demo.wait().unwrap();
         assert!(!self.directory.exists(), "{} is left behind", self.directory.display());
         for child in self.children {
             assert_eq!(kill(child, None), Err(nix::errno::Errno::ESRCH), "process {child} is left behind");
         }
-        (status.code(), said)
+        (status.code(), printed)
     }
 }
 
@@ -101,8 +101,8 @@ fn an_interrupted_demo_leaves_nothing_behind() {
     let elsewhere = TempDir::new().unwrap();
     let running = Running::start(&elsewhere);
     kill(Pid::from_raw(running.demo.id().cast_signed()), Signal::SIGINT).unwrap();
-    let (status, said) = running.end();
-    assert_eq!(status, Some(130), "{said}");
+    let (status, printed) = running.end();
+    assert_eq!(status, Some(130), "{printed}");
 }
 
 #[test]
@@ -111,9 +111,9 @@ fn demo_reports_dead_daemon_and_cleans_up() {
     let elsewhere = TempDir::new().unwrap();
     let running = Running::start(&elsewhere);
     kill(running.children[0], Signal::SIGKILL).unwrap();
-    let (status, said) = running.end();
-    assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("motord ended with signal: 9"), "{said}");
+    let (status, printed) = running.end();
+    assert_eq!(status, Some(1), "{printed}");
+    assert!(printed.contains("motord ended with signal: 9"), "{printed}");
 }
 
 #[test]
@@ -122,9 +122,9 @@ fn demo_reports_dead_controller_and_cleans_up() {
     let elsewhere = TempDir::new().unwrap();
     let running = Running::start(&elsewhere);
     kill(running.children[1], Signal::SIGKILL).unwrap();
-    let (status, said) = running.end();
-    assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("the controller ended with signal: 9"), "{said}");
+    let (status, printed) = running.end();
+    assert_eq!(status, Some(1), "{printed}");
+    assert!(printed.contains("the controller ended with signal: 9"), "{printed}");
 }
 
 /// The first process of a container may leave an ended one unreaped.

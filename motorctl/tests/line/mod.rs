@@ -288,8 +288,8 @@ pub(crate) fn write_every_item(line: &Line) {
             ValueType::Float => (value.to_string(), (value.as_f64().unwrap() * 1.5).to_string()),
         };
         for value in [new, old] {
-            let said = line.good(&format!("config set {} {value} @ --yes", item.name));
-            assert!(said.contains("reads "), "{}: {said}", item.name);
+            let printed = line.good(&format!("config set {} {value} @ --yes", item.name));
+            assert!(printed.contains("reads "), "{}: {printed}", item.name);
             let stored = line.json(&format!("config get {} @", item.name))["value"].as_f64().unwrap();
             let written: f64 = value.parse().unwrap();
             assert!(
@@ -331,8 +331,8 @@ pub(crate) fn read_and_clear_every_fault(line: &Line, protocol: &str) {
         (0xDF, &["foc frequency too high", "under voltage", "start failure", "software exception"]),
     ] {
         line.inject(&format!("knee fault {bits}"));
-        let said = line.good(&get).to_lowercase().replace('-', " ");
-        assert!(words.iter().all(|word| said.contains(word)), "{bits:#04X}: {said}");
+        let printed = line.good(&get).to_lowercase().replace('-', " ");
+        assert!(words.iter().all(|word| printed.contains(word)), "{bits:#04X}: {printed}");
         let fault = line.json(&get);
         assert_eq!(fault["bits"], bits);
         assert_eq!(fault["faults"].as_array().unwrap().len() as u32, u32::count_ones(bits));

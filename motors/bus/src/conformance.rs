@@ -33,7 +33,7 @@ pub trait Fixture {
     fn inject(&mut self, stimulus: Stimulus) -> bool;
 
     /// Returns the frames that the other nodes received since the last call, oldest first.
-    fn heard(&mut self) -> Vec<Frame>;
+    fn received(&mut self) -> Vec<Frame>;
 
     /// Puts the interface into `condition`. `false` when the fixture does not support it.
     fn set(&mut self, condition: Condition) -> bool;
@@ -152,7 +152,7 @@ pub fn frames_leave_in_the_order_given(fixture: &mut dyn Fixture) {
     let frames = frames(4);
     assert_eq!(send(fixture, &frames), Sent::all(4));
     fixture.pass(SETTLED);
-    assert_eq!(fixture.heard(), frames);
+    assert_eq!(fixture.received(), frames);
     assert_eq!(send(fixture, &[]), Sent::all(0));
 }
 
@@ -313,12 +313,12 @@ fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
 
 /// The bus is not ready before a frame arrives, and ready after it.
 pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
-    let ready = |fixture: &mut dyn Fixture, patience| {
+    let ready = |fixture: &mut dyn Fixture, timeout| {
         let now = fixture.now();
         let readiness = fixture.bus().readiness();
         match readiness {
-            Readiness::Readable(_) => wait(&[readiness], now, now + patience).any(),
-            Readiness::At(instant) => instant <= now + patience,
+            Readiness::Readable(_) => wait(&[readiness], now, now + timeout).any(),
+            Readiness::At(instant) => instant <= now + timeout,
             Readiness::Never => false,
         }
     };
@@ -343,12 +343,12 @@ pub fn a_stalled_bus_refuses_at_once_and_forgets(fixture: &mut dyn Fixture) {
     assert!(accepted.len() < 100, "{} frames were queued", accepted.len());
     set(fixture, Condition::Up);
     fixture.pass(SETTLED);
-    let late: Vec<_> = fixture.heard().into_iter().filter(|frame| !accepted.contains(frame)).collect();
+    let late: Vec<_> = fixture.received().into_iter().filter(|frame| !accepted.contains(frame)).collect();
     assert_eq!(late, [], "refused frames were sent later");
     let frame = numbered(HOST_IDS[2], 1000);
     assert_eq!(send(fixture, &[frame]), Sent::all(1));
     fixture.pass(SETTLED);
-    assert_eq!(fixture.heard(), [frame]);
+    assert_eq!(fixture.received(), [frame]);
 }
 
 /// A bus that is down refuses with that reason, and works again once it is up.
@@ -365,7 +365,7 @@ pub fn bus_that_is_down_reports_and_recovers(fixture: &mut dyn Fixture) {
     let frame = numbered(HOST_IDS[0], 1);
     assert_eq!(send(fixture, &[frame]), Sent::all(1));
     fixture.pass(SETTLED);
-    assert_eq!(fixture.heard(), [frame]);
+    assert_eq!(fixture.received(), [frame]);
     inject(fixture, Stimulus::Frame(frame));
     fixture.pass(SETTLED);
     assert_eq!(contents(&receive(fixture)), [Content::Frame(frame)]);

@@ -424,7 +424,7 @@ impl Inbox {
     #[inline]
     pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
         match self.arrivals.get_mut(self.len) {
-            Some(place) if self.len < self.space => *place = arrival,
+            Some(slot) if self.len < self.space => *slot = arrival,
             _ => return Err(arrival),
         }
         self.len += 1;
@@ -437,9 +437,9 @@ impl Inbox {
     #[inline]
     pub fn push_frame(&mut self, at: Instant, write: impl FnOnce(&mut Frame) -> bool) -> bool {
         let is_full = self.len >= self.space;
-        let Some(place) = self.arrivals.get_mut(self.len).filter(|_| !is_full) else { return false };
-        place.at = at;
-        let is_written = match &mut place.content {
+        let Some(slot) = self.arrivals.get_mut(self.len).filter(|_| !is_full) else { return false };
+        slot.at = at;
+        let is_written = match &mut slot.content {
             Content::Frame(frame) => write(frame),
             other => {
                 *other = Content::Frame(Frame::EMPTY);

@@ -245,9 +245,9 @@ mod tests {
     #[test]
     fn holder_is_named_with_program_and_user() {
         let holder = Holder { pid: Some(std::process::id()), uid: Some(7) };
-        let said = holder.to_string();
-        assert!(said.starts_with(&format!("process {} (", std::process::id())), "{said}");
-        assert!(said.ends_with(") of user 7") && said.chars().all(|letter| !letter.is_control()), "{said}");
+        let text = holder.to_string();
+        assert!(text.starts_with(&format!("process {} (", std::process::id())), "{text}");
+        assert!(text.ends_with(") of user 7") && text.chars().all(|letter| !letter.is_control()), "{text}");
         assert_eq!(Holder::HIDDEN.to_string(), "another process");
     }
 }

@@ -77,8 +77,8 @@ impl Batch {
     #[inline]
     pub(crate) fn put(&mut self, index: usize, frame: [u8; CLASSIC_BYTES]) {
         let (words, _) = frame.as_chunks();
-        let places = self.frames[index].as_array_of_cells();
-        places.iter().zip(words).for_each(|(place, word)| place.set(u64::from_ne_bytes(*word)));
+        let cells = self.frames[index].as_array_of_cells();
+        cells.iter().zip(words).for_each(|(cell, word)| cell.set(u64::from_ne_bytes(*word)));
     }
 
     /// Sends the first `count` messages, and returns how many the kernel took. Never blocks; one

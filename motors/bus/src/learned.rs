@@ -89,13 +89,13 @@ impl ReplyTime {
 /// of skipped attempts, up to 63. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Backoff {
-    in_vain: u32,
+    failures: u32,
     left_out: u32,
 }
 
 impl Backoff {
     /// Most failures that are counted.
-    const IN_VAIN_MAX: u32 = 7;
+    const FAILURES_MAX: u32 = 7;
 
     /// Returns `true` when the caller should make the next attempt.
     #[must_use]
@@ -106,9 +106,9 @@ impl Backoff {
     }
 
     /// Records the result of an attempt.
-    pub fn observe(&mut self, in_vain: bool) {
-        self.in_vain = if in_vain { (self.in_vain + 1).min(Self::IN_VAIN_MAX) } else { 0 };
-        self.left_out = (1 << self.in_vain.saturating_sub(1)) - 1;
+    pub fn observe(&mut self, has_failed: bool) {
+        self.failures = if has_failed { (self.failures + 1).min(Self::FAILURES_MAX) } else { 0 };
+        self.left_out = (1 << self.failures.saturating_sub(1)) - 1;
     }
 }
 
@@ -120,7 +120,7 @@ mod tests {
     fn last_reply_falls_between_earliest_and_latest() {
         let mut reply = ReplyTime::new(Duration::from_micros(100));
         // Between 600 and 650 µs, uniformly distributed.
-        let times = || (0..2000_u64).map(|place| Duration::from_micros(600 + place * 23 % 51));
+        let times = || (0..2000_u64).map(|index| Duration::from_micros(600 + index * 23 % 51));
         times().for_each(|time| reply.observe(time));
         let (mut early, mut late) = (0, 0);
         for time in times() {
@@ -142,10 +142,10 @@ mod tests {
     #[test]
     fn fruitless_attempts_become_rare_until_success() {
         let mut backoff = Backoff::default();
-        let mut attempts = |cycles: u32, in_vain: bool| {
+        let mut attempts = |cycles: u32, has_failed: bool| {
             let attempt = |_: &u32| {
                 let attempts = backoff.attempts();
-                attempts.then(|| backoff.observe(in_vain)).is_some()
+                attempts.then(|| backoff.observe(has_failed)).is_some()
             };
             (0..cycles).filter(attempt).count()
         };
@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn learned_time_covers_most_wakeups_and_forgets_stalls() {
         // Between 10 and 20 µs, uniformly distributed.
-        let wake_ups = || (0..1000).map(|place| 10 + place * 7 % 11);
+        let wake_ups = || (0..1000).map(|index| 10 + index * 7 % 11);
         let learned = after(wake_ups());
         assert!((Duration::from_micros(15)..Duration::from_micros(20)).contains(&learned), "{learned:?}");
         let stalled = after(wake_ups().chain([1_000_000]));

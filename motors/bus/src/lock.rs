@@ -185,8 +185,8 @@ impl Named {
         match identity {
             Identity::Interface(index) => format!("{owner}/can-index/{index}"),
             Identity::Device { number, terminals: None } => format!("{owner}/serial-number/{number:x}"),
-            Identity::Device { number, terminals: Some(place) } => {
-                format!("{owner}/serial-number/{number:x}/{place:x}")
+            Identity::Device { number, terminals: Some(terminal) } => {
+                format!("{owner}/serial-number/{number:x}/{terminal:x}")
             }
         }
         .into_bytes()
@@ -250,8 +250,8 @@ mod tests {
     }
 
     /// Returns a name that no other test and no interface uses.
-    fn interface(place: u32) -> InterfaceName {
-        format!("t{}-{place}", std::process::id()).parse().unwrap()
+    fn interface(terminal: u32) -> InterfaceName {
+        format!("t{}-{terminal}", std::process::id()).parse().unwrap()
     }
 
     #[test]

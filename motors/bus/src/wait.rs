@@ -26,8 +26,8 @@ pub fn wait(readiness: &[Readiness<'_>], now: Instant, until: Instant) -> Ready 
     // `PollFd` has no value for an empty slot.
     let mut count = 1;
     let mut polled: [PollFd<'_>; MAX_BUSES] = core::array::from_fn(|_| first.clone());
-    for (place, descriptor) in polled[count..].iter_mut().zip(descriptors) {
-        *place = descriptor;
+    for (slot, descriptor) in polled[count..].iter_mut().zip(descriptors) {
+        *slot = descriptor;
         count += 1;
     }
     let polled = &mut polled[..count];

@@ -59,20 +59,20 @@ impl Motors {
         SerialBus::open(&self.settings()).unwrap()
     }
 
-    fn heard(&mut self) -> Vec<u8> {
+    fn received(&mut self) -> Vec<u8> {
         let mut bytes = vec![0; 4096];
         let count = self.end.read(&mut bytes).unwrap_or(0);
         bytes.truncate(count);
         bytes
     }
 
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         self.end.write_all(bytes).unwrap();
     }
 
     fn reply(&mut self, payload: [u8; 8]) {
         let frame = SerialFrame::normal(HOST, payload);
-        self.say(frame.write(&mut [0; 12]));
+        self.send(frame.write(&mut [0; 12]));
     }
 }
 
@@ -98,7 +98,7 @@ fn every_byte_passes_unchanged_in_both_directions() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     assert_eq!(bus.send(clock::monotonic(), &[frame(1, CONTROL_BYTES)]), Sent::all(1));
-    assert_eq!(motors.heard(), [&[0x01, 0x00, 0x08, 0x09][..], &CONTROL_BYTES].concat());
+    assert_eq!(motors.received(), [&[0x01, 0x00, 0x08, 0x09][..], &CONTROL_BYTES].concat());
     motors.reply(CONTROL_BYTES);
     assert_eq!(received(&mut bus), [Content::Frame(frame(1, CONTROL_BYTES))]);
 }
@@ -123,7 +123,7 @@ fn unsendable_frame_is_refused_by_line() {
     let refused = Sent { accepted: 0, refusal: Some(Refusal::Error(22)) };
     assert_eq!(bus.send(clock::monotonic(), &[Frame::classic(FrameId::MAX, [0; 8])]), refused);
     assert_eq!(bus.send(clock::monotonic(), &[Frame::new(FrameId::from(1), &[0; 6]).unwrap()]), refused);
-    assert_eq!(motors.heard(), []);
+    assert_eq!(motors.received(), []);
 }
 
 #[test]
@@ -131,14 +131,14 @@ fn replies_arrive_in_pieces_and_behind_echo() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     assert_eq!(ask(&mut bus, 2), Sent::all(1));
-    let echo = motors.heard();
-    motors.say(&echo[..7]);
+    let echo = motors.received();
+    motors.send(&echo[..7]);
     assert_eq!(received(&mut bus), []);
     let reply = SerialFrame::normal(HOST, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
     let reply = [&echo[7..], reply.write(&mut [0; 12])].concat();
-    motors.say(&reply[..9]);
+    motors.send(&reply[..9]);
     assert_eq!(received(&mut bus), []);
-    motors.say(&reply[9..]);
+    motors.send(&reply[9..]);
     assert_eq!(received(&mut bus), [Content::Frame(frame(2, [0xB1, 0, 0, 0, 1, 2, 3, 4]))]);
 }
 
@@ -147,7 +147,7 @@ fn flood_costs_one_buffer_and_hides_nothing() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     ask(&mut bus, 1);
-    motors.say(&[0x55; 1000]);
+    motors.send(&[0x55; 1000]);
     motors.reply([0xB1; 8]);
     let mut arrivals = Vec::new();
     for reads in 1.. {
@@ -176,7 +176,7 @@ fn unplugged_adapter_fails_sender_and_reader() {
         let mut motors = Motors::new();
         let (mut bus, settings) = (motors.bus(), motors.settings());
         let sender = SerialSender::open(&settings.device, settings.baud).unwrap();
-        assert!(!sender.is_gone());
+        assert!(!sender.is_disconnected());
         motors.own = None;
         drop(motors);
         if reads_first {
@@ -186,7 +186,7 @@ fn unplugged_adapter_fails_sender_and_reader() {
         for _ in 0..3 {
             assert_eq!(ask(&mut bus, 1), Sent { accepted: 0, refusal: Some(Refusal::Gone) });
         }
-        assert!(sender.is_gone());
+        assert!(sender.is_disconnected());
         assert_eq!(sender.send(&frame(1, [0; 8])), Err(Refusal::Gone));
         assert!(matches!(SerialBus::open(&settings), Err(OpenError::Missing { .. })));
     }
@@ -215,7 +215,7 @@ fn port_has_one_owner_beside_the_switch() {
     assert_eq!(held, Some(OpenError::Held { device: settings.device.clone() }));
     let sender = SerialSender::open(&settings.device, settings.baud).unwrap();
     sender.send(&frame(2, [0x92, 0, 0x80, 0, 0, 0, 8, 0])).unwrap();
-    assert_eq!(motors.heard(), [0x02, 0x00, 0x08, 0x0A, 0x92, 0, 0x80, 0, 0, 0, 8, 0]);
+    assert_eq!(motors.received(), [0x02, 0x00, 0x08, 0x0A, 0x92, 0, 0x80, 0, 0, 0, 8, 0]);
     drop(first);
     drop(motors.bus());
 }
@@ -275,9 +275,9 @@ impl Fixture for Pty {
         true
     }
 
-    fn heard(&mut self) -> Vec<Frame> {
-        let heard = self.motors.as_mut().unwrap().heard();
-        let frames = heard.chunks(12).map(|bytes| SerialFrame::decode(bytes).unwrap());
+    fn received(&mut self) -> Vec<Frame> {
+        let received = self.motors.as_mut().unwrap().received();
+        let frames = received.chunks(12).map(|bytes| SerialFrame::decode(bytes).unwrap());
         frames.map(|it| frame(it.receiver(), it.payload().try_into().unwrap())).collect()
     }
 

@@ -90,10 +90,10 @@ impl Field {
     /// Like [`encode`](Self::encode), for a finite value.
     #[inline]
     pub(crate) fn encode_finite(&self, value: f64) -> u16 {
-        let place = value * self.codes + self.base;
-        let place = if place < self.top { place } else { self.top };
+        let code = value * self.codes + self.base;
+        let code = if code < self.top { code } else { self.top };
         // The cast rounds down, and clamps at zero.
-        place as u16
+        code as u16
     }
 
     /// Returns the value of `code`. A code wider than the field counts as the largest code.

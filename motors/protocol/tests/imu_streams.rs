@@ -96,8 +96,8 @@ fn noise(most: usize) -> impl Strategy<Value = Vec<(u8, u8)>> {
 fn lost_and_false(found: &[Sample], expected: &[Sample]) -> (usize, usize) {
     let mut at = 0;
     let kept = expected.iter().filter(|sample| match found[at..].iter().position(|other| other == *sample) {
-        Some(place) => {
-            at += place + 1;
+        Some(offset) => {
+            at += offset + 1;
             true
         }
         None => false,

@@ -411,13 +411,13 @@ impl SimulatedBus {
             if sender == Sender::Motor(index) {
                 continue;
             }
-            if let Some(reply) = self.motors[index].hear(ends, &frame) {
+            if let Some(reply) = self.motors[index].receive(ends, &frame) {
                 self.answer(index, ends, reply);
             }
         }
         for index in 0..self.imus.len() {
             let sender = Sender::Imu(index);
-            if let Some((latency, frame)) = self.imus[index].hear(ends, &frame) {
+            if let Some((latency, frame)) = self.imus[index].receive(ends, &frame) {
                 let duration = self.duration(&frame);
                 let contender = Contender { sender, frame, ready: ends + latency, duration };
                 self.answers.admit(contender, false, false);

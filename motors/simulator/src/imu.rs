@@ -64,7 +64,7 @@ pub struct Imu {
 /// The faults in effect.
 #[derive(Debug, Clone, Default)]
 struct Faults {
-    is_gone: bool,
+    is_disconnected: bool,
     is_off: bool,
     is_garbage: bool,
     /// The sample that is repeated, with its noise.
@@ -89,8 +89,8 @@ impl Imu {
 
     /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time that the sample was taken.
     pub fn sample_of(&mut self, values: &ImuValues) -> ImuOutput {
-        let Faults { is_gone, is_off, is_garbage, lost, .. } = self.faults;
-        if is_gone {
+        let Faults { is_disconnected, is_off, is_garbage, lost, .. } = self.faults;
+        if is_disconnected {
             return ImuOutput::Gone;
         }
         if is_off || self.random.fraction() < lost {
@@ -123,7 +123,7 @@ impl Imu {
         match fault {
             Fault::Ok => *faults = Faults::default(),
             Fault::Off => faults.is_off = true,
-            Fault::Gone => faults.is_gone = true,
+            Fault::Gone => faults.is_disconnected = true,
             Fault::Garbage => faults.is_garbage = true,
             Fault::Stuck => faults.should_stick = true,
             Fault::Delayed(delay) => faults.delay = delay,

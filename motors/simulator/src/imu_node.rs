@@ -175,7 +175,7 @@ impl ImuNode {
     }
 
     /// Takes a complete frame of another node. Returns the reply, and the time that passes before it.
-    pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<(Duration, Frame)> {
+    pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<(Duration, Frame)> {
         match self.device {
             ImuNodeDevice::Hipnuc { node, .. } => {
                 self.obey(node, frame);
@@ -365,7 +365,7 @@ mod tests {
         node.begin(at);
         let mut answered = |bytes: [u8; 8]| {
             let request = Frame::classic(FrameId::new(0x608).unwrap(), bytes);
-            node.hear(at, &request).map(|(_, frame)| format!("{frame:?}"))
+            node.receive(at, &request).map(|(_, frame)| format!("{frame:?}"))
         };
         let text = |answer: &str| Some(answer.to_owned());
         assert_eq!(answered([0x2B, 0, 0x18, 5, 5, 0, 0, 0]), text("588#6000180500000000"));

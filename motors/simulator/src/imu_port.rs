@@ -164,7 +164,7 @@ impl ImuPort {
     /// Removes the terminal and the link: the kernel may give the terminal's name to another one.
     fn unplug(&mut self) {
         self.terminal = None;
-        let _already_gone = self.link.as_ref().map(std::fs::remove_file);
+        let _already_removed = self.link.as_ref().map(std::fs::remove_file);
     }
 
     /// Returns the bytes of the sample that is due.
@@ -196,10 +196,7 @@ impl ImuPort {
         let header = self.stream.header();
         for (index, block) in bytes.chunks_exact_mut(64).enumerate() {
             let headers = if index % 2 == 0 { 1 } else { block.len() / header.len() };
-            block
-                .chunks_exact_mut(header.len())
-                .take(headers)
-                .for_each(|place| place.copy_from_slice(&header));
+            block.chunks_exact_mut(header.len()).take(headers).for_each(|slot| slot.copy_from_slice(&header));
         }
         bytes
     }
@@ -213,8 +210,8 @@ mod tests {
 
     fn port(link: &Path) -> ImuPort {
         let imu = Imu::new(0.0, 0.0, Duration::ZERO, 1);
-        let place = Some(link.to_owned());
-        ImuPort::open("base".to_owned(), (imu, ImuVendor::Hipnuc), (100.0, 115_200), Instant::ZERO, place)
+        let link = Some(link.to_owned());
+        ImuPort::open("base".to_owned(), (imu, ImuVendor::Hipnuc), (100.0, 115_200), Instant::ZERO, link)
             .unwrap()
     }
 
@@ -229,8 +226,8 @@ mod tests {
 
     #[test]
     fn faults_of_the_line_act_until_ok() {
-        let place = tempfile::tempdir().unwrap();
-        let link = place.path().join("ttyUSB0");
+        let directory = tempfile::tempdir().unwrap();
+        let link = directory.path().join("ttyUSB0");
         let mut port = port(&link);
         let mut host = File::options().read(true).write(true).open(&link).unwrap();
         let inject = |port: &mut ImuPort, verb: &str| port.inject(&verb.parse().unwrap());

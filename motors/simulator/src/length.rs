@@ -100,7 +100,7 @@ impl Sequence {
 
     /// Appends the lower `count` bits of `word`, the highest first.
     fn put(&mut self, word: u32, count: u32) {
-        (0..count).rev().for_each(|place| self.put_bit(word >> place & 1));
+        (0..count).rev().for_each(|shift| self.put_bit(word >> shift & 1));
     }
 
     /// Appends a bit. Five equal bits are followed by a bit of the other value, which is the first

@@ -38,7 +38,7 @@ impl Line {
     }
 
     /// Sets `fault` if it is one of a line, and returns `true` then.
-    pub(crate) fn suffer(&mut self, fault: Fault) -> bool {
+    pub(crate) fn inject(&mut self, fault: Fault) -> bool {
         match fault {
             Fault::Echo => self.faults.echo = true,
             Fault::Glue(period) => self.faults.glue = Some(period),

@@ -331,17 +331,17 @@ impl Motor {
     }
 
     /// Receives `frame` from the wire at `at`, and returns the answer, if there is one.
-    pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
+    pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
         let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
-        let asks_register = is_command && self.is_register_request(frame);
-        let is_addressed = asks_register || self.commands().matches(frame.id());
+        let is_register = is_command && self.is_register_request(frame);
+        let is_addressed = is_register || self.commands().matches(frame.id());
         if !is_command || !is_addressed || !self.listens(at) {
             return None;
         }
         self.advance(at);
         self.reach(at.as_nanos());
         let (frame, after) = match self.dialect() {
-            _ if asks_register => (self.register(at, frame)?, Duration::ZERO),
+            _ if is_register => (self.register(at, frame)?, Duration::ZERO),
             Dialect::Gim => self.gim(at, frame)?,
             Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
         };
@@ -370,12 +370,12 @@ impl Motor {
 
     /// Returns `true` when it destroys a frame on a CAN bus, as a motor with another bit rate may.
     pub(crate) fn disturbs(&mut self) -> bool {
-        let takes_part = self.medium == Medium::Can
+        let participates = self.medium == Medium::Can
             && self.settings.behaviour.other_bitrate == OtherBitrate::Disturbs
             && !self.configuration.listens_at(self.bitrate)
             && !self.impairment.off
             && !self.impairment.dead;
-        let disturbs = takes_part && self.disturbances > 0;
+        let disturbs = participates && self.disturbances > 0;
         self.disturbances -= u8::from(disturbs);
         disturbs
     }

@@ -121,7 +121,7 @@ impl SerialPort {
     /// Removes the terminal and the link: the kernel may give the terminal's name to another one.
     fn unplug(&mut self) {
         self.terminal = None;
-        let _already_gone = self.link.as_ref().map(std::fs::remove_file);
+        let _already_removed = self.link.as_ref().map(std::fs::remove_file);
     }
 
     fn plug(&mut self) -> Result<(), std::io::Error> {

@@ -78,7 +78,7 @@ impl SerialSlave {
         if verb.target == self.bus.name() {
             if verb.fault == Fault::Ok {
                 self.line.recover();
-            } else if self.line.suffer(verb.fault) {
+            } else if self.line.inject(verb.fault) {
                 return Ok(());
             }
         }

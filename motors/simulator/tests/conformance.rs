@@ -42,7 +42,7 @@ impl Fixture for Simulated {
         true
     }
 
-    fn heard(&mut self) -> Vec<Frame> {
+    fn received(&mut self) -> Vec<Frame> {
         // Sending nothing lets the bus advance to its clock.
         let _nothing = self.bus.send(self.now, &[]);
         let sent = self.bus.take_record().filter(|recorded| recorded.direction == Direction::ToMotor);

@@ -102,12 +102,12 @@ fn duplicate_sends_every_answer_twice() {
 #[test]
 fn reorder_sends_every_other_answer_after_its_successor() {
     let mut bench = running();
-    let place = |answer: &Frame| position(answer.payload());
+    let angle = |answer: &Frame| position(answer.payload());
     bench.ask(PUSH);
     bench.inject("reorder");
     assert!(bench.is_silent(PUSH));
     let answers = bench.answers(PUSH);
-    assert!(answers.len() == 2 && place(&answers[0]) > place(&answers[1]));
+    assert!(answers.len() == 2 && angle(&answers[0]) > angle(&answers[1]));
     assert!(bench.is_silent(PUSH), "and so on");
     bench.inject("ok");
     assert_eq!(bench.answers(PUSH).len(), 2, "the held answer arrives finally");

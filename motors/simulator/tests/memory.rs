@@ -79,15 +79,15 @@ fn written_item_survives_power_loss_when_stored() {
 #[test]
 fn default_gain_acts_immediately_runtime_until_reboot() {
     let gains = [0x08, 0x09, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x19, 0x1A];
-    for (place, item) in (0_u8..).zip(gains) {
+    for (index, item) in (0_u8..).zip(gains) {
         let mut bench = bench();
         set(&mut bench, item, 33);
-        assert_eq!(parameter(&mut bench, place), 33);
+        assert_eq!(parameter(&mut bench, index), 33);
         refresh(&mut bench);
-        bench.ask([0xA1, place, 0, 0, 44, 0, 0, 0]);
-        assert_eq!((parameter(&mut bench, place), int(&mut bench, item)), (44, 33));
+        bench.ask([0xA1, index, 0, 0, 44, 0, 0, 0]);
+        assert_eq!((parameter(&mut bench, index), int(&mut bench, item)), (44, 33));
         power_cycle(&mut bench);
-        assert_eq!(parameter(&mut bench, place), 33);
+        assert_eq!(parameter(&mut bench, index), 33);
     }
 }
 
@@ -241,17 +241,23 @@ fn new_bit_rate_works_for_following_host() {
 fn motors_of_two_rates_share_a_bus() {
     let motor = |name: &str, id| MotorSettings { name: name.into(), id, host_id: 0x100 + id, ..settings() };
     let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
-    let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
+    let received = |bus: &mut SimulatedBus, now: u64, id, bytes| {
         bus.send(Instant::from_nanos(now), &[Frame::classic(FrameId::new(id).unwrap(), bytes)]);
         let mut inbox = motord_bus::Inbox::new();
         bus.receive(Instant::from_nanos(now + 1_000_000), &mut inbox);
         common::frames(inbox.arrivals()).len()
     };
     let version = [0xB1, 0, 0, 0, 0, 0, 0, 0];
-    assert_eq!(heard(&mut bus, 0, 2, [0x83, INT, 0x18, 0, 5, 0, 0, 0]), 1);
-    assert_eq!((heard(&mut bus, 2_000_000, 1, version), heard(&mut bus, 4_000_000, 2, version)), (1, 0));
+    assert_eq!(received(&mut bus, 0, 2, [0x83, INT, 0x18, 0, 5, 0, 0, 0]), 1);
+    assert_eq!(
+        (received(&mut bus, 2_000_000, 1, version), received(&mut bus, 4_000_000, 2, version)),
+        (1, 0)
+    );
     bus.inject(Instant::from_nanos(5_000_000), &"can0 bitrate 500000".parse().unwrap()).unwrap();
-    assert_eq!((heard(&mut bus, 6_000_000, 1, version), heard(&mut bus, 8_000_000, 2, version)), (0, 1));
+    assert_eq!(
+        (received(&mut bus, 6_000_000, 1, version), received(&mut bus, 8_000_000, 2, version)),
+        (0, 1)
+    );
 }
 
 #[test]
@@ -265,7 +271,7 @@ fn wrong_rate_motor_destroys_frames_sent_again() {
         ..settings()
     };
     let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
-    let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
+    let received = |bus: &mut SimulatedBus, now: u64, id, bytes| {
         bus.send(Instant::from_nanos(now), &[Frame::classic(FrameId::new(id).unwrap(), bytes)]);
         let mut inbox = motord_bus::Inbox::new();
         bus.receive(Instant::from_nanos(now + 5_000_000), &mut inbox);
@@ -273,13 +279,13 @@ fn wrong_rate_motor_destroys_frames_sent_again() {
         (frames, inbox.arrivals().len() - frames)
     };
     assert_eq!(
-        heard(&mut bus, 0, 2, [0x83, INT, 0x18, 0, 5, 0, 0, 0]),
+        received(&mut bus, 0, 2, [0x83, INT, 0x18, 0, 5, 0, 0, 0]),
         (1, 0),
         "its answer has the old rate"
     );
     let version = [0xB1, 0, 0, 0, 0, 0, 0, 0];
-    assert_eq!(heard(&mut bus, 6_000_000, 1, version), (1, 16));
-    assert_eq!(heard(&mut bus, 12_000_000, 1, version), (1, 0), "error passive");
+    assert_eq!(received(&mut bus, 6_000_000, 1, version), (1, 16));
+    assert_eq!(received(&mut bus, 12_000_000, 1, version), (1, 0), "error passive");
 }
 
 #[test]

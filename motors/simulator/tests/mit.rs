@@ -236,14 +236,14 @@ fn an_undamped_spring_swings_as_its_closed_form() {
     bench.ask(START);
     // Position, velocity and torque in the middle, kp 164.
     bench.ask([0x80, 0x00, 0x80, 0x00, 0xA4, 0x00, 0x08, 0x00]);
-    let heard = bench.motor().last_executed().unwrap().0;
+    let received = bench.motor().last_executed().unwrap().0;
     let kp = 164.0 * 500.0 / 4095.0;
     let rest = 32768.0 * 25.0 / 65535.0 - 12.5 + (2048.0 * 450.0 / 4095.0 - 225.0) / kp;
     let omega = f64::sqrt(kp / inertia);
     let mut worst = 0.0_f64;
     for _ in 0..1_500 {
         bench.pass(Duration::from_millis(1));
-        let closed = rest + (0.5 - rest) * (omega * bench.now.since(heard).as_secs_f64()).cos();
+        let closed = rest + (0.5 - rest) * (omega * bench.now.since(received).as_secs_f64()).cos();
         worst = worst.max((bench.motor().position() - closed).abs());
     }
     assert!(worst < 0.002, "{worst} rad");

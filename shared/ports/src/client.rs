@@ -16,7 +16,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
-use motord_shared::limits::{ADMINS_MAX, RECORDERS_MAX, STOP_PLACES};
+use motord_shared::limits::{ADMINS_MAX, RECORDERS_MAX, STOP_SLOTS};
 use motord_shared::message::{
     AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
 };
@@ -64,7 +64,7 @@ impl ClientPorts {
     /// [`Obstacle::Missing`] without services; [`Obstacle::Full`] when only the slots for emergency
     /// stops are free; otherwise the service that failed and the reason.
     pub fn open(attachment: Attachment) -> Result<Self, ServiceError> {
-        const MOST: usize = ADMINS_MAX - STOP_PLACES;
+        const MOST: usize = ADMINS_MAX - STOP_SLOTS;
         let ports = Self::open_to_stop(attachment)?;
         if ports.admins.dynamic_config().number_of_clients() > MOST {
             return Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Full { most: MOST } });
@@ -337,7 +337,7 @@ mod tests {
         ports: DaemonPorts,
         client: ClientPorts,
         _lock: InstanceLock,
-        _place: tempfile::TempDir,
+        _directory: tempfile::TempDir,
     }
 
     /// Longer than any stall.
@@ -352,12 +352,12 @@ mod tests {
 
     impl Ends {
         fn open() -> Self {
-            let place = tempfile::tempdir_in("/tmp").unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            let directory = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             let lock = instance.lock().unwrap();
             let ports = DaemonPorts::open(&lock).unwrap();
             let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
-            Self { ports, client, _lock: lock, _place: place }
+            Self { ports, client, _lock: lock, _directory: directory }
         }
     }
 
@@ -467,7 +467,7 @@ mod tests {
                 drop(dropped_after);
             } else {
                 drop(dropped_after);
-                let _gone = request.reply(AdminReply::default(), b"");
+                let _disconnected = request.reply(AdminReply::default(), b"");
             }
             let waits = client.ask(AdminRequest::default()).unwrap();
             ports.next_request().unwrap().unwrap().reply(AdminReply::default(), b"heard").unwrap();
@@ -478,8 +478,8 @@ mod tests {
     #[test]
     fn damaged_files_of_client_block_no_start() {
         for kind in [".service", ".global_mgmt", ".details", "node_monitor_context"] {
-            let place = tempfile::tempdir_in("/tmp").unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            let directory = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             let lock = instance.lock().unwrap();
             let ports = DaemonPorts::open(&lock).unwrap();
             let _client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();

@@ -109,8 +109,8 @@ mod tests {
     use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
     fn with_lock(test: impl FnOnce(&InstanceLock)) {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        test(&Instance::below(place.path(), "robot").unwrap().lock().unwrap());
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        test(&Instance::below(directory.path(), "robot").unwrap().lock().unwrap());
     }
 
     fn is_woken(waiter: &Waiter, waker: &Waker) -> bool {

@@ -129,8 +129,7 @@ impl Block {
         if !Self::holds::<T>() {
             return NonNull::from_mut(Box::leak(Box::new(value)));
         }
-        let used =
-            BLOCKS.iter().map(|place| place.swap(null_mut(), Ordering::Acquire)).find_map(NonNull::new);
+        let used = BLOCKS.iter().map(|slot| slot.swap(null_mut(), Ordering::Acquire)).find_map(NonNull::new);
         let block = used
             .unwrap_or_else(|| NonNull::from_mut(Box::leak(Box::new(Self([MaybeUninit::uninit(); 192])))));
         // SAFETY: a block of this caller, which is large enough and aligned.
@@ -146,8 +145,8 @@ impl Block {
             return;
         }
         let block = value.cast::<Self>().as_ptr();
-        let keep = |place: &AtomicPtr<Self>| {
-            place.compare_exchange(null_mut(), block, Ordering::Release, Ordering::Relaxed).is_ok()
+        let keep = |slot: &AtomicPtr<Self>| {
+            slot.compare_exchange(null_mut(), block, Ordering::Release, Ordering::Relaxed).is_ok()
         };
         if !BLOCKS.iter().any(keep) {
             // SAFETY: `filled` made it of a box, and no place keeps it.
@@ -198,28 +197,28 @@ impl<T: Sparse> Exposed<T> {
         counts
     }
 
-    fn byte(&self, place: usize) -> *mut u8 {
-        self.0.as_ptr().cast::<u8>().wrapping_add(place)
+    fn byte(&self, offset: usize) -> *mut u8 {
+        self.0.as_ptr().cast::<u8>().wrapping_add(offset)
     }
 
     /// Copies bytes to the same place of `to`, another message.
-    fn copy_bytes(&self, to: &Self, place: usize, length: usize) {
-        let length = length.min(size_of::<T>().saturating_sub(place));
+    fn copy_bytes(&self, to: &Self, offset: usize, length: usize) {
+        let length = length.min(size_of::<T>().saturating_sub(offset));
         // SAFETY: the bytes are in both messages, which differ.
-        unsafe { self.byte(place).copy_to_nonoverlapping(to.byte(place), length) };
+        unsafe { self.byte(offset).copy_to_nonoverlapping(to.byte(offset), length) };
     }
 
     /// Writes a field of the message at its place.
-    fn put<F: Plain>(&self, place: usize, field: F) {
-        debug_assert!(place + size_of::<F>() <= size_of::<T>());
+    fn put<F: Plain>(&self, offset: usize, field: F) {
+        debug_assert!(offset + size_of::<F>() <= size_of::<T>());
         // SAFETY: the place of a field of this type.
-        unsafe { self.byte(place).cast::<F>().write(field) };
+        unsafe { self.byte(offset).cast::<F>().write(field) };
     }
 
-    fn clear_bytes(&self, place: usize, length: usize) {
-        let length = length.min(size_of::<T>().saturating_sub(place));
+    fn clear_bytes(&self, offset: usize, length: usize) {
+        let length = length.min(size_of::<T>().saturating_sub(offset));
         // SAFETY: the bytes are in the message, and may be zero.
-        unsafe { self.byte(place).write_bytes(0, length) };
+        unsafe { self.byte(offset).write_bytes(0, length) };
     }
 
     /// Copies the used part to `to`, and clears the entries that only `to` used. `counts` are the
@@ -257,9 +256,9 @@ impl<T: Sparse> Exposed<T> {
     fn fetch(&mut self) {
         const LINE_BYTES: usize = 64;
         for (array, (_, used)) in T::ARRAYS.iter().zip(self.counts()) {
-            for place in (0..used * array.entry).step_by(LINE_BYTES) {
+            for offset in (0..used * array.entry).step_by(LINE_BYTES) {
                 // SAFETY: in the array.
-                unsafe { self.byte(array.start + place).write_volatile(0) };
+                unsafe { self.byte(array.start + offset).write_volatile(0) };
             }
         }
         // SAFETY: the first byte of the message, and no count.

@@ -17,7 +17,7 @@ use std::time::Duration;
 const LINE_BYTES_MAX: u64 = 1024;
 /// Timeout of each side for each part of a line. The daemon's cycle executes a fault within a
 /// second.
-const PATIENCE: Duration = Duration::from_secs(3);
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The reason why a fault was not injected.
 #[derive(Debug, thiserror::Error)]
@@ -89,12 +89,12 @@ fn path(instance: &Instance) -> PathBuf {
 }
 
 fn send(mut stream: &UnixStream, line: &str) -> io::Result<()> {
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(TIMEOUT))?;
     stream.write_all(format!("{line}\n").as_bytes())
 }
 
 fn receive(stream: &UnixStream) -> io::Result<String> {
-    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(TIMEOUT))?;
     let mut line = Vec::new();
     BufReader::new(stream.take(LINE_BYTES_MAX)).read_until(b'\n', &mut line)?;
     Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
@@ -105,8 +105,8 @@ mod tests {
     use super::*;
 
     fn with_listener(test: impl FnOnce(&Instance, &InjectionListener)) {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let listener = InjectionListener::bind(&lock).unwrap();
         test(&instance, &listener);
@@ -116,16 +116,18 @@ mod tests {
     fn line_reaches_daemon_with_requester_and_refusal_returns() {
         with_listener(|instance, listener| {
             std::thread::scope(|scope| {
-                let asker = scope.spawn(|| inject(instance, "fl-knee  off\nfl-hip off"));
+                let requester = scope.spawn(|| inject(instance, "fl-knee  off\nfl-hip off"));
                 let served = listener.serve(|line, pid| {
                     assert_eq!((line, pid), ("fl-knee off fl-hip off", std::process::id()));
                     Err("no".into())
                 });
                 served.unwrap();
-                assert!(matches!(asker.join().unwrap(), Err(InjectionError::Refused(why)) if why == "no"));
-                let asker = scope.spawn(|| inject(instance, "fl-knee off"));
+                assert!(
+                    matches!(requester.join().unwrap(), Err(InjectionError::Refused(why)) if why == "no")
+                );
+                let requester = scope.spawn(|| inject(instance, "fl-knee off"));
                 listener.serve(|_, _| Ok(())).unwrap();
-                assert!(asker.join().unwrap().is_ok());
+                assert!(requester.join().unwrap().is_ok());
             });
         });
     }
@@ -153,8 +155,8 @@ mod tests {
 
     #[test]
     fn instance_without_live_socket_is_not_simulated() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         assert!(matches!(inject(&instance, "fl-knee off"), Err(InjectionError::NotSimulated)));
         drop(InjectionListener::bind(&instance.lock().unwrap()).unwrap());
         assert!(matches!(inject(&instance, "fl-knee off"), Err(InjectionError::NotSimulated)));

@@ -223,7 +223,7 @@ impl Instance {
         if root.changed(OPENING.as_ref()).is_some() {
             return self.begin_anew();
         }
-        let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
+        let Ok(_exclusive) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
             return Ok(());
         };
         clear_below_clients(root)
@@ -242,7 +242,7 @@ impl Instance {
         };
         match Flock::lock(directory, FlockArg::LockSharedNonblock) {
             Ok(lock) => Ok(Some(Attachment { instance: self.clone(), _lock: lock })),
-            Err((_, Errno::EWOULDBLOCK)) => self.judge_lock(),
+            Err((_, Errno::EWOULDBLOCK)) => self.check_lock(),
             Err((_, errno)) => Err(InstanceError::System { path: self.root(), errno }),
         }
     }
@@ -255,7 +255,7 @@ impl Instance {
     }
 
     /// A daemon locks the directory for the first milliseconds of its life. Any member can.
-    fn judge_lock(&self) -> Result<Option<Attachment>, InstanceError> {
+    fn check_lock(&self) -> Result<Option<Attachment>, InstanceError> {
         let (path, daemon) = (self.root(), self.lock_path());
         match exclusive(&path) {
             held @ Locks::Held { pid } if held != exclusive(&daemon) => {
@@ -440,14 +440,14 @@ mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
-    fn place() -> tempfile::TempDir {
+    fn directory() -> tempfile::TempDir {
         tempfile::tempdir_in("/tmp").unwrap()
     }
 
     #[test]
     fn named_directory_precedes_service_precedes_session() {
-        let (named, service, session) = (place(), place(), place());
-        let path = |place: &tempfile::TempDir| place.path().to_owned();
+        let (named, service, session) = (directory(), directory(), directory());
+        let path = |directory: &tempfile::TempDir| directory.path().to_owned();
         let missing = Path::new("/nonexistent/motord");
         assert_eq!(
             choose(Some(path(&named)), service.path(), Some(path(&session))),
@@ -466,20 +466,20 @@ mod tests {
 
     #[test]
     fn accessible_private_directory_is_refused() {
-        let place = place();
+        let directory = directory();
         let (open, link, file) =
-            (place.path().join("open"), place.path().join("link"), place.path().join("file"));
+            (directory.path().join("open"), directory.path().join("link"), directory.path().join("file"));
         fs::create_dir(&open).unwrap();
         fs::set_permissions(&open, Permissions::from_mode(0o750)).unwrap();
-        symlink(place.path(), &link).unwrap();
+        symlink(directory.path(), &link).unwrap();
         fs::write(&file, "").unwrap();
         for path in [open, link, file] {
             let refused = open_runtime(&path, true);
             assert!(matches!(refused, Err(InstanceError::NotPrivate { .. })), "{}", path.display());
         }
-        fs::set_permissions(place.path(), Permissions::from_mode(0o700)).unwrap();
-        assert!(open_runtime(place.path(), true).is_ok());
-        assert!(is_missing(&open_runtime(&place.path().join("missing"), true).unwrap_err()));
+        fs::set_permissions(directory.path(), Permissions::from_mode(0o700)).unwrap();
+        assert!(open_runtime(directory.path(), true).is_ok());
+        assert!(is_missing(&open_runtime(&directory.path().join("missing"), true).unwrap_err()));
     }
 
     #[test]
@@ -492,8 +492,8 @@ mod tests {
 
     #[test]
     fn starting_daemon_removes_leftovers_without_waiting_clients() {
-        let place = place();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = directory();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         drop(instance.lock().unwrap());
         let left_behind = instance.root().join("nodes");
         fs::create_dir(&left_behind).unwrap();
@@ -508,8 +508,8 @@ mod tests {
 
     #[test]
     fn daemon_killed_by_leftovers_has_clean_successor() {
-        let place = place();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = directory();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let left_behind = instance.root().join("damaged");
         let _client = instance.attach().unwrap().unwrap();
@@ -526,8 +526,8 @@ mod tests {
 
     #[test]
     fn registering_client_blocks_no_fresh_start() {
-        let place = place();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = directory();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         drop(instance.lock().unwrap());
         let nodes = instance.root().join("nodes");
         let over = std::sync::atomic::AtomicBool::new(false);
@@ -550,9 +550,9 @@ mod tests {
     #[test]
     fn instance_is_open_to_directory_members_only() {
         for mode in [0o700, 0o2770] {
-            let place = place();
-            fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            let directory = directory();
+            fs::set_permissions(directory.path(), Permissions::from_mode(mode)).unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             let _lock = instance.lock().unwrap();
             assert_eq!(fs::metadata(instance.root()).unwrap().mode() & 0o7777, mode);
         }
@@ -561,15 +561,16 @@ mod tests {
     #[test]
     fn link_below_runtime_directory_is_not_followed() {
         for link in ["iox", "iox/robot", "iox/robot/services"] {
-            let (place, other) = (place(), place());
+            let (directory, other) = (directory(), directory());
             fs::create_dir_all(other.path().join("robot/services")).unwrap();
             let treasure = other.path().join("robot/services/treasure");
             fs::write(&treasure, "kept").unwrap();
             fs::write(other.path().join("robot/treasure"), "kept").unwrap();
-            let link = place.path().join(link);
+            let link = directory.path().join(link);
             fs::create_dir_all(link.parent().unwrap()).unwrap();
-            symlink(other.path().join(link.strip_prefix(place.path().join("iox")).unwrap()), &link).unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            symlink(other.path().join(link.strip_prefix(directory.path().join("iox")).unwrap()), &link)
+                .unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             let _refused_or_swept = instance.lock();
             assert!(treasure.exists() && other.path().join("robot/treasure").exists(), "{}", link.display());
         }
@@ -577,22 +578,22 @@ mod tests {
 
     #[test]
     fn character_refused_by_iceoryx2_is_refused_clearly() {
-        let place = place();
+        let directory = directory();
         for odd in ["r\u{f6}bot", "a*b", "a?b", "a<b", "a\nb", "a\\b", "a\"b"] {
-            let refused = Instance::below(&place.path().join(odd), "robot").unwrap_err();
+            let refused = Instance::below(&directory.path().join(odd), "robot").unwrap_err();
             assert!(matches!(refused, InstanceError::Characters { .. }), "{odd:?}: {refused}");
         }
-        let sound = Instance::below(&place.path().join("a b-c_d.e+f"), "robot").unwrap();
+        let sound = Instance::below(&directory.path().join("a b-c_d.e+f"), "robot").unwrap();
         assert!(sound.lock().is_ok());
     }
 
     #[test]
     fn only_owner_may_remove_daemon_files() {
-        let place = place();
-        fs::set_permissions(place.path(), Permissions::from_mode(0o2770)).unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = directory();
+        fs::set_permissions(directory.path(), Permissions::from_mode(0o2770)).unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let _lock = instance.lock().unwrap();
-        for path in [place.path().to_owned(), place.path().join("iox")] {
+        for path in [directory.path().to_owned(), directory.path().join("iox")] {
             assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o3770, "{}", path.display());
         }
     }

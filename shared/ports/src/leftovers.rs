@@ -113,8 +113,8 @@ mod tests {
 
     #[test]
     fn files_of_clients_killed_while_registering_are_removed() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let _ports = DaemonPorts::open(&lock).unwrap();
         let housekeeper = Housekeeper::open(&lock).unwrap();
@@ -159,8 +159,8 @@ mod tests {
     #[test]
     fn files_of_listeners_killed_while_registering_are_removed() {
         const WAIT: Duration = Duration::from_secs(5);
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let ports = DaemonPorts::open(&lock).unwrap();
         let housekeeper = Housekeeper::open(&lock).unwrap();

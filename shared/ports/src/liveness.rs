@@ -44,8 +44,8 @@ mod tests {
 
     #[test]
     fn daemon_without_lock_is_dead() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         assert!(!is_dead(&instance), "unknown: it never ran");
         let lock = instance.lock().unwrap();
         assert!(!is_dead(&instance));
@@ -57,8 +57,8 @@ mod tests {
     /// daemon runs: the robot may move.
     #[test]
     fn client_learns_who_locked_the_directory() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let daemon = instance.lock().unwrap();
         let root = instance.root();
         let _held = Flock::lock(File::open(&root).unwrap(), FlockArg::LockExclusiveNonblock).unwrap();

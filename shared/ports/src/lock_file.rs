@@ -105,12 +105,13 @@ mod tests {
     /// A client would take a living daemon for dead.
     #[test]
     fn held_lock_is_seen_while_others_end() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("held");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("held");
         let _held = Flock::lock(File::create(&path).unwrap(), FlockArg::LockExclusiveNonblock).unwrap();
         let end = AtomicBool::new(false);
         let churn = |thread: usize| {
-            let names: Vec<_> = (0..200).map(|name| place.path().join(format!("{thread}-{name}"))).collect();
+            let names: Vec<_> =
+                (0..200).map(|name| directory.path().join(format!("{thread}-{name}"))).collect();
             while !end.load(Ordering::Relaxed) {
                 let files = names.iter().map(|name| File::create(name).unwrap());
                 let locks = files.map(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).unwrap());

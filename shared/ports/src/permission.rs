@@ -28,16 +28,16 @@ mod tests {
 
     #[test]
     fn refused_process_learns_the_permitted_group() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let gid = Gid::from_raw(fs::metadata(place.path()).unwrap().gid());
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let gid = Gid::from_raw(fs::metadata(directory.path()).unwrap().gid());
         let name = Group::from_gid(gid).unwrap().unwrap().name;
         for (mode, expected) in [
             (0o2770, format!("join the group {name}, then log in again")),
             (0o700, "only its owner may use it".to_owned()),
         ] {
-            fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
-            assert_eq!(advice(place.path()), expected);
-            assert_eq!(advice(&place.path().join("iox/robot")), expected, "of an inaccessible path");
+            fs::set_permissions(directory.path(), Permissions::from_mode(mode)).unwrap();
+            assert_eq!(advice(directory.path()), expected);
+            assert_eq!(advice(&directory.path().join("iox/robot")), expected, "of an inaccessible path");
         }
     }
 }

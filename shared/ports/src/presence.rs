@@ -53,8 +53,8 @@ mod tests {
     use std::fs;
 
     fn with_daemon(test: impl FnOnce(&Instance, Presence)) {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let _ports = DaemonPorts::open(&lock).unwrap();
         let presence = Presence::of(&lock);
@@ -64,9 +64,9 @@ mod tests {
 
     #[test]
     fn daemon_with_removed_files_has_lost_them() {
-        for place in 0..7 {
+        for directory in 0..7 {
             with_daemon(|instance, presence| {
-                let path = presence.0[place].0.clone();
+                let path = presence.0[directory].0.clone();
                 let aside = instance.runtime().join("aside");
                 fs::rename(&path, &aside).unwrap();
                 assert_eq!(presence.lost(), Some(path.as_path()), "removed");
@@ -82,8 +82,8 @@ mod tests {
     /// A client that ends, or the removal of the files of dead processes, is no loss.
     #[test]
     fn other_changes_in_directory_are_no_loss() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
         let _ports = DaemonPorts::open(&lock).unwrap();
         let unknown = instance.root().join("services/m_0.service");
@@ -99,8 +99,8 @@ mod tests {
     #[test]
     fn leaving_client_removes_no_file_of_successor() {
         for is_damaged in [false, true] {
-            let place = tempfile::tempdir_in("/tmp").unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            let directory = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             let lock = instance.lock().unwrap();
             let ports = DaemonPorts::open(&lock).unwrap();
             let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();

@@ -112,17 +112,17 @@ mod tests {
     /// directories.
     #[test]
     fn a_directory_that_goes_meanwhile_is_no_obstacle() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
         let ends = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                let below = place.path().join("below");
+                let below = directory.path().join("below");
                 while !ends.load(Ordering::Relaxed) {
                     fs::create_dir(&below).unwrap();
                     fs::remove_dir(&below).unwrap();
                 }
             });
-            let refused = (0..10_000).find_map(|_| occupy(place.path()).err());
+            let refused = (0..10_000).find_map(|_| occupy(directory.path()).err());
             ends.store(true, Ordering::Relaxed);
             assert_eq!(refused, None);
         });

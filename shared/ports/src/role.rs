@@ -56,11 +56,11 @@ mod tests {
         }
         let names = ["robot.lock", "iox", "iox/robot", "iox/robot.cycle", "robot.sim"];
         for (name, kind) in names.iter().flat_map(|name| [(name, 0), (name, 1), (name, 2)]) {
-            let place = tempfile::tempdir_in("/tmp").unwrap();
-            fs::set_permissions(place.path(), Permissions::from_mode(0o3770)).unwrap();
-            let instance = Instance::below(place.path(), "robot").unwrap();
+            let directory = tempfile::tempdir_in("/tmp").unwrap();
+            fs::set_permissions(directory.path(), Permissions::from_mode(0o3770)).unwrap();
+            let instance = Instance::below(directory.path(), "robot").unwrap();
             drop(instance.lock().unwrap());
-            let path = place.path().join(name);
+            let path = directory.path().join(name);
             let _missing = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
             match kind {
                 0 => fs::write(&path, "").unwrap(),
@@ -83,11 +83,11 @@ mod tests {
     /// Goal: the process id of a daemon overwrites no file elsewhere that has the lock's name as a second name.
     #[test]
     fn second_name_of_another_file_is_no_lock() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let elsewhere = place.path().join("elsewhere");
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
+        let elsewhere = directory.path().join("elsewhere");
         fs::write(&elsewhere, "kept").unwrap();
-        fs::hard_link(&elsewhere, place.path().join("robot.lock")).unwrap();
+        fs::hard_link(&elsewhere, directory.path().join("robot.lock")).unwrap();
         let _lock = instance.lock().unwrap();
         assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "kept");
     }

@@ -509,20 +509,20 @@ mod tests {
         let sockets: Vec<_> = instances.iter().map(|instance| listening(instance, 1)).collect();
         let callers = [2, 3].map(|full| filling(&instances[full]));
         let answers = std::thread::spawn(move || {
-            let takes_request = |socket: &OwnedFd| {
+            let accepts_request = |socket: &OwnedFd| {
                 let caller = accept(socket.as_raw_fd()).unwrap();
                 let length = recv(caller, &mut [0; MESSAGE_BYTES_MAX], MsgFlags::empty());
                 (caller, length == Ok(REQUEST.len()))
             };
-            let (confirming, was_requested) = takes_request(&sockets[0]);
+            let (confirming, was_requested) = accepts_request(&sockets[0]);
             assert!(
-                was_requested && takes_request(&sockets[1]).1,
+                was_requested && accepts_request(&sockets[1]).1,
                 "the silent one has it before the first answer"
             );
             send(confirming, CONFIRMED, MsgFlags::empty()).unwrap();
             drop(callers);
             let (confirming, _) =
-                std::iter::repeat_with(|| takes_request(&sockets[2])).find(|taken| taken.1).unwrap();
+                std::iter::repeat_with(|| accepts_request(&sockets[2])).find(|taken| taken.1).unwrap();
             send(confirming, CONFIRMED, MsgFlags::empty()).unwrap();
             sockets
         });

@@ -120,24 +120,24 @@ impl StopPath {
         Ok(Self { address: address(instance)?, shared: (!instance.is_private()).then_some([runtime, lock]) })
     }
 
-    /// Requests the daemon to damp and stop every motor, and waits at most `patience` for the request, and again for the
+    /// Requests the daemon to damp and stop every motor, and waits at most `timeout` for the request, and again for the
     /// confirmation. Async-signal-safe, and keeps `errno`.
     ///
     /// # Errors
     /// The stop is unconfirmed: those of [`send`](Self::send) and [`AskedStop::confirm`].
-    pub fn stop(&self, patience: Duration) -> Result<(), StopError> {
+    pub fn stop(&self, timeout: Duration) -> Result<(), StopError> {
         let errno = Errno::last_raw();
-        let outcome = self.send(patience).and_then(|asked| asked.confirm(patience));
+        let outcome = self.send(timeout).and_then(|asked| asked.confirm(timeout));
         Errno::set_raw(errno);
         outcome
     }
 
-    /// Requests the daemon to damp and stop every motor. Waits at most `patience` until the request is sent. Async-signal-safe.
+    /// Requests the daemon to damp and stop every motor. Waits at most `timeout` until the request is sent. Async-signal-safe.
     ///
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
-    pub fn send(&self, patience: Duration) -> Result<AskedStop, StopError> {
-        let end = Instant::now() + patience;
+    pub fn send(&self, timeout: Duration) -> Result<AskedStop, StopError> {
+        let end = Instant::now() + timeout;
         loop {
             match self.try_send(end) {
                 // A daemon with too many callers drops the first ones without a request: this
@@ -187,22 +187,22 @@ pub struct AskedStop {
 }
 
 impl AskedStop {
-    /// Requests the daemon of `instance` to damp and stop every motor. Waits at most `patience`
+    /// Requests the daemon of `instance` to damp and stop every motor. Waits at most `timeout`
     /// until the request is sent.
     ///
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
-    pub fn send(instance: &Instance, patience: Duration) -> Result<Self, StopError> {
-        StopPath::of(instance).map_err(StopError::System)?.send(patience)
+    pub fn send(instance: &Instance, timeout: Duration) -> Result<Self, StopError> {
+        StopPath::of(instance).map_err(StopError::System)?.send(timeout)
     }
 
-    /// Waits for the confirmation, at most `patience`. Async-signal-safe.
+    /// Waits for the confirmation, at most `timeout`. Async-signal-safe.
     ///
     /// # Errors
     /// [`StopError::NoReply`] when the confirmation may still arrive; every other error is final.
     /// [`StopError::NotTrusted`] for every answer of a process that cannot be the daemon.
-    pub fn confirm(&self, patience: Duration) -> Result<(), StopError> {
-        let end = Instant::now() + patience;
+    pub fn confirm(&self, timeout: Duration) -> Result<(), StopError> {
+        let end = Instant::now() + timeout;
         let mut reply = [0; MESSAGE_BYTES_MAX];
         loop {
             wait_at_most(&self.socket, end).map_err(StopError::System)?;
@@ -248,8 +248,8 @@ mod tests {
     }
 
     fn asked(answer: impl FnOnce(i32) + Send + 'static) -> Result<(), StopError> {
-        let place = tempfile::tempdir().unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let daemon = listening(&instance);
         let daemon = std::thread::spawn(move || {
             let caller = accept(daemon.as_raw_fd()).unwrap();
@@ -298,8 +298,8 @@ mod tests {
 
     #[test]
     fn a_process_of_another_user_is_not_believed() {
-        let place = tempfile::tempdir().unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let instance = Instance::below(directory.path(), "robot").unwrap();
         let of = |uid| UnixCredentials::from(nix::libc::ucred { pid: 7, uid, gid: 0 });
         let path = StopPath::of(&instance).unwrap();
         assert_eq!(path.check_peer(of(0)), Ok(()));

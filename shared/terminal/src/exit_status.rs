@@ -27,6 +27,6 @@ pub const CONFIG: u8 = 78;
 /// An emergency stop was not confirmed. Not a status of sysexits(3), so that no other error looks like it.
 pub const NOT_STOPPED: u8 = 79;
 /// An emergency stop was confirmed, but motors do not answer. Not a status of sysexits(3).
-pub const NOT_HEARD: u8 = 80;
+pub const MOTORS_SILENT: u8 = 80;
 /// A signal ended the command: 128 + SIGINT, as a shell reports it.
 pub const INTERRUPTED: u8 = 130;

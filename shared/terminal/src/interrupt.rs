@@ -25,19 +25,19 @@ impl Interrupt {
     }
 
     /// Returns true after one of the signals arrived.
-    pub fn came(&self) -> bool {
+    pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
     /// Returns true when a signal arrived since the last call, and clears the flag. A second signal
     /// can end an orderly shutdown early.
-    pub fn came_again(&self) -> bool {
+    pub fn is_raised_again(&self) -> bool {
         self.0.swap(false, Ordering::Relaxed)
     }
 
     /// Sleeps until `deadline`, or until a signal arrives.
     pub fn pause_until(&self, deadline: Instant) {
-        while !self.came() {
+        while !self.is_raised() {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 return;

@@ -111,8 +111,8 @@ mod tests {
 
     #[test]
     fn pipes_and_devices_are_refused_without_wait() {
-        let place = tempfile::tempdir().unwrap();
-        let at = |name| place.path().join(name);
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name| directory.path().join(name);
         nix::unistd::mkfifo(&at("fifo"), Mode::S_IRWXU).unwrap();
         let _listener = UnixListener::bind(at("socket")).unwrap();
         for path in ["/dev/zero", "/dev/null", "/proc/self/fd", "/dev/ptmx"] {
@@ -126,8 +126,8 @@ mod tests {
 
     #[test]
     fn file_beyond_its_limit_is_refused() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("file");
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("file");
         std::fs::write(&path, "12345").unwrap();
         let read = |bytes_max| InputFile::open(&path).unwrap().read(bytes_max);
         assert_eq!(read(5).unwrap(), b"12345");

@@ -43,8 +43,8 @@ const COMPLAINTS_MAX: usize = 20;
 fn main() -> ExitCode {
     let [path, group] = [1, 2].map(|index| std::env::args().nth(index).expect("a configuration and a group"));
     let log = Log::to_stderr().expect("a thread for the log");
-    log.hear_tracing(LevelFilter::INFO);
-    log.hear_panics();
+    log.capture_tracing(LevelFilter::INFO);
+    log.capture_panics();
     let ended = run(Path::new(&path), &group);
     if let Err(error) = &ended {
         log.error(&format!("checked-daemon: {error}"));

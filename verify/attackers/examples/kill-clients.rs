@@ -138,7 +138,7 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
         .stderr(Stdio::null());
     let mut child = command.spawn().expect("a process");
     let mut stages = child.stdout.take().expect("its output");
-    let aim = random(STAGES.len());
+    let target = random(STAGES.len());
     let (sender, entered) = std::sync::mpsc::channel();
     let reader = std::thread::spawn(move || {
         let mut last = 0;
@@ -151,7 +151,7 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
     });
     let begun = Instant::now();
     let mut stage = 0;
-    while stage < aim {
+    while stage < target {
         let left = STAGE_TIMEOUT.saturating_sub(begun.elapsed());
         let Ok(next) = entered.recv_timeout(left) else { break };
         stage = next;
@@ -164,7 +164,7 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
 
 /// Kills the client. Returns `true` if it was running.
 fn end(child: &mut Child) -> bool {
-    let _gone = child.kill();
+    let _exited = child.kill();
     child.wait().expect("its status").signal() == Some(SIGKILL)
 }
 

@@ -63,12 +63,12 @@ impl WiredImu {
             }
             Device::Damiao { firmware, id: own, reply } => {
                 let [low, high] = own.to_le_bytes();
-                let asks = |register: u8| match firmware {
+                let is_request = |register: u8| match firmware {
                     0..=1022 => id == 0x6FF && data == [low, high, register, 0xCC],
                     1023 => id == u32::from(own) && data == [low, high, register, 0xCC],
                     _ => id == u32::from(own) && data == [0xCC, register, 0, 0xDD, 0, 0, 0, 0],
                 };
-                id == u32::from(reply) && data.len() == 8 || [1, 2, 4].into_iter().any(asks)
+                id == u32::from(reply) && data.len() == 8 || [1, 2, 4].into_iter().any(is_request)
             }
         }
     }

@@ -153,7 +153,7 @@ pub trait Rules {
 
 /// Passes the log of a robot and the marks to `rules`.
 #[must_use]
-pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str) -> Verdict {
+pub fn check(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str) -> Verdict {
     let mut verdict = Verdict::default();
     let spoken = frames(wiring, log, &mut verdict);
     let mut marks = marks.iter().peekable();
@@ -221,11 +221,11 @@ fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
 
 /// Returns the frame of a line; `None` for one from or to an IMU.
 fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
-    let said = || format!("candump says: {line}");
-    let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| said())?;
-    let Content::Frame(frame) = content else { return Err(said()) };
+    let complaint = || format!("candump says: {line}");
+    let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| complaint())?;
+    let Content::Frame(frame) = content else { return Err(complaint()) };
     if !frame.is_classic() {
-        return Err(said());
+        return Err(complaint());
     }
     let id = frame.id();
     let is_to = |motor: &crate::robot::Wired| motor.interface == interface && motor.id == id;

@@ -8,7 +8,7 @@ use motord_checker::log::replies::{self, Replies};
 use motord_checker::log::service::Service;
 use motord_checker::log::times::Limits;
 use motord_checker::log::trot::{self, Trot};
-use motord_checker::log::{Verdict, judge, marks};
+use motord_checker::log::{Verdict, check, marks};
 use motord_checker::robot::Wiring;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -93,7 +93,7 @@ fn limit(text: &str) -> Result<(String, f64), String> {
     Ok((death.into(), limit.parse().map_err(|error| format!("{error}"))?))
 }
 
-fn check(arguments: Arguments) -> Result<Verdict, String> {
+fn run(arguments: Arguments) -> Result<Verdict, String> {
     let read = |path: &PathBuf| {
         std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
     };
@@ -103,26 +103,26 @@ fn check(arguments: Arguments) -> Result<Verdict, String> {
     Ok(match arguments.rules {
         Rules::Deaths { median, maximum_per_median } => {
             let limits = Limits { medians: median.into_iter().collect(), maximum_per_median };
-            judge(&mut Deaths::new(&wiring, &limits), &wiring, &marks()?, &log)
+            check(&mut Deaths::new(&wiring, &limits), &wiring, &marks()?, &log)
         }
         Rules::Disturbances { notice_ms, stops, others } => {
             let demand = disturbances::Demand { notice: Duration::from_millis(notice_ms), stops, others };
-            judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks()?, &log)
+            check(&mut Disturbances::new(&wiring, demand), &wiring, &marks()?, &log)
         }
         Rules::Replies { parts, ratio, rate, seconds, share } => {
             let demand = replies::Demand { parts, ratio, rate, seconds, share };
-            judge(&mut Replies::new(&wiring, demand), &wiring, &marks()?, &log)
+            check(&mut Replies::new(&wiring, demand), &wiring, &marks()?, &log)
         }
-        Rules::Service => judge(&mut Service::new(&wiring), &wiring, &marks()?, &log),
+        Rules::Service => check(&mut Service::new(&wiring), &wiring, &marks()?, &log),
         Rules::Trot { rate, seconds, share } => {
             let demand = trot::Demand { rate, seconds, share };
-            judge(&mut Trot::new(&wiring, demand), &wiring, &[], &log)
+            check(&mut Trot::new(&wiring, demand), &wiring, &[], &log)
         }
     })
 }
 
 fn main() -> ExitCode {
-    let verdict = match check(Arguments::parse()) {
+    let verdict = match run(Arguments::parse()) {
         Ok(verdict) => verdict,
         Err(error) => {
             eprintln!("motord-checker: {error}");

@@ -71,7 +71,7 @@ impl Motor {
     /// Returns `true` when it gets no command in most cycles. One cycle may then take more than its
     /// turn.
     #[must_use]
-    pub const fn takes_turns(&self) -> bool {
+    pub const fn has_turns(&self) -> bool {
         self.turn > 1
     }
 }
@@ -257,7 +257,7 @@ impl Wiring {
 impl Wired {
     /// Returns interface and id in candump's format.
     #[must_use]
-    pub fn place(&self) -> String {
+    pub fn address(&self) -> String {
         format!("{} {}", self.interface, self.id)
     }
 }

@@ -24,8 +24,8 @@
 //! rule.
 
 mod cycle;
-mod heard;
 mod native;
+mod received;
 mod reply;
 mod reported;
 mod slope;
@@ -36,8 +36,8 @@ use crate::protocol::ranges::Ranges;
 use crate::robot::{Limits, Motor, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
-use heard::Heard;
 use motord_bus::{Duration, Frame, Instant};
+use received::Received;
 pub use reply::Reply;
 use reported::Velocities;
 use slope::Slopes;
@@ -224,32 +224,32 @@ impl Checker {
     /// # Panics
     ///
     /// When a rule is broken, with its name.
-    pub fn judge(&mut self, state: State, commands: &[Command], replies: &[Reply]) {
+    pub fn check(&mut self, state: State, commands: &[Command], replies: &[Reply]) {
         self.replies.swap(0, 1);
         self.replies[0] = replies.to_vec();
         let mut cycles = std::mem::take(&mut self.cycles);
         let cycle = self.see(Rc::new(state), cycles.back());
-        self.judge_counts(&cycle, commands);
+        self.check_counts(&cycle, commands);
         for motor in 0..self.robot.motors.len() {
-            self.judge_activation(motor, &cycle);
-            self.velocities[motor].hear(&self.robot.motors[motor], replies);
-            self.judge_joint(motor, &cycle);
+            self.check_activation(motor, &cycle);
+            self.velocities[motor].receive(&self.robot.motors[motor], replies);
+            self.check_joint(motor, &cycle);
             if !matches!(cycle.state.joints[motor].mode, Mode::Active | Mode::Damping) {
                 let time = self.time(motor, &cycle);
                 self.last[motor].rest(time);
             }
         }
-        self.injections.judge(&cycle);
-        judge_counters(&cycle.before, &cycle.state);
+        self.injections.check(&cycle);
+        check_counters(&cycle.before, &cycle.state);
         for (group, watched) in self.groups.iter_mut().enumerate() {
-            judge_group(watched, &cycle.before.groups[group], &cycle.state.groups[group]);
+            check_group(watched, &cycle.before.groups[group], &cycle.state.groups[group]);
         }
         cycles.push_back(cycle);
         for command in commands {
             let cycle = cycles.iter_mut().rfind(|cycle| cycle.begun <= command.ready);
-            self.judge_command(cycle.expect("no frame waits longer than the checker remembers"), command);
+            self.check_command(cycle.expect("no frame waits longer than the checker remembers"), command);
         }
-        stop::judge(&self.robot, &cycles);
+        stop::check(&self.robot, &cycles);
         if cycles.len() > MEMORY_CYCLES {
             cycles.pop_front();
         }
@@ -270,7 +270,7 @@ impl Checker {
             enabled: self.groups.iter().map(|group| group.enabled).collect(),
             held: (0..motors).map(|motor| held(motor, &before, &state, last)).collect(),
             well: (0..self.blocked.len()).map(|bus| self.is_well(bus, [&before, &state])).collect(),
-            heard: vec![None; motors],
+            received: vec![None; motors],
             frames: vec![0; self.blocked.len()],
             before,
             state,
@@ -291,7 +291,7 @@ impl Checker {
         !given_up && !self.blocked[bus]
     }
 
-    fn judge_counts(&mut self, cycle: &Cycle, commands: &[Command]) {
+    fn check_counts(&mut self, cycle: &Cycle, commands: &[Command]) {
         for bus in 0..self.robot.buses {
             self.sent[bus] += commands.iter().filter(|command| command.bus == bus).count() as u32;
             // A fault request is sent after the states were published.
@@ -302,7 +302,7 @@ impl Checker {
     }
 
     /// Checks a frame by the cycle that sent it.
-    fn judge_command(&mut self, cycle: &mut Cycle, command: &Command) {
+    fn check_command(&mut self, cycle: &mut Cycle, command: &Command) {
         let Command { bus, frame, .. } = *command;
         let motors = &self.robot.motors;
         let motor = motors.iter().position(|motor| motor.bus == bus && motor.commands.matches(frame.id()));
@@ -320,18 +320,18 @@ impl Checker {
         cycle.frames[bus] += 1;
         let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
         assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");
-        let before = &cycle.heard[motor];
+        let before = &cycle.received[motor];
         let first = before.is_none() || order.is_question();
         assert!(first, "I5: {order:?} after {before:?} for {}", motors[motor].name);
-        let heard = Heard::of(order, motor, [&cycle.before, &cycle.state]);
-        cycle.heard[motor].get_or_insert(heard);
-        self.judge_values(cycle, motor, order);
-        self.judge_order(cycle, motor, heard);
+        let received = Received::of(order, motor, [&cycle.before, &cycle.state]);
+        cycle.received[motor].get_or_insert(received);
+        self.check_values(cycle, motor, order);
+        self.check_order(cycle, motor, received);
     }
 
     /// Checks that a motor begins to follow setpoints without gains and torque, and at its present
     /// position.
-    fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
+    fn check_activation(&mut self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         if before.mode == Mode::Starting {
             self.slopes[motor] = Slopes::from(f64::from(before.position), cycle.time - cycle.elapsed);
@@ -340,8 +340,8 @@ impl Checker {
         assert!(!started || before.mode == Mode::Starting, "I1: active without a start");
     }
 
-    fn judge_order(&mut self, cycle: &Cycle, motor: usize, heard: Heard) {
-        let order = heard.order;
+    fn check_order(&mut self, cycle: &Cycle, motor: usize, received: Received) {
+        let order = received.order;
         let excluded =
             [&cycle.before, &cycle.state].iter().all(|state| state.joints[motor].mode == Mode::Excluded);
         let rests = matches!(order, Order::Stop | Order::GetIndicator);
@@ -374,8 +374,8 @@ impl Checker {
             Order::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
             Order::Impedance { .. } | Order::Torque(_) | Order::Speed(_) | Order::Position(_) => {
                 assert!(!cycle.is(group, Phase::Disarmed), "I4: {order:?} to a stopped motor");
-                if !heard.is_safe && !self.holds(cycle, group, motor, order) {
-                    judge_motion(self.robot.setpoint_timeout, cycle, group);
+                if !received.is_safe && !self.holds(cycle, group, motor, order) {
+                    check_motion(self.robot.setpoint_timeout, cycle, group);
                 }
             }
         }
@@ -392,22 +392,22 @@ impl Checker {
     }
 
     /// Checks the limits of every value, and of its slope while the motor follows setpoints.
-    fn judge_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+    fn check_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
         let (Some(ranges), Order::Impedance { position, kp, kd, torque, .. }) =
             (protocol.codec().ranges(), order)
         else {
-            return self.judge_native(cycle, motor, order);
+            return self.check_native(cycle, motor, order);
         };
         let codes = ranges.codes();
-        judge_gains([kp, kd], [limits.kp, limits.kd.max(*damping_kd)], &codes);
+        check_gains([kp, kd], [limits.kp, limits.kd.max(*damping_kd)], &codes);
         let published = [f64::from(before.position), f64::from(before.velocity)];
         let replies = self.replies.iter().flatten().filter(|reply| reply.at <= cycle.begun);
         let newer = replies.filter(|reply| reply.at.as_nanos() > before.receive_ns);
         let newer = newer.filter_map(|reply| reported::state(reply, &self.robot.motors[motor]));
-        judge_impedance(order, limits, std::iter::once(published).chain(newer), &codes);
+        check_impedance(order, limits, std::iter::once(published).chain(newer), &codes);
         if kp > 0.0 && active && !now.slews {
             let [low, high] = limits.position;
             let noise = NEAREST * codes.position;
@@ -417,23 +417,23 @@ impl Checker {
             self.slopes[motor].rest_at(f64::from(before.position), cycle.time - cycle.elapsed);
         }
         if active {
-            self.slopes[motor].judge(cycle.time, limits, position, [kp, kd, torque], &codes);
+            self.slopes[motor].check(cycle.time, limits, position, [kp, kd, torque], &codes);
         }
     }
 
     /// Returns the time of a command for slews, s. A late cycle counts as at most two periods,
     /// except for a motor that takes turns.
     fn time(&self, motor: usize, cycle: &Cycle) -> f64 {
-        if self.robot.motors[motor].takes_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
+        if self.robot.motors[motor].has_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
     }
 
-    fn judge_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+    fn check_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
         let (limits, time) = (&self.robot.motors[motor].limits, self.time(motor, cycle));
         let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let [_, now] = joints;
         let both = |mode: Mode| joints.iter().all(|joint| joint.mode == mode);
         let active = both(Mode::Active);
-        native::judge_value(order, limits, active && !now.slews);
+        native::check_value(order, limits, active && !now.slews);
         match order {
             _ if order.is_question() => {}
             Order::Torque(_) | Order::Speed(_) | Order::Position(_) if active => {
@@ -442,25 +442,25 @@ impl Checker {
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
                 let settings = &self.robot.motors[motor];
                 let turn = (settings.turn * self.robot.period).as_secs_f64();
-                let turn = settings.takes_turns().then_some(turn);
-                self.last[motor].judge(order, (time, turn), limits, joints);
+                let turn = settings.has_turns().then_some(turn);
+                self.last[motor].check(order, (time, turn), limits, joints);
             }
             Order::Speed(_) if both(Mode::Damping) => {
                 // A line may lose frames that were sent.
-                let takes_turns = self.robot.motors[motor].takes_turns();
-                let applied = if takes_turns { f64::from(joints[0].applied_velocity) } else { 0.0 };
-                self.last[motor].judge_braking(order, time, limits, applied);
+                let has_turns = self.robot.motors[motor].has_turns();
+                let applied = if has_turns { f64::from(joints[0].applied_velocity) } else { 0.0 };
+                self.last[motor].check_braking(order, time, limits, applied);
             }
             _ => self.last[motor].forget(),
         }
     }
 
-    fn judge_joint(&self, motor: usize, cycle: &Cycle) {
+    fn check_joint(&self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         // The state of a motor that takes turns does not age while it waits for its turn.
-        let takes_turns = self.robot.motors[motor].takes_turns();
+        let has_turns = self.robot.motors[motor].has_turns();
         let is_new = now.age_cycles == 0 && now.receive_ns > 0;
-        assert!(now.fresh == is_new || takes_turns && is_new, "I6: {now:?}");
+        assert!(now.fresh == is_new || has_turns && is_new, "I6: {now:?}");
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
         let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
         let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
@@ -473,22 +473,23 @@ impl Checker {
             assert!(is_later, "I6: told twice: {now:?}");
             // A reply may arrive after the last read of a cycle.
             let mut replies = self.replies.iter().flatten().filter(|reply| reply.at >= cycle.before.begun);
-            let said = replies.any(|reply| {
+            let is_reported = replies.any(|reply| {
                 reply.at.as_nanos() == now.receive_ns
-                    && reported::says(reply, settings, before, now, velocities)
+                    && reported::reports(reply, settings, before, now, velocities)
             });
-            assert!(said, "I6: no reply of {} said {now:?}", settings.name);
+            assert!(is_reported, "I6: no reply of {} said {now:?}", settings.name);
         } else if is_late {
             // The reply is on the wire, and at least as much newer than its state.
             let mut replies = self.replies.iter().flatten();
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
-            let said = replies.any(|reply| reported::says(reply, settings, before, now, velocities));
-            assert!(said, "I6: no reply of {} said {now:?}", settings.name);
+            let is_reported =
+                replies.any(|reply| reported::reports(reply, settings, before, now, velocities));
+            assert!(is_reported, "I6: no reply of {} said {now:?}", settings.name);
             let old = cycle.begun.as_nanos().saturating_sub(now.receive_ns);
             let least = u64::from(now.age_cycles - 1) * self.robot.period.as_nanos() as u64;
             assert!(old >= least, "I6: not as old as it says: {now:?}");
         } else if now.valid && cycle.state.cycle > cycle.before.cycle {
-            let is_kept = takes_turns && now.age_cycles == before.age_cycles;
+            let is_kept = has_turns && now.age_cycles == before.age_cycles;
             let is_aged = now.age_cycles == before.age_cycles + 1 && now.receive_ns == before.receive_ns;
             assert!(is_kept || is_aged || is_backdated, "I6: the age of {now:?} after {before:?}");
             assert!(kept, "I6: {now:?} from {before:?}");
@@ -496,14 +497,14 @@ impl Checker {
     }
 }
 
-fn judge_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges) {
+fn check_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges) {
     assert!(kp <= kp_most + NEAREST * codes.kp, "I2: kp {kp}");
     assert!(kd <= kd_most + NEAREST * codes.kd, "I2: kd {kd}");
 }
 
 /// Checks the velocity and the torque of an impedance, and its total torque at the last state: the
 /// published one, or a newer one.
-fn judge_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
+fn check_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
     let Order::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
     assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
@@ -526,7 +527,7 @@ fn is_wrong_lease(velocity: f64) -> bool {
     (velocity - f64::from(WRONG_LEASE_VELOCITY)).abs() <= 0.05
 }
 
-fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {
+fn check_motion(timeout: Duration, cycle: &Cycle, group: usize) {
     let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
     assert_eq!(before.cause, Cause::None, "I10: motion in the cycle after a cause");
     assert!(now.phase == Phase::Active || now.cause != Cause::None, "I4: motion in phase {:?}", now.phase);
@@ -552,7 +553,7 @@ fn is_held(motor: &Motor, order: Order, held: [f64; 2]) -> bool {
     held.iter().any(|held| (position - held).abs() < motor.protocol.position_code().max(HELD))
 }
 
-fn judge_group(watched: &mut Watched, before: &Group, now: &Group) {
+fn check_group(watched: &mut Watched, before: &Group, now: &Group) {
     let (was, is) = (before.cause, now.cause);
     let kept = is == was || was == Cause::None || is == Cause::EmergencyStop;
     assert!(kept || watched.reset, "I9: cause {was:?} became {is:?}");
@@ -566,7 +567,7 @@ fn judge_group(watched: &mut Watched, before: &Group, now: &Group) {
     (watched.reset, watched.delivered) = (false, false);
 }
 
-fn judge_counters(before: &State, now: &State) {
+fn check_counters(before: &State, now: &State) {
     assert!(now.cycle >= before.cycle && now.missed_ticks >= before.missed_ticks, "I8: cycles");
     for (before, now) in before.buses.iter().zip(&now.buses) {
         assert!(never_fell(before, now), "I8: {now:?}");

@@ -158,7 +158,7 @@ impl Script {
             if commands.is_empty() {
                 next.state.joints[0] = Joint { mode, fresh: false, ..before };
             }
-            self.judge(next);
+            self.check(next);
         }
     }
 
@@ -174,20 +174,20 @@ impl Script {
         Next { state, commands: vec![command], reply: self.reply.clone() }
     }
 
-    fn judge(&mut self, next: Next) {
+    fn check(&mut self, next: Next) {
         let Next { state, commands, reply } = next;
         let frame = |bytes: u64| Frame::classic(FrameId::new(1).unwrap(), bytes.to_be_bytes());
         let command = |bytes: &u64| Command { ready: state.begun, bus: 0, frame: frame(*bytes) };
         let commands: Vec<_> = commands.iter().map(command).collect();
         let at = Instant::from_nanos(state.joints[0].receive_ns);
         let frame = Frame::new(FrameId::new(0x101).unwrap(), &reply).unwrap();
-        self.checker.judge(state.clone(), &commands, &[run::Reply { at, bus: 0, frame }]);
+        self.checker.check(state.clone(), &commands, &[run::Reply { at, bus: 0, frame }]);
         self.state = state;
     }
 
     fn cycle(&mut self, phase: Phase, mode: Mode, command: u64) {
         let next = self.next(phase, mode, command);
-        self.judge(next);
+        self.check(next);
     }
 
     /// Returns a robot that was requested, started, and has followed setpoints for some cycles.
@@ -215,7 +215,7 @@ impl Script {
     fn stopped_by(mut self, command: u64) -> Self {
         let mut next = self.next(Phase::Damping, Mode::Damping, command);
         next.state.groups[0].cause = Cause::EmergencyStop;
-        self.judge(next);
+        self.check(next);
         self
     }
 
@@ -234,7 +234,7 @@ impl Script {
 
     fn follow(&mut self, command: u64) {
         let next = self.following(command);
-        self.judge(next);
+        self.check(next);
     }
 
     /// Adds cycles until the frames of the cycle before count as a stop.
@@ -247,13 +247,13 @@ impl Script {
 
 /// Asserts that the checker reports this rule as broken.
 fn refuses(rule: &str, story: impl FnOnce()) {
-    let said = catch_unwind(AssertUnwindSafe(story)).expect_err(rule);
-    let said = said
+    let printed = catch_unwind(AssertUnwindSafe(story)).expect_err(rule);
+    let printed = printed
         .downcast_ref::<String>()
         .cloned()
-        .or_else(|| said.downcast_ref::<&str>().map(ToString::to_string));
-    let said = said.unwrap();
-    assert!(said.contains(rule), "expected {rule}: {said}");
+        .or_else(|| printed.downcast_ref::<&str>().map(ToString::to_string));
+    let printed = printed.unwrap();
+    assert!(printed.contains(rule), "expected {rule}: {printed}");
 }
 
 /// Asserts this for the next cycle of an active robot.
@@ -262,7 +262,7 @@ fn refuses_next(rule: &str, change: impl FnOnce(&mut Next)) {
         let mut robot = Script::active();
         let mut next = robot.following(STIFF);
         change(&mut next);
-        robot.judge(next);
+        robot.check(next);
     });
 }
 
@@ -271,7 +271,7 @@ fn start_follow_damp_stop_is_accepted() {
     let mut robot = Script::active();
     let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
     next.state.groups[0].cause = Cause::EmergencyStop;
-    robot.judge(next);
+    robot.check(next);
     robot.later(Phase::Damping, Mode::Damping, DAMPING);
     robot.later(Phase::Disarmed, Mode::Idle, STOP);
 }
@@ -351,14 +351,14 @@ fn i9_and_i10_causes_and_stops() {
         let mut robot = Script::active();
         let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
         next.state.groups[0].cause = Cause::SetpointTimeout;
-        robot.judge(next);
+        robot.check(next);
         robot
     };
     refuses("I9: cause", || {
         let mut robot = stopped();
         let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
         next.state.groups[0].cause = Cause::None;
-        robot.judge(next);
+        robot.check(next);
     });
     refuses("I9: phase", || {
         let mut robot = stopped();
@@ -378,7 +378,7 @@ fn i9_and_i10_causes_and_stops() {
             let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
             next.commands.clear();
             next.state.buses[0].sent -= 1;
-            robot.judge(next);
+            robot.check(next);
         }
     });
     refuses("I10: a group was stopped without damping", || {
@@ -412,7 +412,7 @@ fn native_start_follow_damp_stop_is_accepted() {
     let mut next = robot.following(TORQUE);
     next.commands.push(0xB400_8000_0000_0800);
     next.state.buses[0].sent += 1;
-    robot.judge(next);
+    robot.check(next);
     let mut robot = robot.stopped_by(BRAKE);
     robot.cycle(Phase::Damping, Mode::Damping, native(0x94, 19.0));
     robot.cycle(Phase::Damping, Mode::Damping, native(0x94, 18.9));
@@ -467,7 +467,7 @@ fn i2_and_i7_native_values_beyond_their_limits() {
         let mut robot = Script::active_native();
         let mut next = robot.following(TORQUE);
         next.state.joints[0].applied_velocity = 18.0;
-        robot.judge(next);
+        robot.check(next);
     });
 }
 
@@ -497,7 +497,7 @@ fn i5_i6_double_commands_and_invented_states_refused() {
             let mut robot = Script::active_native();
             let mut next = robot.following(TORQUE);
             change(&mut next);
-            robot.judge(next);
+            robot.check(next);
         });
     };
     next("I5", |next| next.commands.push(TORQUE));
@@ -511,13 +511,13 @@ fn i5_i6_double_commands_and_invented_states_refused() {
     let mut robot = Script::active_native();
     let mut fine = robot.following(TORQUE);
     (fine.reply, fine.state.joints[0].position) = (angle.to_vec(), 0.0);
-    robot.judge(fine);
+    robot.check(fine);
     refuses("I6", || {
         let mut robot = Script::active_native();
         let mut next = robot.following(TORQUE);
         (next.reply, next.state.joints[0].position) = (angle.to_vec(), 0.0);
         next.state.joints[0].velocity += 0.5;
-        robot.judge(next);
+        robot.check(next);
     });
 }
 
@@ -545,7 +545,7 @@ fn i10_undamped_native_motor_is_refused() {
             let mut next = robot.next(Phase::Damping, Mode::Damping, BRAKE);
             next.commands.clear();
             next.state.buses[0].sent -= 1;
-            robot.judge(next);
+            robot.check(next);
         }
     });
     // A fault request may replace one command, not all.
@@ -584,6 +584,6 @@ fn motor_in_turns_is_judged_by_them() {
         let mut next = robot.next(Phase::Damping, Mode::Damping, BRAKE);
         (next.state.joints[0].fresh, next.state.joints[0].age_cycles) = (false, 2);
         next.state.joints[0].receive_ns = robot.state.joints[0].receive_ns;
-        robot.judge(next);
+        robot.check(next);
     });
 }

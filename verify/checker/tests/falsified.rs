@@ -10,7 +10,7 @@ use motord_checker::log::replies::{self, Replies};
 use motord_checker::log::service::Service;
 use motord_checker::log::times::Limits;
 use motord_checker::log::trot::{self, Trot};
-use motord_checker::log::{Verdict, judge, marks};
+use motord_checker::log::{Verdict, check, marks};
 use motord_checker::robot::Wiring;
 use std::fmt::Write;
 
@@ -46,27 +46,27 @@ fn wiring() -> Wiring {
 struct Line {
     /// ms
     at: u32,
-    place: String,
+    address: String,
     data: String,
 }
 
 impl Line {
-    fn new(at: u32, place: &str, data: &str) -> Self {
-        Self { at, place: place.into(), data: data.into() }
+    fn new(at: u32, address: &str, data: &str) -> Self {
+        Self { at, address: address.into(), data: data.into() }
     }
 
-    fn is(&self, place: &str, data: &str) -> bool {
-        self.place.starts_with(place) && self.data == data
+    fn is(&self, address: &str, data: &str) -> bool {
+        self.address.starts_with(address) && self.data == data
     }
 }
 
 /// Returns lines for every motor. The plan has begin, end and interval, ms, and the data.
-fn heard(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
+fn received(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
     let mut lines = Vec::new();
     for &(begin, end, every, data) in plan {
         for at in (begin..end).step_by(every) {
             let places = (0..4).flat_map(|bus| (1..4).map(move |id| format!("vcan{bus} {id:03}")));
-            lines.extend(places.map(|place| Line::new(at, &place, data)));
+            lines.extend(places.map(|address| Line::new(at, &address, data)));
         }
     }
     lines
@@ -75,8 +75,8 @@ fn heard(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
 /// Returns the format of candump.
 fn candump(lines: &[Line]) -> String {
     let second = |at: u32| format!("{}.{:03}000", 1000 + at / 1000, at % 1000);
-    lines.iter().fold(String::new(), |mut text, Line { at, place, data }| {
-        let (interface, id) = place.split_once(' ').unwrap();
+    lines.iter().fold(String::new(), |mut text, Line { at, address, data }| {
+        let (interface, id) = address.split_once(' ').unwrap();
         writeln!(text, "({}) {interface} {id}#{data}", second(*at)).unwrap();
         text
     })
@@ -86,12 +86,12 @@ fn candump(lines: &[Line]) -> String {
 struct Rig {
     lines: Vec<Line>,
     marks: &'static [&'static str],
-    judge: fn(&[&str], &str) -> Verdict,
+    check: fn(&[&str], &str) -> Verdict,
 }
 
 impl Rig {
     fn is_good(&self) {
-        let verdict = (self.judge)(self.marks, &candump(&self.lines));
+        let verdict = (self.check)(self.marks, &candump(&self.lines));
         assert_eq!(verdict.wrong, 0, "a good log was refused: {:?}", verdict.complaints);
     }
 
@@ -99,7 +99,7 @@ impl Rig {
     fn refuses(&self, complaint: &str, falsify: impl Fn(Line) -> Vec<Line>) {
         let lines: Vec<_> = self.lines.iter().cloned().flat_map(falsify).collect();
         assert_ne!(lines, self.lines, "nothing was falsified for: {complaint}");
-        assert_refused((self.judge)(self.marks, &candump(&lines)), complaint);
+        assert_refused((self.check)(self.marks, &candump(&lines)), complaint);
     }
 
     fn refuses_without(&self, complaint: &str, left_out: impl Fn(&Line) -> bool) {
@@ -109,29 +109,29 @@ impl Rig {
     /// Asserts the `complaint` after this command is added at the end of the log.
     fn refuses_also(&self, complaint: &str, at: u32, data: &str) {
         let also = candump(&[Line::new(at, "vcan1 002", data)]);
-        assert_refused((self.judge)(self.marks, &(candump(&self.lines) + &also)), complaint);
+        assert_refused((self.check)(self.marks, &(candump(&self.lines) + &also)), complaint);
     }
 
     fn refuses_text(&self, complaint: &str, more: &str) {
-        assert_refused((self.judge)(self.marks, &(candump(&self.lines) + more)), complaint);
+        assert_refused((self.check)(self.marks, &(candump(&self.lines) + more)), complaint);
     }
 
     fn refuses_marks(&self, complaint: &str, marks: &[&str]) {
-        assert_refused((self.judge)(marks, &candump(&self.lines)), complaint);
+        assert_refused((self.check)(marks, &candump(&self.lines)), complaint);
     }
 }
 
 fn assert_refused(verdict: Verdict, complaint: &str) {
     let Verdict { report, complaints, wrong } = verdict;
     assert!(wrong > 0, "it should have said: {complaint}");
-    let said = report.iter().chain(&complaints).any(|line| line.contains(complaint));
-    assert!(said, "it said this instead of {complaint:?}: {report:?} {complaints:?}");
+    let printed = report.iter().chain(&complaints).any(|line| line.contains(complaint));
+    assert!(printed, "it said this instead of {complaint:?}: {report:?} {complaints:?}");
 }
 
 const LOST: &str = "DROPCOUNT: dropped 1 CAN frame\n";
 
 fn deaths() -> Rig {
-    let lines = heard(&[
+    let lines = received(&[
         (10, 11, 1, START),
         (11, 50, 1, TROT),
         (53, 150, 10, DAMPING),
@@ -141,12 +141,12 @@ fn deaths() -> Rig {
         (453, 753, 10, DAMPING),
         (754, 755, 1, STOP),
     ]);
-    let judge = |marked: &[&str], log: &str| {
+    let check = |marked: &[&str], log: &str| {
         let limits = Limits { medians: [("daemon".to_string(), 5.0)].into(), maximum_per_median: 4.0 };
         let wiring = wiring();
-        judge(&mut Deaths::new(&wiring, &limits), &wiring, &marks(&marked.join("\n")).unwrap(), log)
+        check(&mut Deaths::new(&wiring, &limits), &wiring, &marks(&marked.join("\n")).unwrap(), log)
     };
-    Rig { lines, marks: DEATHS, judge }
+    Rig { lines, marks: DEATHS, check }
 }
 
 const DEATHS: &[&str] = &[
@@ -175,7 +175,7 @@ fn after_death_only_damping_then_stop_accepted() {
 fn death_counts_only_after_complete_trot() {
     let rig = deaths();
     rig.refuses_without("the robot did not trot on vcan0", |line| line.is("vcan0", TROT));
-    rig.refuses_without("11 motors of 12", |line| line.place == "vcan0 003");
+    rig.refuses_without("11 motors of 12", |line| line.address == "vcan0 003");
     rig.refuses_without("0 motors of 12", |_| true);
     rig.refuses_text("candump says", LOST);
     rig.refuses_text("no motor has this id", "(1000.200000) vcan1 004#00\n");
@@ -202,7 +202,7 @@ fn late_median_and_maximum_are_refused() {
     // Half of the deaths, one bus of one death, and a robot that continues to trot.
     rig.refuses_without("and 20 ms: MEDIAN TOO LATE", |line| (453..460).contains(&line.at));
     rig.refuses_without("and 20 ms: MAX TOO LATE", |line| {
-        line.place.starts_with("vcan2") && [453, 463].contains(&line.at)
+        line.address.starts_with("vcan2") && [453, 463].contains(&line.at)
     });
     rig.refuses(": MAX TOO LATE", |line| {
         let trots_on = line.data == DAMPING && (450..700).contains(&line.at);
@@ -214,15 +214,15 @@ const DISTURBANCES: &[&str] =
     &["1000.020000 stop", "1000.080000 reset", "1000.120000 stop vcan0", "1000.400000 reset"];
 
 /// The motors of `others` may be reset without a mark.
-fn judge_disturbances(others: &[&str], marked: &[&str], log: &str) -> Verdict {
+fn check_disturbances(others: &[&str], marked: &[&str], log: &str) -> Verdict {
     let others = others.iter().map(|&other| other.into()).collect();
     let demand = disturbances::Demand { notice: Duration::from_millis(15), stops: 2, others };
     let wiring = wiring();
-    judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks(&marked.join("\n")).unwrap(), log)
+    check(&mut Disturbances::new(&wiring, demand), &wiring, &marks(&marked.join("\n")).unwrap(), log)
 }
 
 fn disturbances() -> Rig {
-    let lines = heard(&[
+    let lines = received(&[
         (0, 20, 1, TROT),
         (26, 40, 1, DAMPING),
         (41, 60, 1, STOP),
@@ -230,18 +230,18 @@ fn disturbances() -> Rig {
         (126, 140, 1, DAMPING),
         (141, 300, 1, STOP),
     ]);
-    let judge = |marked: &[&str], log: &str| judge_disturbances(&[], marked, log);
-    Rig { lines, marks: DISTURBANCES, judge }
+    let check = |marked: &[&str], log: &str| check_disturbances(&[], marked, log);
+    Rig { lines, marks: DISTURBANCES, check }
 }
 
 #[test]
 fn other_groups_may_move_before_the_reset() {
     let rig = disturbances();
-    let wrong = |place: &str, heard: &str, others: &[&str]| {
-        let is_heard = |line: &Line| line.place == place && line.at == 200;
-        let data = |line: &Line| if is_heard(line) { heard.into() } else { line.data.clone() };
+    let wrong = |address: &str, received: &str, others: &[&str]| {
+        let is_received = |line: &Line| line.address == address && line.at == 200;
+        let data = |line: &Line| if is_received(line) { received.into() } else { line.data.clone() };
         let lines: Vec<_> = rig.lines.iter().map(|line| Line { data: data(line), ..line.clone() }).collect();
-        judge_disturbances(others, rig.marks, &candump(&lines)).wrong
+        check_disturbances(others, rig.marks, &candump(&lines)).wrong
     };
     assert_eq!(wrong("vcan2 002", TROT, &["vcan2"]), 0);
     assert_eq!(wrong("vcan2 002", TROT, &[]), 1);
@@ -260,10 +260,10 @@ fn nothing_moves_between_stop_and_reset() {
         vec![if line.data == DAMPING { Line { data: TROT.into(), ..line } } else { line }]
     });
     rig.refuses_without("vcan3 003 heard nothing after the stop", |line| {
-        line.place == "vcan3 003" && (20..100).contains(&line.at)
+        line.address == "vcan3 003" && (20..100).contains(&line.at)
     });
     rig.refuses_without("nothing was damped after the stop", |line| line.data == DAMPING);
-    rig.refuses_without("11 motors", |line| line.place == "vcan3 003");
+    rig.refuses_without("11 motors", |line| line.address == "vcan3 003");
     rig.refuses_without(" 0 motors", |_| true);
     rig.refuses_marks("1 stops", &DISTURBANCES[..2]);
     rig.refuses_text("candump says", LOST);
@@ -274,20 +274,20 @@ fn position_beyond_joint_limits_is_refused() {
     let rig = disturbances();
     // 1.05 rad and -0.55 rad; the motors of the second bus have the direction opposite to their
     // joints.
-    for (place, beyond, within) in [("vcan0 002", "8AC0", "85A1"), ("vcan1 002", "85A1", "7A5E")] {
+    for (address, beyond, within) in [("vcan0 002", "8AC0", "85A1"), ("vcan1 002", "85A1", "7A5E")] {
         let follow = |position: &str| format!("{position}{}", &TROT[4..]);
-        let at = |line: &Line| line.place == place && line.at == 10;
+        let at = |line: &Line| line.address == address && line.at == 10;
         let lines = |position: &str| -> Vec<Line> {
             let data = |line: &Line| if at(line) { follow(position) } else { line.data.clone() };
             rig.lines.iter().map(|line| Line { data: data(line), ..line.clone() }).collect()
         };
-        assert_eq!((rig.judge)(rig.marks, &candump(&lines(within))).wrong, 0, "{place}");
-        assert_refused((rig.judge)(rig.marks, &candump(&lines(beyond))), "beyond the limits of the joint");
+        assert_eq!((rig.check)(rig.marks, &candump(&lines(within))).wrong, 0, "{address}");
+        assert_refused((rig.check)(rig.marks, &candump(&lines(beyond))), "beyond the limits of the joint");
     }
 }
 
 fn service() -> Rig {
-    let lines = heard(&[
+    let lines = received(&[
         (0, 1, 1, STOP),
         (20, 21, 1, START),
         (25, 250, 50, TROT),
@@ -313,16 +313,16 @@ fn service() -> Rig {
         "1000.850000 silent",
         "1000.950000 rest",
     ];
-    let judge = |marked: &[&str], log: &str| {
+    let check = |marked: &[&str], log: &str| {
         let wiring = wiring();
-        judge(
+        check(
             &mut Service::new(&wiring),
             &wiring,
             &motord_checker::log::marks(&marked.join("\n")).unwrap(),
             log,
         )
     };
-    Rig { lines, marks, judge }
+    Rig { lines, marks, check }
 }
 
 impl Rig {
@@ -338,7 +338,7 @@ impl Rig {
     /// additional times.
     fn refuses_repeated(&self, complaint: &str, at: u32, times: usize) {
         self.refuses(complaint, |line| {
-            let more = if line.at == at && line.place == "vcan1 002" { times } else { 0 };
+            let more = if line.at == at && line.address == "vcan1 002" { times } else { 0 };
             vec![line; 1 + more]
         });
     }
@@ -355,7 +355,7 @@ fn dying_service_damps_and_then_stops() {
     rig.refuses_without("vcan1 002 heard \"TS\" after mark 4 died", |line| line.is("vcan1 002", DAMPING));
     rig.refuses_without("vcan1 002 heard \"TD\" after mark 4 died", |line| line.is("vcan1 002", STOP));
     rig.refuses_without("vcan1 002 heard \"\" after mark 4 died", |line| {
-        line.place == "vcan1 002" && (250..510).contains(&line.at)
+        line.address == "vcan1 002" && (250..510).contains(&line.at)
     });
     rig.refuses_repeated("vcan1 002 received 11 commands to move after mark 4 died", 275, 10);
     rig.refuses_repeated("vcan1 002 received 62 commands to move after mark 7 stopped", 675, 60);
@@ -369,20 +369,20 @@ fn ended_service_is_silent_and_resting_moves_nothing() {
     }
     rig.refuses_instead("vcan1 002 heard \"TD\" after mark 3 trot", 225, TROT, DAMPING);
     rig.refuses_instead("vcan1 002 heard \"T\" after mark 1 rest", 0, STOP, TROT);
-    rig.refuses_without("to 11 motors", |line| line.place == "vcan0 003");
+    rig.refuses_without("to 11 motors", |line| line.address == "vcan0 003");
     rig.refuses_without("0 frames to 0 motors", |_| true);
     rig.refuses_marks(" 0 marks", &[]);
     rig.refuses_text("candump says", LOST);
 }
 
 fn trot() -> Rig {
-    let lines = heard(&[(0, 1, 1, START), (1, 10_000, 1, TROT), (10_000, 10_001, 1, STOP)]);
-    let judge = |_: &[&str], log: &str| {
+    let lines = received(&[(0, 1, 1, START), (1, 10_000, 1, TROT), (10_000, 10_001, 1, STOP)]);
+    let check = |_: &[&str], log: &str| {
         let wiring = wiring();
         let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
-        judge(&mut Trot::new(&wiring, demand), &wiring, &[], log)
+        check(&mut Trot::new(&wiring, demand), &wiring, &[], log)
     };
-    Rig { lines, marks: &[], judge }
+    Rig { lines, marks: &[], check }
 }
 
 #[test]
@@ -390,21 +390,21 @@ fn trot_is_one_control_frame_per_cycle() {
     let rig = trot();
     rig.is_good();
     rig.refuses_without("0 control frames to 2-hip", |line| {
-        line.place == "vcan2 001" && (1000..2000).contains(&line.at)
+        line.address == "vcan2 001" && (1000..2000).contains(&line.at)
     });
     rig.refuses_repeated("2 control frames to 1-thigh", 1500, 1);
     rig.refuses("2 polls on vcan2", |line| {
-        let polled = line.at == 1500 && line.place.starts_with("vcan2") && !line.place.ends_with('3');
+        let polled = line.at == 1500 && line.address.starts_with("vcan2") && !line.address.ends_with('3');
         let poll = Line { data: QUESTION.into(), ..line.clone() };
         if polled { vec![line, poll] } else { vec![line] }
     });
     rig.refuses(&format!("{ZERO} to 2-hip was not due"), |line| {
-        let zeroed = line.at == 1500 && line.place == "vcan2 001";
+        let zeroed = line.at == 1500 && line.address == "vcan2 001";
         let zero = Line { data: ZERO.into(), ..line.clone() };
         if zeroed { vec![line, zero] } else { vec![line] }
     });
     rig.refuses_without("(91.0 %)", |line| (1000..1900).contains(&line.at));
-    rig.refuses_without("11 motors", |line| line.place == "vcan2 001");
+    rig.refuses_without("11 motors", |line| line.address == "vcan2 001");
     rig.refuses_without("0 motors", |_| true);
     rig.refuses_without("ended early", |line| line.at >= 2000);
 }
@@ -412,9 +412,9 @@ fn trot_is_one_control_frame_per_cycle() {
 /// Every motor gets a command every 4 ms and replies after 1 ms. A disturbance lasts from 400 to
 /// 800 ms and from 1200 to 1600 ms.
 fn replies() -> Rig {
-    let mut lines = heard(&[(0, 1700, 4, TROT)]);
+    let mut lines = received(&[(0, 1700, 4, TROT)]);
     let answers = lines.iter().map(|line| {
-        let (interface, id) = line.place.split_once(' ').unwrap();
+        let (interface, id) = line.address.split_once(' ').unwrap();
         Line::new(line.at + 1, &format!("{interface} 1{}", &id[1..]), "018000800800")
     });
     let answers: Vec<_> = answers.collect();
@@ -426,17 +426,17 @@ fn replies() -> Rig {
         "1001.200000 ill corrupt 5%",
         "1001.600000 rest",
     ];
-    let judge = |marked: &[&str], log: &str| {
+    let check = |marked: &[&str], log: &str| {
         let demand = replies::Demand { parts: 2, ratio: 1.1, rate: 250.0, seconds: 1.6, share: 0.95 };
         let wiring = wiring();
-        judge(
+        check(
             &mut Replies::new(&wiring, demand),
             &wiring,
             &motord_checker::log::marks(&marked.join("\n")).unwrap(),
             log,
         )
     };
-    Rig { lines, marks, judge }
+    Rig { lines, marks, check }
 }
 
 #[test]
@@ -444,7 +444,7 @@ fn motors_reply_on_time_beside_disturbed_bus() {
     let rig = replies();
     rig.is_good();
     let is_ill = |line: &Line| (400..800).contains(&line.at);
-    let is_reply = |line: &Line| line.place.ends_with("102") && line.place.starts_with("vcan1");
+    let is_reply = |line: &Line| line.address.ends_with("102") && line.address.starts_with("vcan1");
     rig.refuses_without("1-thigh did not reply before 1000.444000 s (ill silent)", |line| {
         is_reply(line) && line.at == 441
     });
@@ -458,7 +458,7 @@ fn motors_reply_on_time_beside_disturbed_bus() {
         vec![if late { Line { at: line.at + 2, ..line } } else { line }]
     });
     rig.refuses_without("TOO LATE", |line| {
-        is_ill(line) && line.place.starts_with("vcan2") && line.at % 8 >= 4
+        is_ill(line) && line.address.starts_with("vcan2") && line.at % 8 >= 4
     });
     for wrong in [START, STOP, ZERO] {
         rig.refuses_also(&format!("vcan1 002#{wrong} to 1-thigh was not due"), 441, wrong);
@@ -474,7 +474,7 @@ fn replies_count_only_when_every_part_was_there() {
     rig.refuses_marks("2 parts well and 1 ill of 2", &[&rig.marks[..3], &rig.marks[4..]].concat());
     rig.refuses_marks("no mark of a part: trot", &[&rig.marks[..4], &["1001.500000 trot"]].concat());
     rig.refuses_marks("0 parts well and 0 ill of 2", &[]);
-    rig.refuses_without("cycles on vcan3", |line| line.place.starts_with("vcan3") && line.at > 1200);
+    rig.refuses_without("cycles on vcan3", |line| line.address.starts_with("vcan3") && line.at > 1200);
     rig.refuses_without("0 cycles on vcan0", |_| true);
     rig.refuses_text("candump says", LOST);
 }
@@ -499,7 +499,7 @@ fn vendor_reply_ids_and_questions_are_respected() {
     let with = |frame: &str| {
         let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
         let log = format!("(1000.000000) vcan0 {frame}\n");
-        judge(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
+        check(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
     };
     for reply in ["101#018000800800", "012#0280008008001919", "043#03800080080000FA"] {
         assert!(!with(reply).contains("no motor has this id"), "{reply}");
@@ -529,7 +529,7 @@ fn only_requests_and_samples_of_imus_pass() {
     let passes = |wiring: &Wiring, interface: &str, frame: &str| {
         let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
         let log = format!("(1000.000000) {interface} {frame}\n");
-        let verdict = judge(&mut Trot::new(wiring, demand), wiring, &[], &log);
+        let verdict = check(&mut Trot::new(wiring, demand), wiring, &[], &log);
         !verdict.complaints.join("\n").contains("no motor has this id")
     };
     let beside = wiring(false, "");
@@ -557,7 +557,7 @@ fn only_requests_and_samples_of_imus_pass() {
 #[test]
 fn replies_are_not_judged_but_strange_ids() {
     let rig = trot();
-    let with = |frame: &str| (rig.judge)(&[], &(candump(&rig.lines) + "(1001.500000) vcan1 " + frame + "\n"));
+    let with = |frame: &str| (rig.check)(&[], &(candump(&rig.lines) + "(1001.500000) vcan1 " + frame + "\n"));
     assert_eq!(with("102#028000800800").wrong, 0);
     assert_refused(with("104#028000800800"), "no motor has this id");
 }

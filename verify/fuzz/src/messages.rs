@@ -27,7 +27,7 @@ pub fn setpoints(bytes: &[u8]) {
         let message = setpoint(&mut input, good);
         robot.client.deliver(0, &message);
         robot.step();
-        judge(&mut robot);
+        check(&mut robot);
     }
 }
 
@@ -54,14 +54,14 @@ pub fn requests(bytes: &[u8]) {
         }
         let still = |sent: &Sent| sent.is_harmless() || zero_asked && sent.meaning() == Meaning::SetZero;
         assert!(was_active || robot.take_sent().iter().all(still), "it was not enabled");
-        judge(&mut robot);
+        check(&mut robot);
     }
 }
 
 /// Returns a message in which each field is that of the correct message, or any value.
 fn setpoint(input: &mut Input<'_>, good: SetpointMessage) -> SetpointMessage {
-    let spoiled = input.any::<u8>();
-    let mut field = |bit: u8, good: u64| if spoiled >> bit & 1 == 1 { input.any() } else { good };
+    let corrupted = input.any::<u8>();
+    let mut field = |bit: u8, good: u64| if corrupted >> bit & 1 == 1 { input.any() } else { good };
     let mut message = SetpointMessage {
         lease: field(0, good.lease),
         sequence: field(1, good.sequence),
@@ -71,7 +71,7 @@ fn setpoint(input: &mut Input<'_>, good: SetpointMessage) -> SetpointMessage {
         horizon_ns: field(5, good.horizon_ns.into()) as u32,
         joints: good.joints,
     };
-    if spoiled >> 6 & 1 == 1 {
+    if corrupted >> 6 & 1 == 1 {
         let joint = usize::from(input.any::<u8>()) % 3;
         message.joints[joint] = values(input);
     }
@@ -104,7 +104,7 @@ fn request(input: &mut Input<'_>, lease: Option<Lease>) -> AdminRequest {
 
 /// Checks that the commands since the last call are within the limits of their joints, and that
 /// published values are numbers.
-fn judge(robot: &mut Robot) {
+fn check(robot: &mut Robot) {
     for sent in robot.take_sent() {
         assert_ne!(sent.bytes, [0; 8], "all zero is full negative torque");
         let Some(Meaning::Control { position, velocity, kp, kd, torque, .. }) = sent.mit_meaning() else {
@@ -124,10 +124,10 @@ fn judge(robot: &mut Robot) {
     }
     for joint in robot.client.state().joints() {
         let Applied { position, velocity, kp, kd, torque } = joint.applied;
-        let is_heard = joint.flags & JOINT_VALID != 0;
-        let heard = [joint.position, joint.velocity, joint.torque].iter().all(|value| value.is_finite());
+        let is_reported = joint.flags & JOINT_VALID != 0;
+        let is_finite = [joint.position, joint.velocity, joint.torque].iter().all(|value| value.is_finite());
         let applied = [position, velocity, kp, kd, torque].iter().all(|value| value.is_finite());
-        assert!(applied && heard == is_heard, "{joint:?}");
+        assert!(applied && is_finite == is_reported, "{joint:?}");
     }
 }
 

@@ -234,7 +234,7 @@ impl Robot {
     }
 
     /// Delivers `content` on the bus next, in addition to the motors' answers.
-    pub(crate) fn hear(&self, bus: usize, content: Content) {
+    pub(crate) fn deliver(&self, bus: usize, content: Content) {
         self.wires[bus % self.wires.len()].lock().arriving.push_back(content);
     }
 
@@ -255,7 +255,7 @@ impl Robot {
 
     /// Returns the frames that the motors have received since the last call.
     pub(crate) fn take_sent(&self) -> Vec<Sent> {
-        let heard = |motor: &'static MotorSettings| {
+        let frames_of = |motor: &'static MotorSettings| {
             let frames = std::mem::take(&mut self.wires[motor.bus].lock().sent);
             frames.into_iter().map(move |frame| {
                 let (id, bytes) =
@@ -265,7 +265,7 @@ impl Robot {
                 sent
             })
         };
-        self.settings.motors.iter().flat_map(heard).collect()
+        self.settings.motors.iter().flat_map(frames_of).collect()
     }
 }
 

@@ -107,7 +107,7 @@ pub fn registration(bytes: &[u8]) {
         return;
     };
     let mut now = Instant::from_nanos(1_000_000_000);
-    let mut switch = Switch::new(frames.patience, 1, now);
+    let mut switch = Switch::new(frames.heartbeat_timeout, 1, now);
     switch.step(now, false, 1);
     let mut interfaces = Interfaces::new(opened, frames.damp);
     interfaces.begin(now);

@@ -148,7 +148,7 @@ pub fn disarmed(bytes: &[u8]) {
         for _ in 0..input.any::<u8>() % 6 {
             let bus = usize::from(input.any::<u8>());
             let content = content(&mut input, &robot);
-            robot.hear(bus, content);
+            robot.deliver(bus, content);
         }
         robot.step();
         assert!(robot.take_sent().iter().all(robot::Sent::is_harmless), "a motor of a disarmed robot");

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Longest wait for an event on a busy machine.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The instance `bench` with the motor `arm` on the bus `desk`: a low rate and long timeouts, so that
 /// many daemons run side by side.
@@ -209,9 +209,9 @@ fn log_path(directory: &TempDir) -> PathBuf {
 ///
 /// # Panics
 ///
-/// If it does not succeed within [`PATIENCE`].
+/// If it does not succeed within [`TIMEOUT`].
 pub fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         if let Some(found) = attempt() {
             return found;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// Longest wait for a screen on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 const GLANCE: Duration = Duration::from_millis(50);
 
 /// A server of tmux with one terminal of 80x24, which ends when it is dropped.
@@ -85,7 +85,7 @@ impl Tmux {
     ///
     /// If that takes longer than 30 s.
     pub fn until(&self, what: &str, mut is_so: impl FnMut(&str) -> bool) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let screen = self.screen();
             if is_so(&screen) {

@@ -121,9 +121,8 @@ impl House {
     /// Returns whether `path` exists, from the workspace, from `folder`, or as the end of a path.
     fn has(&self, path: &str, folder: &str) -> bool {
         let path = path.trim_end_matches('/').trim_start_matches("../");
-        let is_at = |place: &str| {
-            self.files.iter().any(|file| file == place || file.starts_with(&format!("{place}/")))
-        };
+        let is_at =
+            |at: &str| self.files.iter().any(|file| file == at || file.starts_with(&format!("{at}/")));
         is_at(path)
             || is_at(&format!("{folder}/{path}"))
             || self.files.iter().any(|file| file.ends_with(&format!("/{path}")))

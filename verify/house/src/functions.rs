@@ -12,7 +12,7 @@ struct Functions {
 }
 
 impl Functions {
-    fn judge(&mut self, signature: &syn::Signature, body: &syn::Block) {
+    fn check(&mut self, signature: &syn::Signature, body: &syn::Block) {
         let end = body.brace_token.span.close().end().line;
         let lines = end - signature.fn_token.span.start().line + 1;
         if lines > LINES_MAX {
@@ -23,18 +23,18 @@ impl Functions {
 
 impl Visit<'_> for Functions {
     fn visit_item_fn(&mut self, function: &syn::ItemFn) {
-        self.judge(&function.sig, &function.block);
+        self.check(&function.sig, &function.block);
         visit::visit_item_fn(self, function);
     }
 
     fn visit_impl_item_fn(&mut self, function: &syn::ImplItemFn) {
-        self.judge(&function.sig, &function.block);
+        self.check(&function.sig, &function.block);
         visit::visit_impl_item_fn(self, function);
     }
 
     fn visit_trait_item_fn(&mut self, function: &syn::TraitItemFn) {
         if let Some(body) = &function.default {
-            self.judge(&function.sig, body);
+            self.check(&function.sig, body);
         }
         visit::visit_trait_item_fn(self, function);
     }

@@ -117,13 +117,13 @@ fn installed(workspace: &Tree) -> Tree {
     let manifest: toml::Table = manifest.parse().unwrap();
     let mut tree = Tree::new();
     for asset in manifest["package"]["metadata"]["deb"]["assets"].as_array().unwrap() {
-        let [from, to] = [0, 1].map(|place| asset[place].as_str().unwrap());
+        let [from, to] = [0, 1].map(|end| asset[end].as_str().unwrap());
         let Some(from) = from.strip_prefix("../") else { continue };
         let (start, end) = from.split_once('*').unwrap_or((from, ""));
         for (path, text) in workspace.iter().filter(|(path, _)| is_of_pattern(path, from, start, end)) {
             let name = path.rsplit('/').next().unwrap();
-            let place = if to.ends_with('/') { format!("{to}{name}") } else { to.to_owned() };
-            tree.insert(place, text.clone());
+            let destination = if to.ends_with('/') { format!("{to}{name}") } else { to.to_owned() };
+            tree.insert(destination, text.clone());
         }
     }
     tree

@@ -13,7 +13,7 @@ pub(crate) struct Found {
 }
 
 /// The module of a file, and the modules of the files below it.
-struct Place<'a> {
+struct Scope<'a> {
     module: &'a [String],
     children: &'a BTreeSet<String>,
 }
@@ -21,27 +21,27 @@ struct Place<'a> {
 /// Reads the file of `module`.
 pub(crate) fn named_in(text: &str, module: &[String], children: &BTreeSet<String>) -> Found {
     let mut found = Found::default();
-    let place = Place { module, children };
-    scan(text.parse().unwrap(), &place, &mut found);
+    let scope = Scope { module, children };
+    scan(text.parse().unwrap(), &scope, &mut found);
     found
 }
 
-fn scan(tokens: TokenStream, place: &Place, found: &mut Found) {
+fn scan(tokens: TokenStream, scope: &Scope, found: &mut Found) {
     let tokens: Vec<TokenTree> = tokens.into_iter().collect();
     let mut at = 0;
     while at < tokens.len() {
         if let Some(length) = unit_tests(&tokens[at..]) {
             at += length;
-        } else if let Some(length) = import(&tokens, at, place, found) {
+        } else if let Some(length) = import(&tokens, at, scope, found) {
             at += length;
-        } else if let Some(prefix) = start(&tokens, at, place) {
+        } else if let Some(prefix) = start(&tokens, at, scope) {
             at += 1;
             let mut names = Vec::new();
             follow(&tokens, &mut at, prefix, &mut names);
             found.paths.extend(names.into_iter().map(|(_, path)| path));
         } else {
             if let TokenTree::Group(group) = &tokens[at] {
-                scan(group.stream(), place, found);
+                scan(group.stream(), scope, found);
             }
             at += 1;
         }
@@ -57,7 +57,7 @@ fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
 }
 
 /// The number of tokens of a `use` item, if one begins here. Binds its names; a private item also uses them.
-fn import(tokens: &[TokenTree], at: usize, place: &Place, found: &mut Found) -> Option<usize> {
+fn import(tokens: &[TokenTree], at: usize, scope: &Scope, found: &mut Found) -> Option<usize> {
     if text(tokens.get(at)) != "use" {
         return None;
     }
@@ -65,7 +65,7 @@ fn import(tokens: &[TokenTree], at: usize, place: &Place, found: &mut Found) -> 
     let item = &tokens[at + 1..at + length];
     let is_public = at > 0 && (text(tokens.get(at - 1)) == "pub" || is_restriction(tokens, at - 1));
     let mut names = Vec::new();
-    let prefix = start(item, 0, place);
+    let prefix = start(item, 0, scope);
     let is_ours = prefix.is_some();
     let first = prefix.unwrap_or_else(|| vec![text(item.first())]);
     follow(item, &mut 1, first, &mut names);
@@ -88,7 +88,7 @@ fn text(token: Option<&TokenTree>) -> String {
 }
 
 /// The module that a path begins at, if one of the crate begins at this token.
-fn start(tokens: &[TokenTree], at: usize, place: &Place) -> Option<Vec<String>> {
+fn start(tokens: &[TokenTree], at: usize, scope: &Scope) -> Option<Vec<String>> {
     let TokenTree::Ident(first) = &tokens[at] else { return None };
     let is_inside = at > 0 && is_colon(tokens.get(at - 1)) && at > 1 && is_colon(tokens.get(at - 2));
     if is_inside || !(is_colon(tokens.get(at + 1)) && is_colon(tokens.get(at + 2))) {
@@ -96,9 +96,9 @@ fn start(tokens: &[TokenTree], at: usize, place: &Place) -> Option<Vec<String>> 
     }
     match first.to_string().as_str() {
         "crate" => Some(Vec::new()),
-        "self" => Some(place.module.to_vec()),
-        "super" => Some(place.module[..place.module.len().saturating_sub(1)].to_vec()),
-        child if place.children.contains(child) => Some([place.module, &[child.to_owned()]].concat()),
+        "self" => Some(scope.module.to_vec()),
+        "super" => Some(scope.module[..scope.module.len().saturating_sub(1)].to_vec()),
+        child if scope.children.contains(child) => Some([scope.module, &[child.to_owned()]].concat()),
         _ => None,
     }
 }

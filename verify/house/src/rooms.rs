@@ -96,7 +96,7 @@ fn named(code: &str) -> BTreeSet<String> {
 /// The vendors that a file's code names, where it may not.
 fn vendors(source: &Source) -> BTreeSet<String> {
     let is_code = source.path.contains("/src/");
-    if !is_code || VENDORS_ALLOWED.iter().any(|place| source.path.starts_with(place)) {
+    if !is_code || VENDORS_ALLOWED.iter().any(|prefix| source.path.starts_with(prefix)) {
         return BTreeSet::new();
     }
     named(&source.text)
@@ -119,9 +119,9 @@ fn only_the_rooms_for_it_name_a_vendor() {
 #[test]
 fn every_room_for_vendors_names_one() {
     let sources = sources::rust();
-    for place in VENDORS_ALLOWED {
-        let mut files = sources.iter().filter(|source| source.path.starts_with(place));
-        assert!(files.any(|source| !named(&source.text).is_empty()), "{place} leaves the table");
+    for prefix in VENDORS_ALLOWED {
+        let mut files = sources.iter().filter(|source| source.path.starts_with(prefix));
+        assert!(files.any(|source| !named(&source.text).is_empty()), "{prefix} leaves the table");
     }
 }
 

@@ -61,7 +61,7 @@ fn few_files_name_families_and_transports() {
 #[test]
 fn cycle_names_no_imu_vendor_or_transport() {
     let sources = sources::rust();
-    let is_neutral = |source: &&Source| NEUTRAL.iter().any(|place| source.path.starts_with(place));
+    let is_neutral = |source: &&Source| NEUTRAL.iter().any(|prefix| source.path.starts_with(prefix));
     for source in sources.iter().filter(is_neutral) {
         assert_eq!(refused(&source.text), BTreeSet::new(), "{}", source.path);
     }

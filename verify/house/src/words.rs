@@ -130,7 +130,7 @@ fn retired(source: &Source) -> Vec<&'static str> {
     let spoken = words.chain(long.iter().flatten().map(String::as_str)).map(singular);
     let spoken: BTreeSet<&str> = spoken.chain(names.iter().map(|name| singular(name))).collect();
     let phrases = sentences.split_whitespace().collect::<Vec<_>>().join(" ");
-    let is_used = |(word, _, place): &&(&'static str, &str, Where)| match place {
+    let is_used = |(word, _, scope): &&(&'static str, &str, Where)| match scope {
         Names => names.contains(*word),
         Everywhere => spoken.contains(word),
         Sentences => phrases.contains(word),

@@ -246,33 +246,33 @@ impl Compare<'_> {
     /// The constants that decide what a torque and an angle are.
     fn constants(&self, constants: &DriveConstants) -> Vec<Finding> {
         let DriveConstants { torque_constant, gear_ratio, pole_pairs } = *constants;
-        let near = |said: f64, wanted: f64, tolerance: f64| (said - wanted).abs() <= tolerance;
+        let near = |reported: f64, wanted: f64, tolerance: f64| (reported - wanted).abs() <= tolerance;
         let torque_tolerance = TORQUE_CONSTANT_TOLERANCE * torque_constant;
         vec![
-            self.constant("torque-constant", torque_constant, "torque-constant-nm-per-a", |said| {
-                near(said, torque_constant, torque_tolerance)
+            self.constant("torque-constant", torque_constant, "torque-constant-nm-per-a", |reported| {
+                near(reported, torque_constant, torque_tolerance)
             }),
-            self.constant("gear-ratio", gear_ratio, "gear-ratio", |said| {
-                near(said, gear_ratio, GEAR_RATIO_TOLERANCE)
+            self.constant("gear-ratio", gear_ratio, "gear-ratio", |reported| {
+                near(reported, gear_ratio, GEAR_RATIO_TOLERANCE)
             }),
-            self.constant("pole-pairs", pole_pairs.into(), "model", |said| {
-                near(said, pole_pairs.into(), 0.0)
+            self.constant("pole-pairs", pole_pairs.into(), "model", |reported| {
+                near(reported, pole_pairs.into(), 0.0)
             }),
         ]
     }
 
     fn constant(&self, value: &'static str, wanted: f64, key: &str, agrees: impl Fn(f64) -> bool) -> Finding {
-        let said = self.reported.values.get(value).copied();
-        let cure = match said {
+        let reported = self.reported.values.get(value).copied();
+        let cure = match reported {
             None => "compare with the label of the motor: it cannot be read in this protocol".into(),
             Some(_) if key == "model" => "the model is another one: write the right one".into(),
-            Some(said) => format!(
+            Some(reported) => format!(
                 "write `{key} = {}` if the motor is right, or {}",
-                rounded(said),
+                rounded(reported),
                 self.set(value, rounded(wanted))
             ),
         };
-        self.finding(value, rounded(wanted), said.map(rounded), said.is_some_and(agrees), cure)
+        self.finding(value, rounded(wanted), reported.map(rounded), reported.is_some_and(agrees), cure)
     }
 
     /// The command that changes the motor.

@@ -302,7 +302,7 @@ fn number(value: &Value<'_>) -> Option<String> {
     match (meant, size.split_once(',')) {
         _ if size == "0" && unit.starts_with(['x', 'X']) => value
             .in_unit(&found)
-            .filter(|said| said.contains("write") && said.contains(" = 0x"))
+            .filter(|hint| hint.contains("write") && hint.contains(" = 0x"))
             .or_else(|| {
                 Some(value.expected(
                     &found,

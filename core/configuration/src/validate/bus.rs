@@ -156,7 +156,7 @@ pub(super) fn device(
 
 /// Warns of a bus whose motors have ids of an earlier bus of the same kind. Simulated buses have no
 /// adapters and no cables.
-pub(super) fn judge_shared_ids(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
+pub(super) fn check_shared_ids(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, item) in items.iter().enumerate() {
         if let Some((other, ids)) =
             (0..bus).find_map(|other| Some((other, shared_ids(settings, [other, bus])?)))
@@ -181,22 +181,22 @@ fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
 }
 
 /// Reports the buses that have no capacity for their motors.
-pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
+pub(super) fn check_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
         if plan.motors == 0 {
             if !settings.has_imu(bus) {
                 findings.warn(*at, Wrong::EmptyBus);
             }
         } else if settings.buses[bus].is_line() {
-            judge_turns(keys, plan, settings, bus, findings);
+            check_turns(keys, plan, settings, bus, findings);
         } else {
-            judge_can(*at, plan, settings, findings);
+            check_can(*at, plan, settings, findings);
         }
-        judge_start(keys, settings, bus, findings);
+        check_start(keys, settings, bus, findings);
     }
 }
 
-fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
+fn check_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
     let rate_hz = settings.cycle.rate_hz;
     let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
     let deadline = settings.cycle.reply_deadline;
@@ -215,7 +215,7 @@ fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Finding
 }
 
 /// Reports overlapping turns: a line carries one request at a time.
-fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
+fn check_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
     let (every, least) = (settings.buses[bus].every.get(), plan.every_least);
     if every < least {
         let turn_us = 1e6 * plan.transaction_worst.as_secs_f64();
@@ -225,9 +225,9 @@ fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, find
 }
 
 /// Reports a motor that takes turns and cannot start within its timeout.
-fn judge_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
+fn check_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
     let round = settings.buses[bus].every.get() * settings.cycle.period;
-    if settings.buses[bus].takes_turns() && START_TURNS * round > settings.safety.start_timeout {
+    if settings.buses[bus].has_turns() && START_TURNS * round > settings.safety.start_timeout {
         let [round_ms, start_ms] =
             [round, settings.safety.start_timeout].map(|time| 1e3 * time.as_secs_f64());
         findings.error(keys.every.at, Wrong::SlowStart { turns: START_TURNS, round_ms, start_ms });

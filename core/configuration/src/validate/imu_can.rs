@@ -46,22 +46,22 @@ pub(super) fn device(protocol: CanProtocol, keys: &keys::Imu) -> CanDevice {
 }
 
 /// Reports what the device or its bus cannot do.
-pub(super) fn judge(items: &[Item<ImuTables>], settings: &Settings, findings: &mut Findings<'_>) {
+pub(super) fn check(items: &[Item<ImuTables>], settings: &Settings, findings: &mut Findings<'_>) {
     let plans = BusPlan::of(settings);
     for (index, (imu, item)) in settings.imus.iter().zip(items).enumerate() {
         let Some(can) = imu.source.can() else { continue };
         let keys = &item.keys.keys;
-        judge_ids(keys, (index, can), settings, findings);
+        check_ids(keys, (index, can), settings, findings);
         match can.device.protocol().rates_hz() {
-            Some(rates) => judge_rate(keys.rate_hz.at, imu.rate_hz, rates, findings),
-            None => judge_asked_rate(keys.rate_hz.at, imu.rate_hz, settings.cycle.rate_hz, findings),
+            Some(rates) => check_rate(keys.rate_hz.at, imu.rate_hz, rates, findings),
+            None => check_asked_rate(keys.rate_hz.at, imu.rate_hz, settings.cycle.rate_hz, findings),
         }
-        judge_load(keys.bus.at, &plans[can.bus], settings, findings);
+        check_load(keys.bus.at, &plans[can.bus], settings, findings);
     }
 }
 
 /// Reports an id that another node of the bus sends, or that a motor takes for a command.
-fn judge_ids(
+fn check_ids(
     keys: &keys::Imu,
     (index, can): (usize, &ImuCan),
     settings: &Settings,
@@ -112,15 +112,15 @@ fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
 fn imu_with(settings: &Settings, index: usize, id: u16) -> Option<String> {
     let can = settings.imus[index].source.can()?;
     let sends = |can: &ImuCan| can.device.sent_ids().any(|sent| sent == id);
-    let asks = |can: &ImuCan| can.device.request_id() == Some(id);
-    if sends(can) && asks(can) {
+    let requests = |can: &ImuCan| can.device.request_id() == Some(id);
+    if sends(can) && requests(can) {
         return Some("the requests to it".to_owned());
     }
     let collides = |other: &&ImuSettings| {
         let other = other.source.can().filter(|other| other.bus == can.bus);
         other.is_some_and(|other| match sends(can) || sends(other) {
-            false => asks(can) && asks(other) && !have_own_requests(can, other, id),
-            true => sends(other) || asks(other),
+            false => requests(can) && requests(other) && !have_own_requests(can, other, id),
+            true => sends(other) || requests(other),
         })
     };
     let other = settings.imus[..index].iter().find(collides)?;
@@ -133,14 +133,14 @@ fn have_own_requests(one: &ImuCan, other: &ImuCan, id: u16) -> bool {
     one != other && one != id && other != id
 }
 
-fn judge_rate(at: At, rate_hz: f64, [least, most]: [f64; 2], findings: &mut Findings<'_>) {
+fn check_rate(at: At, rate_hz: f64, [least, most]: [f64; 2], findings: &mut Findings<'_>) {
     let nearest = 1000.0 / (1000.0 / rate_hz.clamp(least, most)).round();
     if !is_near(rate_hz, nearest) {
         findings.error(at, Wrong::ImuRate { least, most, nearest: rounded(nearest) });
     }
 }
 
-fn judge_asked_rate(at: At, rate_hz: f64, cycle_hz: f64, findings: &mut Findings<'_>) {
+fn check_asked_rate(at: At, rate_hz: f64, cycle_hz: f64, findings: &mut Findings<'_>) {
     let nearest = cycle_hz / f64::from(ImuCan::every(rate_hz, cycle_hz));
     if !is_near(rate_hz, nearest) {
         findings.error(at, Wrong::ImuNotAskedAt { cycle_hz, nearest: rounded(nearest) });
@@ -157,7 +157,7 @@ fn rounded(rate_hz: f64) -> f64 {
 }
 
 /// Reports an IMU for which its bus has no capacity. A bus that is too full without it is reported itself.
-fn judge_load(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
+fn check_load(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
     let deadline = settings.cycle.reply_deadline;
     if plan.last_reply.saturating_sub(plan.imu_time) > deadline {
         return;

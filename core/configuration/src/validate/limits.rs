@@ -70,7 +70,7 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
     let torque = keys.torque_nm.value.unwrap_or(capability.rated_torque.min(torque_scale.usable));
     torque_scale.check(&keys.torque_nm, torque, findings);
     if keys.torque_nm.is_written && torque <= torque_scale.usable {
-        judge_peak(keys.torque_nm.at, torque, capability.peak_torque, findings);
+        check_peak(keys.torque_nm.at, torque, capability.peak_torque, findings);
     }
     let velocity_scale = Scale::with_margin(capability.end(|scales| scales.velocity));
     let fastest = capability.max_velocity.min(CAUTIOUS_VELOCITY).min(velocity_scale.usable);
@@ -115,13 +115,13 @@ impl Scale {
 
     /// Reports a limit that its motor cannot reach.
     fn check<T>(&self, entry: &Entry<T>, value: f64, findings: &mut Findings<'_>) {
-        if let Err(wrong) = self.judge(value, value, String::new()) {
+        if let Err(wrong) = self.verify(value, value, String::new()) {
             findings.error(entry.at, wrong);
         }
     }
 
     /// Checks the `value` of a limit, which is `at_motor` for the motor.
-    fn judge(&self, value: f64, at_motor: f64, degrees: String) -> Result<(), Wrong> {
+    fn verify(&self, value: f64, at_motor: f64, degrees: String) -> Result<(), Wrong> {
         let &Self { end, usable } = self;
         match at_motor.abs() {
             size if size > end => Err(Wrong::BeyondScale { value, end, usable, degrees }),
@@ -131,7 +131,7 @@ impl Scale {
     }
 }
 
-pub(super) fn judge_peak(at: At, value: f64, peak: f64, findings: &mut Findings<'_>) {
+pub(super) fn check_peak(at: At, value: f64, peak: f64, findings: &mut Findings<'_>) {
     if value > peak {
         findings.error(at, Wrong::BeyondPeak { value, peak });
     }
@@ -149,7 +149,7 @@ fn position(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>)
         }
         return default;
     };
-    if let Err(wrong) = judge_position(position, capability) {
+    if let Err(wrong) = check_position(position, capability) {
         findings.error(entry.at, wrong);
         return default;
     }
@@ -165,14 +165,14 @@ fn rounded(value: f64) -> f64 {
     (1000.0 * value).round() / 1000.0
 }
 
-fn judge_position([low, high]: [f64; 2], capability: &Capability) -> Result<(), Wrong> {
+fn check_position([low, high]: [f64; 2], capability: &Capability) -> Result<(), Wrong> {
     let scale = capability.position_scale();
     for value in [low, high] {
         if !value.is_finite() {
             let expected = format!("from {} to {} rad", -scale.usable, scale.usable);
             return Err(Wrong::NotFinite { value, expected });
         }
-        scale.judge(value, capability.to_motor(value), degrees(value))?;
+        scale.verify(value, capability.to_motor(value), degrees(value))?;
     }
     if low < high { Ok(()) } else { Err(Wrong::PositionOrder { low, high }) }
 }

@@ -36,7 +36,7 @@ const IPC_PRIORITY: u8 = 70;
 /// cycles.
 const DEADMAN_CYCLES: f64 = 2.0;
 
-/// Judges the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
+/// Checks the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
 pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Option<Settings> {
     let instance = instance(&document.daemon, findings);
     let cycle = cycle(&document.cycle, findings);
@@ -48,23 +48,23 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
     imu::refuse_taken_names(document, findings);
     let imus = imu::imus(&document.imus, (&document.buses, &buses), findings);
-    motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
+    motor::check_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
     let simulation = simulation.into_iter().collect::<Option<_>>()?;
     let imus = imus.into_iter().collect::<Option<_>>()?;
     let settings =
         Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups?, imus };
-    bus::judge_load(&document.buses, &settings, findings);
-    imu_can::judge(&document.imus, &settings, findings);
-    bus::judge_shared_ids(&document.buses, &settings, findings);
-    motor::judge_durations(&document.motors, &settings, findings);
-    judge_rates(document, &settings, findings);
+    bus::check_load(&document.buses, &settings, findings);
+    imu_can::check(&document.imus, &settings, findings);
+    bus::check_shared_ids(&document.buses, &settings, findings);
+    motor::check_durations(&document.motors, &settings, findings);
+    check_rates(document, &settings, findings);
     Some(settings)
 }
 
 /// Warns of a cycle, or of a bus with turns, that is too slow for a stop.
-fn judge_rates(document: &Document, settings: &Settings, findings: &mut Findings<'_>) {
+fn check_rates(document: &Document, settings: &Settings, findings: &mut Findings<'_>) {
     let slow = |rate_hz: f64| {
         let (period_ms, timeout_ms) = (1e3 / rate_hz, 1e3 * settings.safety.setpoint_timeout.as_secs_f64());
         Wrong::SlowMotors { rate_hz, period_ms, timeout_ms, least_hz: SOUND_RATE_HZ }
@@ -103,7 +103,7 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     // request it.
     if keys.priority.is_written || require_realtime {
         let at = if keys.priority.is_written { keys.priority.at } else { keys.require_realtime.at };
-        findings.judge_priority(at, priority, require_realtime);
+        findings.check_priority(at, priority, require_realtime);
     }
     CycleSettings {
         rate_hz,
@@ -135,7 +135,7 @@ fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> 
         (None, IpcMode::Spin) => 0,
     };
     if keys.priority.value.is_some() {
-        findings.judge_priority(keys.priority.at, priority, cycle.require_realtime);
+        findings.check_priority(keys.priority.at, priority, cycle.require_realtime);
     }
     IpcSettings {
         mode,

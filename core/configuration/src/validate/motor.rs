@@ -42,7 +42,7 @@ pub(super) fn motors(
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "motor" });
     let addresses: Vec<_> =
         items.iter().map(|motor| address(&motor.keys.keys, bus_items, buses, findings)).collect();
-    judge_ids(items, &addresses, findings);
+    check_ids(items, &addresses, findings);
     items.iter().zip(addresses).map(|(item, address)| motor(&item.keys, address, findings)).collect()
 }
 
@@ -54,7 +54,7 @@ fn motor(
     let keys = &item.keys;
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
-    judge_constants(keys, model, findings);
+    check_constants(keys, model, findings);
     check_ends(keys, model, findings);
     let constants = constants(keys, model);
     let scales = model.and_then(|model| scales(keys, model));
@@ -161,7 +161,7 @@ fn at_most(
 }
 
 /// Reports constants of a current that are written for a motor whose codes are torques: they would have no effect.
-fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
+fn check_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(Model { name, ends: Some(_), .. }) = model else { return };
     for entry in [&keys.torque_constant_nm_per_a, &keys.gear_ratio] {
         if entry.is_written {
@@ -193,7 +193,7 @@ fn capability(
         keys.peak_torque_nm.value.unwrap_or(of_model(|model| model.peak_torque).min(torque_end));
     let rated_torque = of_model(|model| model.rated_torque).min(peak_torque);
     let rated_torque = keys.rated_torque_nm.value.unwrap_or(rated_torque);
-    limits::judge_peak(keys.rated_torque_nm.at, rated_torque, peak_torque, findings);
+    limits::check_peak(keys.rated_torque_nm.at, rated_torque, peak_torque, findings);
     Capability {
         transmission: Transmission::new(direction(&keys.direction, findings), keys.offset_rad.value as f32),
         beyond_range: keys.beyond_range.value,
@@ -241,7 +241,7 @@ fn simulation(
 /// the arbitration needs one sender for every id, and nothing else in a GIM reply names its sender.
 /// On a serial bus one request is open at a time, so all replies may have one host id. A late reply
 /// may then be taken for that of another motor: a warning.
-fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
+fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
     let named = |index: usize| items[index].keys.keys.name.value.clone().unwrap_or_default();
     let on_bus = |bus| {
         let known =
@@ -285,13 +285,13 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
 fn excluded(keys: &keys::Motor, findings: &mut Findings<'_>) -> bool {
     let excluded = keys.excluded.value;
     if excluded && !keys.may_be_excluded.value {
-        findings.warn(keys.excluded.at, Wrong::ExcludedInVain);
+        findings.warn(keys.excluded.at, Wrong::NeedlesslyExcluded);
     }
     excluded
 }
 
 /// Reports commands that may end before the next one.
-pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mut Findings<'_>) {
+pub(super) fn check_durations(items: &[Item], settings: &Settings, findings: &mut Findings<'_>) {
     for (motor, item) in settings.motors.iter().zip(items) {
         let (at, duration_ms) =
             (item.keys.keys.control_duration_ms.at, i64::from(motor.duration.as_millis()));
@@ -310,7 +310,7 @@ pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mu
 
 /// Reports a motor without usable damping whose group damps or holds in a safe stop. A GIM motor
 /// needs none.
-pub(super) fn judge_damping(
+pub(super) fn check_damping(
     items: &[Item],
     motors: &[Option<MotorSettings>],
     groups: &[GroupSettings],

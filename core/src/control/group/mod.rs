@@ -19,10 +19,10 @@ mod watch;
 pub(super) use watch::Consequence;
 
 use super::Event;
-use super::asker::{Asker, Right};
 use super::bus_health::BusHealth;
 use super::context::Context;
 use super::motor::{Motor, Orders, Turn};
+use super::requester::{Requester, Right};
 use motord_bus::{Duration, Instant};
 use motord_protocol::drive::Command;
 use motord_settings::settings::{GroupSettings, MotorSettings, SafeStop};
@@ -37,7 +37,7 @@ pub(super) struct Group {
     /// Its motors, in the order of the configuration.
     pub(super) motors: Vec<Motor>,
     /// Some of its motors take turns.
-    takes_turns: bool,
+    has_turns: bool,
     safe_stop: SafeStop,
     phase: Phase,
     /// When the phase began. Damping begins again when a hold ends.
@@ -70,7 +70,7 @@ pub(super) struct Owner {
     pub(super) lease: Lease,
     pub(super) pid: u32,
     /// Time of its last valid message or request.
-    heard: Instant,
+    last_seen: Instant,
     /// The last sequence number accepted.
     sequence: u64,
 }
@@ -86,7 +86,7 @@ impl Group {
         Self {
             index,
             motors: settings.motors.iter().map(motor).collect(),
-            takes_turns: settings.motors.iter().any(|&joint| turns[joint].outlasts_cycle),
+            has_turns: settings.motors.iter().any(|&joint| turns[joint].outlasts_cycle),
             safe_stop: settings.safe_stop,
             phase: Phase::Disarmed,
             since: Instant::ZERO,
@@ -111,7 +111,7 @@ impl Group {
         cx: &mut Context,
         commands: &mut [Command],
     ) {
-        if self.takes_turns {
+        if self.has_turns {
             self.begin_turns(cx);
         }
         self.watch_heat(elapsed, cx);
@@ -122,8 +122,8 @@ impl Group {
         let Self { motors, setpoints, held_until, over_voltage, .. } = self;
         setpoints.begin_use(cx.wake.cycle);
         let share = setpoints.share(cx.now);
-        for (place, motor) in motors.iter_mut().enumerate() {
-            let wanted = setpoints.get(place, share);
+        for (slot, motor) in motors.iter_mut().enumerate() {
+            let wanted = setpoints.get(slot, share);
             let orders = Orders { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
             commands[motor.joint] = motor.command(&orders, cx);
             motor.watch_request(cx);
@@ -156,19 +156,19 @@ impl Group {
     }
 
     /// Returns whether the process that owns the group sends the request.
-    pub(super) fn is_asked_by_owner(&self, asker: &Asker) -> bool {
-        self.owner.is_some_and(|owner| asker.lease() == Some(owner.lease) || owner.pid == asker.pid)
+    pub(super) fn is_asked_by_owner(&self, requester: &Requester) -> bool {
+        self.owner.is_some_and(|owner| requester.lease() == Some(owner.lease) || owner.pid == requester.pid)
     }
 
     pub(super) fn own(&mut self, lease: Lease, pid: u32, cx: &mut Context) {
-        self.owner = Some(Owner { lease, pid, heard: cx.now, sequence: 0 });
+        self.owner = Some(Owner { lease, pid, last_seen: cx.now, sequence: 0 });
         cx.push(Event::Owner { group: self.index, pid: Some(pid) });
     }
 
     /// Records a sign of life of the owner, if it holds `lease`.
-    pub(super) fn hear_owner(&mut self, lease: Lease, now: Instant) {
+    pub(super) fn refresh_owner(&mut self, lease: Lease, now: Instant) {
         if let Some(owner) = self.owner.as_mut().filter(|owner| owner.lease == lease) {
-            owner.heard = now;
+            owner.last_seen = now;
         }
     }
 
@@ -180,10 +180,10 @@ impl Group {
         }
     }
 
-    /// Excludes or includes the motor at `place`. Removes the setpoints: they were checked for the
+    /// Excludes or includes the motor at `slot`. Removes the setpoints: they were checked for the
     /// previous case.
-    pub(super) fn exclude(&mut self, place: usize, excluded: bool, cx: &mut Context) {
-        self.motors[place].exclude(excluded, cx);
+    pub(super) fn exclude(&mut self, slot: usize, excluded: bool, cx: &mut Context) {
+        self.motors[slot].exclude(excluded, cx);
         self.setpoints.forget();
     }
 
@@ -225,8 +225,8 @@ impl Group {
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
         let share = self.setpoints.share(cx.now);
         let mut included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
-        included.find_map(|(place, motor)| {
-            let wanted = self.setpoints.get(place, share)?;
+        included.find_map(|(slot, motor)| {
+            let wanted = self.setpoints.get(slot, share)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
             // The target is the applied position, not the wanted one: a joint outside its limits would be pulled back into them.

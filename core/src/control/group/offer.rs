@@ -32,32 +32,32 @@ impl Group {
         let is_active = self.phase == Phase::Active;
         let horizon = Duration::from_nanos(if is_active { message.horizon_ns.into() } else { 0 });
         if !horizon.is_zero() {
-            self.begin_way(message, now);
+            self.begin_interpolation(message, now);
         }
         let Self { setpoints, owner, accepted, late, .. } = self;
-        setpoints.begin_way(cx.now, horizon);
+        setpoints.begin_interpolation(cx.now, horizon);
         setpoints.answered = if message.cycle > before { 0 } else { message.cycle };
         setpoints.used = 0;
         let is_late = setpoints.answered > 0 && setpoints.answered < before;
         *late = late.wrapping_add(u32::from(is_late));
         setpoints.sent(Instant::from_nanos(message.time_ns).min(now));
-        for (place, joint) in message.joints.iter().enumerate().take(self.motors.len()) {
-            setpoints.aim(place, setpoint(joint));
+        for (slot, joint) in message.joints.iter().enumerate().take(self.motors.len()) {
+            setpoints.set_target(slot, setpoint(joint));
         }
         if let Some(owner) = owner {
             owner.sequence = message.sequence;
-            owner.heard = now;
+            owner.last_seen = now;
         }
         *accepted = accepted.wrapping_add(1);
     }
 
     /// Notes where each joint begins its way to the setpoints of `message`.
     #[cold]
-    fn begin_way(&mut self, message: &SetpointMessage, now: Instant) {
+    fn begin_interpolation(&mut self, message: &SetpointMessage, now: Instant) {
         let share = self.setpoints.share(now);
-        for (place, (motor, joint)) in self.motors.iter().zip(&message.joints).enumerate() {
-            let origin = motor.departure(self.setpoints.get(place, share), setpoint(joint));
-            self.setpoints.depart(place, origin);
+        for (slot, (motor, joint)) in self.motors.iter().zip(&message.joints).enumerate() {
+            let origin = motor.interpolation_origin(self.setpoints.get(slot, share), setpoint(joint));
+            self.setpoints.set_origin(slot, origin);
         }
     }
 
@@ -102,7 +102,7 @@ fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejec
         return Err(Rejection::Negative);
     }
     match SetpointMode::try_from(joint.mode) {
-        Ok(mode) if motor.takes(mode) => Ok(()),
+        Ok(mode) if motor.accepts(mode) => Ok(()),
         _ => Err(Rejection::Mode),
     }
 }

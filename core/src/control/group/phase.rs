@@ -139,7 +139,7 @@ impl Group {
 
     /// No way of setpoints outlives the phase in which it began: none begins but in `Active`.
     const fn begin(&mut self, phase: Phase, now: Instant) {
-        self.setpoints.end_way();
+        self.setpoints.end_interpolation();
         self.phase = phase;
         self.since = now;
         self.resting_since = None;

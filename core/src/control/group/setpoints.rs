@@ -58,15 +58,15 @@ impl Setpoints {
     }
 
     /// Returns the setpoint that is reached at the end of the horizon.
-    fn target(&self, place: usize) -> Option<Setpoint> {
-        self.at.and_then(|_| self.targets.get(place)).copied()
+    fn target(&self, slot: usize) -> Option<Setpoint> {
+        self.at.and_then(|_| self.targets.get(slot)).copied()
     }
 
     /// Returns the setpoint at this [`share`](Self::share) of the way.
     #[inline]
-    pub(super) fn get(&self, place: usize, share: f32) -> Option<Setpoint> {
-        let target = self.target(place)?;
-        if share >= 1.0 { Some(target) } else { Some(between(self.origins[place], target, share)) }
+    pub(super) fn get(&self, slot: usize, share: f32) -> Option<Setpoint> {
+        let target = self.target(slot)?;
+        if share >= 1.0 { Some(target) } else { Some(between(self.origins[slot], target, share)) }
     }
 
     /// Returns the share of the way to the targets that is over at `now`, 0 to 1.
@@ -75,8 +75,8 @@ impl Setpoints {
         match self.at {
             Some(at) if !self.horizon.is_zero() => {
                 let all = (at + self.horizon).since(self.begun);
-                let gone = now.since(self.begun);
-                if gone >= all { 1.0 } else { gone.as_secs_f32() / all.as_secs_f32() }
+                let elapsed = now.since(self.begun);
+                if elapsed >= all { 1.0 } else { elapsed.as_secs_f32() / all.as_secs_f32() }
             }
             _ => 1.0,
         }
@@ -103,25 +103,25 @@ impl Setpoints {
         }
     }
 
-    /// Replaces the target at `place`.
+    /// Replaces the target at `slot`.
     #[inline]
-    pub(super) fn aim(&mut self, place: usize, target: Setpoint) {
-        self.targets[place] = target;
+    pub(super) fn set_target(&mut self, slot: usize, target: Setpoint) {
+        self.targets[slot] = target;
     }
 
-    /// The way to the newest targets begins at `begun`, at their [origins](Self::depart).
-    pub(super) const fn begin_way(&mut self, begun: Instant, horizon: Duration) {
+    /// The way to the newest targets begins at `begun`, at their [origins](Self::set_origin).
+    pub(super) const fn begin_interpolation(&mut self, begun: Instant, horizon: Duration) {
         (self.begun, self.horizon) = (begun, horizon);
     }
 
     /// Ends the way: the targets are reached now, and the timeout begins when they were sent.
-    pub(super) const fn end_way(&mut self) {
+    pub(super) const fn end_interpolation(&mut self) {
         self.horizon = Duration::ZERO;
     }
 
-    /// The way to the target at `place` begins at `origin`.
-    pub(super) fn depart(&mut self, place: usize, origin: Setpoint) {
-        self.origins[place] = origin;
+    /// The way to the target at `slot` begins at `origin`.
+    pub(super) fn set_origin(&mut self, slot: usize, origin: Setpoint) {
+        self.origins[slot] = origin;
     }
 
     /// Returns the mean time between two messages of this owner.
@@ -131,7 +131,7 @@ impl Setpoints {
 
     pub(super) const fn forget(&mut self) {
         (self.at, self.answered, self.used, self.period) = (None, 0, 0, 0);
-        self.end_way();
+        self.end_interpolation();
     }
 
     /// Records that the cycle with this number uses them, if there are any.

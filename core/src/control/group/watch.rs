@@ -71,7 +71,7 @@ impl Group {
                 }
             }
             Phase::Disarmed | Phase::Damping => {
-                if cx.now.since(owner.heard) > OWNER_SILENCE.max(cx.safety.setpoint_timeout) {
+                if cx.now.since(owner.last_seen) > OWNER_SILENCE.max(cx.safety.setpoint_timeout) {
                     self.disown(cx);
                 }
             }
@@ -89,24 +89,24 @@ impl Group {
         self.disown(cx);
     }
 
-    /// Takes a reply of the motor at `place` that arrived at `at`. Does not allocate; bounded by
+    /// Takes a reply of the motor at `slot` that arrived at `at`. Does not allocate; bounded by
     /// the motors of the group.
     #[inline(always)]
     pub(crate) fn receive(
         &mut self,
-        place: usize,
+        slot: usize,
         reported: &Reported,
         at: Instant,
         cx: &mut Context,
     ) -> Consequence {
         // Nearly all replies are states, so they are checked first.
         if let Reported::State(state, latency, status) = *reported {
-            return self.receive_state(place, state, (at, latency), status, cx);
+            return self.receive_state(slot, state, (at, latency), status, cx);
         }
-        let motor = &mut self.motors[place];
+        let motor = &mut self.motors[slot];
         match *reported {
             Reported::State(..) => {}
-            Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
+            Reported::Fault(bits) => return self.receive_fault(slot, bits, at, cx),
             Reported::Ambiguous(bits) => motor.report_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
             Reported::Register(number, value) => motor.report_register(number, value, cx),
@@ -122,19 +122,19 @@ impl Group {
         Consequence::None
     }
 
-    /// Takes a state of the motor at `place` that arrived `latency` after its command.
+    /// Takes a state of the motor at `slot` that arrived `latency` after its command.
     #[inline(always)]
     fn receive_state(
         &mut self,
-        place: usize,
+        slot: usize,
         state: Measured<JointSide>,
         (at, latency): (Instant, Duration),
         status: Status,
         cx: &mut Context,
     ) -> Consequence {
         let by_faults =
-            status.faults.map_or(Consequence::None, |faults| self.receive_fault(place, faults, at, cx));
-        let motor = &mut self.motors[place];
+            status.faults.map_or(Consequence::None, |faults| self.receive_fault(slot, faults, at, cx));
+        let motor = &mut self.motors[slot];
         motor.report_unnamed_fault(status.has_unnamed_fault);
         if let Err(cause) = motor.report_state(state, at, latency, status.runs, cx) {
             let joint = motor.joint;
@@ -143,8 +143,8 @@ impl Group {
         by_faults
     }
 
-    fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Consequence {
-        let motor = &mut self.motors[place];
+    fn receive_fault(&mut self, slot: usize, bits: Faults, at: Instant, cx: &mut Context) -> Consequence {
+        let motor = &mut self.motors[slot];
         if motor.is_excluded() {
             return Consequence::None;
         }
@@ -164,24 +164,24 @@ impl Group {
         Consequence::None
     }
 
-    /// Records that the motor at `place` answered one question twice.
-    pub(crate) fn receive_duplicate(&mut self, place: usize, cx: &mut Context) {
-        let motor = &mut self.motors[place];
+    /// Records that the motor at `slot` answered one question twice.
+    pub(crate) fn receive_duplicate(&mut self, slot: usize, cx: &mut Context) {
+        let motor = &mut self.motors[slot];
         if motor.report_twice() {
             let joint = motor.joint;
             self.stop(Cause::DuplicateId, Some(joint), cx);
         }
     }
 
-    /// Records `frames` by which another sender commanded the motor at `place`.
+    /// Records `frames` by which another sender commanded the motor at `slot`.
     pub(crate) fn receive_foreign(
         &mut self,
-        place: usize,
+        slot: usize,
         (id, frames): (FrameId, ForeignFrames),
         at: Instant,
         cx: &mut Context,
     ) {
-        let motor = &mut self.motors[place];
+        let motor = &mut self.motors[slot];
         let is_master = motor.report_foreign(id, frames, at, cx);
         let joint = motor.joint;
         if is_master && cx.safety.stop_on_foreign_master && self.phase != Phase::Disarmed {
@@ -191,27 +191,27 @@ impl Group {
 
     /// Begins a cycle: ends the previous turn of each motor whose turn it is.
     pub(super) fn begin_turns(&mut self, cx: &mut Context) {
-        for place in 0..self.motors.len() {
-            let turn = &mut self.motors[place].turn;
+        for slot in 0..self.motors.len() {
+            let turn = &mut self.motors[slot].turn;
             if turn.outlasts_cycle && turn.begin_cycle(cx.now, cx.period) {
-                self.end_turn(place, cx);
+                self.end_turn(slot, cx);
             }
         }
     }
 
     /// Ends the turns that last for one cycle: no further reply of it is read.
     pub(crate) fn end_cycle(&mut self, cx: &mut Context) {
-        for place in 0..self.motors.len() {
-            if !self.motors[place].turn.outlasts_cycle {
-                self.end_turn(place, cx);
+        for slot in 0..self.motors.len() {
+            if !self.motors[slot].turn.outlasts_cycle {
+                self.end_turn(slot, cx);
             }
         }
     }
 
-    /// Ends the turn of the motor at `place`.
+    /// Ends the turn of the motor at `slot`.
     #[inline(always)]
-    fn end_turn(&mut self, place: usize, cx: &mut Context) {
-        let motor = &mut self.motors[place];
+    fn end_turn(&mut self, slot: usize, cx: &mut Context) {
+        let motor = &mut self.motors[slot];
         if motor.end_turn(cx) {
             motor.changed(cx);
             let (joint, loses_frames) = (motor.joint, cx.loses_frames(motor.settings.bus));

@@ -13,14 +13,14 @@ impl Motor {
     /// Returns whether a question for faults replaces the command. A motor in fault may answer
     /// nothing else (GIM document 3.2.16), so a silent motor is asked at intervals. Never in two
     /// consecutive turns: a moving motor needs its commands.
-    pub(super) const fn asks_for_fault(&mut self) -> bool {
+    pub(super) const fn needs_fault_request(&mut self) -> bool {
         if self.replies.asked_fault {
             return false;
         }
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
         let urgent = core::mem::replace(&mut self.faults.is_urgent, false);
-        let asks = (urgent || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
-        asks && self.settings.capabilities.answers_fault_question
+        let requests = (urgent || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
+        requests && self.settings.capabilities.answers_fault_question
     }
 
     /// Records an answer that may be its fault bits. If they are not the known ones, it is asked again in its turn after next: a

@@ -55,7 +55,11 @@ impl Motor {
 
     /// Returns the start of the interpolation to `target`: the command of the last cycle, with the torque of the previous setpoint
     /// `wanted`. The limits may have reduced the torque of the command temporarily.
-    pub(in crate::control) fn departure(&self, wanted: Option<Setpoint>, target: Setpoint) -> Setpoint {
+    pub(in crate::control) fn interpolation_origin(
+        &self,
+        wanted: Option<Setpoint>,
+        target: Setpoint,
+    ) -> Setpoint {
         let applied = self.applied.setpoint;
         let (Some(wanted), Some(measured)) = (wanted, self.measured()) else { return target };
         if self.mode != Mode::Active || wanted.mode != target.mode || applied.mode != target.mode {

@@ -71,7 +71,7 @@ pub(super) struct Foreign {
 
 /// The judgement of a further frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Judged {
+pub(super) struct Observed {
     /// At least [`FRAMES`] arrived within [`WINDOW`], or safe frames for too long: another master commands the motor.
     pub(super) is_master: bool,
     /// The number of frames, when they should be reported.
@@ -81,7 +81,7 @@ pub(super) struct Judged {
 impl Foreign {
     /// Counts `frames` that arrived by `at`. A sender that is no master is reported while its frames continue. Safe frames are from
     /// another master when they arrive for `safe_max`: longer than the switch acts beside a running daemon.
-    pub(super) fn observe(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> Judged {
+    pub(super) fn observe(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> Observed {
         let is_master =
             self.counts_safe(frames.safe, at, safe_max) | self.counts_commands(frames.commands, at);
         let is_regular = self.is_regular(frames, at, safe_max);
@@ -93,7 +93,7 @@ impl Foreign {
         if report.is_some() {
             self.reported = Some(at);
         }
-        Judged { is_master, report }
+        Observed { is_master, report }
     }
 
     fn counts_commands(&mut self, frames: u32, at: Instant) -> bool {
@@ -133,7 +133,7 @@ impl Foreign {
     }
 
     /// Returns whether at least two commands, or the safe frames of another master, arrived in the last second before `now`.
-    pub(super) fn is_heard(&self, now: Instant) -> bool {
+    pub(super) fn is_present(&self, now: Instant) -> bool {
         let is_recent = |arrival: Option<Instant>| arrival.is_some_and(|arrival| now.since(arrival) < WINDOW);
         is_recent(self.before_last) || is_recent(self.stopped_at)
     }
@@ -165,7 +165,7 @@ mod tests {
             assert!(!foreign.observe(ONE, at, SAFE_MAX).is_master);
         }
         let last = begin + 99 * Duration::from_millis(300);
-        assert!(foreign.is_heard(last));
-        assert!(!foreign.is_heard(last + WINDOW));
+        assert!(foreign.is_present(last));
+        assert!(!foreign.is_present(last + WINDOW));
     }
 }

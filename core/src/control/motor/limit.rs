@@ -192,8 +192,8 @@ impl Limiter {
     /// Scales stiffness, damping and torque together, so that their total keeps its sign and the shares of its parts.
     fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<JointSide>) {
         let Measured { position, velocity, .. } = *measured;
-        let gone = velocity.abs() * self.age;
-        let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * gone;
+        let travelled = velocity.abs() * self.age;
+        let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * travelled;
         if predicted > torque_max {
             self.scale(limit, torque_max / predicted);
         }

@@ -223,7 +223,7 @@ impl Motor {
     }
 
     /// Returns whether it has not answered since the daemon started, and is not excluded.
-    pub(super) fn was_never_heard(&self) -> bool {
+    pub(super) fn has_never_answered(&self) -> bool {
         self.measured_at == Instant::ZERO && !self.is_excluded() && !self.is_unread()
     }
 
@@ -291,7 +291,7 @@ impl Motor {
         self.applied.limits = 0;
         let command = if let Some(request) = &mut self.request {
             request.command()
-        } else if self.asks_for_fault() {
+        } else if self.needs_fault_request() {
             Command::GetFault
         } else if let Some(number) = self.register_to_read(cx) {
             Command::GetRegister(number)
@@ -335,7 +335,7 @@ impl Motor {
         }
         let is_late = self.backlog.turns() != 0;
         let (at, latency) = if is_late { self.backdated(at, latency, cx) } else { (at, latency) };
-        let (measured, cause) = match self.judge(reported, at) {
+        let (measured, cause) = match self.check(reported, at) {
             Credibility::Sound(measured) => (measured, None),
             Credibility::Stop(measured, cause) => (measured, Some(cause)),
             Credibility::Unbelievable => {
@@ -369,14 +369,14 @@ impl Motor {
     }
 
     #[inline(always)]
-    fn judge(&mut self, reported: Measured<JointSide>, at: Instant) -> Credibility {
+    fn check(&mut self, reported: Measured<JointSide>, at: Instant) -> Credibility {
         // A step is expected while the zero is being moved.
         let zeroing = self.request.is_some_and(|request| request.kind == Kind::SetZero);
         let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
         let active = matches!(self.mode, Mode::Active);
         let applied = &self.applied.setpoint;
         let expected = Expectation { settings: &self.settings, before, applied, active };
-        self.plausibility.judge(reported, at, &expected)
+        self.plausibility.check(reported, at, &expected)
     }
 
     #[inline(always)]
@@ -466,16 +466,16 @@ impl Motor {
         // The switch of a daemon that ran before may still damp.
         let switch_acts = cx.safety.damp + SWITCH_ENDS;
         let safe_max = if cx.uptime() > switch_acts { SAFE_MAX } else { switch_acts };
-        let judged = self.foreign.observe(frames, at, safe_max);
-        if let Some(frames) = judged.report {
+        let observed = self.foreign.observe(frames, at, safe_max);
+        if let Some(frames) = observed.report {
             cx.push(Event::Foreign { motor: self.joint, id: id.raw(), frames });
         }
-        judged.is_master
+        observed.is_master
     }
 
     /// Returns whether another sender commands it.
     pub(super) fn is_commanded_elsewhere(&self, now: Instant) -> bool {
-        self.foreign.is_heard(now)
+        self.foreign.is_present(now)
     }
 
     /// Takes its fault bits.

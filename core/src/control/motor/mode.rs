@@ -47,7 +47,7 @@ pub(super) enum Mode {
     /// It reported a fault, and stopped.
     Fault {
         /// The next command asks for the fault.
-        asks: bool,
+        queries: bool,
     },
 }
 
@@ -76,7 +76,7 @@ impl Mode {
     pub(super) const OFFLINE: Self = Self::Offline(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const EXCLUDED: Self = Self::Excluded(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const STARTING: Self = Self::Starting(Start::Neutral(0));
-    pub(super) const FAULT: Self = Self::Fault { asks: false };
+    pub(super) const FAULT: Self = Self::Fault { queries: false };
 
     pub(super) const fn code(&self) -> MotorMode {
         match self {
@@ -102,9 +102,9 @@ impl Mode {
             Self::Offline(probe) => probe.command(now),
             Self::Excluded(probe) => probe.stop(now),
             Self::Starting(start) => start.command(),
-            Self::Fault { asks } => {
-                *asks = !*asks;
-                if *asks { Command::Stop } else { Command::GetFault }
+            Self::Fault { queries } => {
+                *queries = !*queries;
+                if *queries { Command::Stop } else { Command::GetFault }
             }
             Self::Idle | Self::Active | Self::Damping { .. } => Command::Stop,
         }

@@ -1,4 +1,4 @@
-//! Judges the plausibility of a motor's reports, and whether the motor follows its commands.
+//! Checks the plausibility of a motor's reports, and whether the motor follows its commands.
 //!
 //! | observation | for how long | cause |
 //! |---|---|---|
@@ -78,7 +78,7 @@ const CONDITIONS: [(Cause, Duration); 6] = [
     (Cause::Implausible, TORQUE_TIME),
 ];
 
-/// The data that a report is judged by.
+/// The data that a report is checked by.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
@@ -102,9 +102,9 @@ pub(super) enum Credibility {
 }
 
 impl Plausibility {
-    /// Judges `reported`, which arrived at `at`. Constant time.
+    /// Checks `reported`, which arrived at `at`. Constant time.
     #[inline(always)]
-    pub(super) fn judge(
+    pub(super) fn check(
         &mut self,
         reported: Measured<JointSide>,
         at: Instant,
@@ -124,7 +124,7 @@ impl Plausibility {
         }
     }
 
-    /// Judges a step that is too long.
+    /// Checks a step that is too long.
     #[cold]
     const fn step(&mut self, reported: Measured<JointSide>) -> Credibility {
         self.steps += 1;

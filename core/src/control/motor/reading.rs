@@ -85,7 +85,7 @@ impl Motor {
         }
     }
 
-    /// Uses, to judge states, the ends that the motor reported, or that are assumed.
+    /// Uses, to check states, the ends that the motor reported, or that are assumed.
     fn take_ends(&mut self) {
         if let Some(ends @ [position, velocity, _]) = self.reported_ends() {
             let capabilities = &mut self.settings.capabilities;

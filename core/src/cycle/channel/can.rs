@@ -9,7 +9,7 @@ use motord_settings::plan::BusPlan;
 pub(crate) struct CanChannel {
     pub(crate) wire: Wire,
     /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or a sensor sends frames.
-    takes_all: bool,
+    reads_all: bool,
     /// Requests of the last batch that are not answered.
     awaited: usize,
     /// Until this time, a late reply may arrive ahead of the reply to a request.
@@ -17,7 +17,7 @@ pub(crate) struct CanChannel {
     /// The last read was full and replies are missing: they may be unread.
     is_cut_short: bool,
     /// A motor without a frame in this batch may owe the reply to an earlier one.
-    owes: bool,
+    may_be_late: bool,
     sent_at: Instant,
     batch: Batch,
     /// Index of the last batch in `expected`.
@@ -40,16 +40,16 @@ pub(crate) enum Batch {
 
 impl CanChannel {
     /// Allocates; nothing after it does.
-    pub(super) fn new(wire: Wire, takes_all: bool, plan: &BusPlan) -> Self {
+    pub(super) fn new(wire: Wire, reads_all: bool, plan: &BusPlan) -> Self {
         let least = |frames: usize| ReplyTime::new(plan.transaction_least * frames as u32);
         Self {
             expected: wire.batches().map(|frames| least(frames.max(1))).collect(),
             wire,
-            takes_all,
+            reads_all,
             awaited: 0,
             unsettled_until: Instant::ZERO,
             is_cut_short: false,
-            owes: false,
+            may_be_late: false,
             sent_at: Instant::ZERO,
             batch: Batch::Commands,
             slot: 0,
@@ -70,7 +70,7 @@ impl CanChannel {
         if self.awaited > 0 {
             self.unsettle(now);
             self.awaited = 0;
-            self.owes = true;
+            self.may_be_late = true;
         }
     }
 
@@ -81,11 +81,11 @@ impl CanChannel {
         self.slot = if self.batch == Batch::Question { 0 } else { self.wire.batch() };
         let accepted = self.wire.send(now, unsent);
         self.awaited = accepted.awaited;
-        accepted.took_all
+        accepted.accepted_all
     }
 
     pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
-        self.wire.withhold(unsent).took_all
+        self.wire.withhold(unsent).accepted_all
     }
 
     /// Returns when all replies to this batch are expected to have arrived.
@@ -117,8 +117,8 @@ impl CanChannel {
     /// Returns whether a request of an earlier cycle may still be answered. If so, the next read
     /// takes everything that has arrived.
     pub(super) const fn reads_early(&mut self) -> bool {
-        self.is_cut_short |= self.owes;
-        self.owes
+        self.is_cut_short |= self.may_be_late;
+        self.may_be_late
     }
 
     /// Returns how to wait for the bus. No system call.
@@ -139,8 +139,8 @@ impl CanChannel {
     /// The most arrivals of the next read. While the bus is settled, they are the replies that are awaited: to check for
     /// one more costs the kernel as much as a third of a frame. Later arrivals are read with the next replies.
     const fn space(&self) -> usize {
-        let takes_all = !self.is_settled() || self.is_cut_short || self.takes_all;
-        if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
+        let reads_all = !self.is_settled() || self.is_cut_short || self.reads_all;
+        if reads_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
     }
 
     /// Returns whether an awaited reply may be unread, behind another arrival. The next read takes
@@ -155,13 +155,13 @@ impl CanChannel {
         self.wire.clear_inbox_for(self.space());
     }
 
-    /// Judges what a read at `now` took. Returns whether the `arrivals` are the awaited replies and nothing else; if not,
+    /// Checks what a read at `now` took. Returns whether the `arrivals` are the awaited replies and nothing else; if not,
     /// [`settle`](Self::settle) follows.
     #[inline]
-    pub(crate) fn took(&mut self, arrivals: Arrivals, now: Instant) -> bool {
+    pub(crate) fn record_read(&mut self, arrivals: Arrivals, now: Instant) -> bool {
         if arrivals.answers < arrivals.all {
             self.unsettle(now);
-        } else if arrivals.answers == self.awaited && !self.owes && self.is_settled() {
+        } else if arrivals.answers == self.awaited && !self.may_be_late && self.is_settled() {
             (self.awaited, self.is_cut_short) = (0, false);
             return true;
         }
@@ -174,7 +174,7 @@ impl CanChannel {
         let motors = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
         self.awaited = motors + self.wire.open_requests();
         self.is_cut_short = self.wire.is_read_full() && self.awaited > 0;
-        self.owes = self.wire.others().any(|motor| drives[motor].is_open());
+        self.may_be_late = self.wire.others().any(|motor| drives[motor].is_open());
     }
 
     /// Something other than an answer arrived by `now`, or a request is sent then and the one before has no answer.

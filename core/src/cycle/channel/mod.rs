@@ -47,8 +47,8 @@ impl BusChannel {
         }
         let routes = motors().map(|(motor, settings)| (settings.addresses().replies, motor));
         let (foreign, sensors) = (ForeignCommands::new(settings, index), Sensors::new(settings, index));
-        let takes_all = settings.buses[index].takes_turns() || !sensors.is_empty();
-        Self::Can(CanChannel::new(Wire::new(bus, Routes::new(routes), foreign, sensors), takes_all, plan))
+        let reads_all = settings.buses[index].has_turns() || !sensors.is_empty();
+        Self::Can(CanChannel::new(Wire::new(bus, Routes::new(routes), foreign, sensors), reads_all, plan))
     }
 
     /// Returns the channel of a CAN bus.
@@ -74,13 +74,13 @@ impl BusChannel {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        judge: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
+        classify: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
     ) -> Arrivals {
         match self {
             Self::Can(channel) => channel.begin_read(),
             Self::Line(channel) => channel.wire.clear_inbox(),
         }
-        self.wire_mut().receive(now, judge)
+        self.wire_mut().receive(now, classify)
     }
 
     /// Returns the part that all buses have in common.
@@ -101,7 +101,7 @@ impl BusChannel {
         }
     }
 
-    /// Returns whether the bus is read before the decisions of a cycle: a reply must be judged before the next command
+    /// Returns whether the bus is read before the decisions of a cycle: a reply must be checked before the next command
     /// to its motor is decided. That read takes everything that has arrived.
     pub(super) const fn reads_early(&mut self) -> bool {
         match self {
@@ -124,7 +124,7 @@ impl BusChannel {
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         match self {
             Self::Can(channel) => channel.send(now, unsent),
-            Self::Line(channel) => channel.wire.send(now, unsent).took_all,
+            Self::Line(channel) => channel.wire.send(now, unsent).accepted_all,
         }
     }
 
@@ -132,7 +132,7 @@ impl BusChannel {
     pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
         match self {
             Self::Can(channel) => channel.withhold(unsent),
-            Self::Line(channel) => channel.wire.withhold(unsent).took_all,
+            Self::Line(channel) => channel.wire.withhold(unsent).accepted_all,
         }
     }
 }

@@ -33,7 +33,7 @@ pub(super) struct Accepted {
     /// The number of replies to the accepted frames.
     pub(super) awaited: usize,
     /// Those were all.
-    pub(super) took_all: bool,
+    pub(super) accepted_all: bool,
 }
 
 /// The outcome of a read.
@@ -130,7 +130,7 @@ impl Wire {
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
         self.replied_at = now;
         if self.is_idle() {
-            return Accepted { awaited: 0, took_all: true };
+            return Accepted { awaited: 0, accepted_all: true };
         }
         let sent = match self.condition {
             BusCondition::Off | BusCondition::Gone | BusCondition::Exchanged => {
@@ -169,7 +169,7 @@ impl Wire {
         }
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
-        Accepted { awaited: of_motors + self.sensors.open(), took_all: dropped == 0 }
+        Accepted { awaited: of_motors + self.sensors.open(), accepted_all: dropped == 0 }
     }
 
     /// Discards what has arrived, then sends `frames` whose replies are not read. At most two system calls.
@@ -200,7 +200,7 @@ impl Wire {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        mut judge: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
+        mut classify: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -223,7 +223,7 @@ impl Wire {
                 }
             };
             let received = match (routes.motor(id), frame) {
-                (Some(motor), _) => judge(motor, frame, arrival.at),
+                (Some(motor), _) => classify(motor, frame, arrival.at),
                 (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
                     None => Received::UnexpectedId,
                     Some(true) => {

@@ -2,7 +2,7 @@
 //!
 //! An MIT reply does not name its request: a state and a fault report look alike, and a late reply
 //! looks like a timely one (docs/adr/0005). A motor therefore has at most one open request. A reply
-//! is judged by the open request, by its [`Shape`], as the dialect classifies it, and by
+//! is classified by the open request, by its [`Shape`], as the dialect classifies it, and by
 //! its time.
 //!
 //! Pure: a transition depends on state, payload and time only. Constant time; no allocation, no
@@ -23,7 +23,7 @@ pub(super) use role::Role;
 pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// Most unanswered requests that are remembered. It bounds how many replies of a second motor with
 /// the same id are taken for late ones.
-const UNPAID_MAX: u32 = 100;
+const UNANSWERED_MAX: u32 = 100;
 
 /// The request that is open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,15 +38,15 @@ struct Request {
 ///   open             ┌── answer, ambiguous, withdrawal ◀───┐
 ///                    ▼                                     │
 ///                 Nothing ── request ──▶ State | Fault | Clear | Register ──┐
-///                                                  ▲               │ request: the one before is owed,
+///                                                  ▲               │ request: the one before is pending,
 ///                                                  └───────────────┘ if it is younger than 50 ms
 ///
-///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open, or an ambiguous answer
+///   pending          0 ◀── late or unasked reply ── n ◀── request while one is open, or an ambiguous answer
 ///                    ▲                              │     (n + 1)
 ///                    └── request, 50 ms later ◀─────┘
 ///
-///   unpaid           0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
-///                                                         UNPAID_MAX); time does not change it
+///   unanswered       0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1, up to
+///                                                         UNANSWERED_MAX); time does not change it
 ///
 ///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
 ///                       ▲                                          │
@@ -63,20 +63,20 @@ struct Request {
 /// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
 /// | nothing, or sent too short ago | any other | unasked | unasked |
 /// | any | unreadable | malformed | malformed |
-/// | any but Register, or sent too short ago | register | late register while replies are owed, late while they are unpaid, otherwise malformed | the same |
+/// | any but Register, or sent too short ago | register | late register while replies are pending, late while they are unanswered, otherwise malformed | the same |
 /// | Register | register | answer | unasked |
 /// | Register | report, continuation, plain | unasked | unasked |
-/// | State | report, while replies are owed | late report | late report |
+/// | State | report, while replies are pending | late report | late report |
 /// | State | report | malformed | late report |
 /// | State | continuation, plain | answer | unasked |
 /// | Clear | report | answer | late report |
 /// | Clear | continuation, plain | answer | unasked |
 /// | Fault | report | answer | given up |
-/// | Fault | continuation, once a report was seen, or while replies are owed or n < 3 | late | late |
+/// | Fault | continuation, once a report was seen, or while replies are pending or n < 3 | late | late |
 /// | Fault | plain, once a report was seen | late | late |
 /// | Fault | any other | ambiguous | given up |
 ///
-/// *Ambiguous*: the report may still be on its way behind this late state, so it is owed. *Unasked* is late while replies are owed or unpaid, otherwise a duplicate. *Given up* is unasked, and
+/// *Ambiguous*: the report may still be on its way behind this late state, so it is pending. *Unasked* is late while replies are pending or unanswered, otherwise a duplicate. *Given up* is unasked, and
 /// closes the request: otherwise each fault request would be distrusted because of the previous
 /// one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,11 +85,11 @@ pub(super) struct Correlator {
     fastest_reply: u64,
     open: Option<Request>,
     /// Requests that were not answered before the next, and whose replies may still arrive.
-    owed: u32,
-    owed_since: Instant,
+    pending: u32,
+    pending_since: Instant,
     /// Requests that were not answered before the next, however long ago, less the replies that
     /// were late or unasked: no more replies than these can still be late.
-    unpaid: u32,
+    unanswered: u32,
     /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
     /// request is open.
     distrusted_until: Instant,
@@ -103,9 +103,9 @@ impl Correlator {
         Self {
             fastest_reply: nanos(fastest_reply),
             open: None,
-            owed: 0,
-            owed_since: Instant::ZERO,
-            unpaid: 0,
+            pending: 0,
+            pending_since: Instant::ZERO,
+            unanswered: 0,
             distrusted_until: Instant::ZERO,
             reports: Reports::Unseen(0),
         }
@@ -129,14 +129,14 @@ impl Correlator {
     pub(super) fn request(&mut self, question: Question, now: Instant) {
         match self.open {
             Some(open) if now <= open.sent_at + LATEST_REPLY => {
-                self.owed = self.owed.saturating_add(1);
-                self.owed_since = now;
+                self.pending = self.pending.saturating_add(1);
+                self.pending_since = now;
             }
-            _ if now > self.owed_since + LATEST_REPLY => self.owed = 0,
+            _ if now > self.pending_since + LATEST_REPLY => self.pending = 0,
             _ => {}
         }
         if self.open.is_some() {
-            self.unpaid = (self.unpaid + 1).min(UNPAID_MAX);
+            self.unanswered = (self.unanswered + 1).min(UNANSWERED_MAX);
         }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {
             self.distrusted_until = sent_at + LATEST_REPLY;
@@ -151,16 +151,16 @@ impl Correlator {
         self
     }
 
-    /// Judges a payload that arrived at `at`.
+    /// Classifies a payload that arrived at `at`.
     #[inline(always)]
     pub(super) fn receive(&mut self, shape: Shape, at: Instant) -> Role {
-        let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
+        let awaits_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match shape {
             Shape::OtherId => Role::UnexpectedId,
             Shape::Register if !self.awaits_register(at) => self.unasked_register(),
-            Shape::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
+            Shape::Report if at < self.distrusted_until && !awaits_fault => self.late_report(),
             _ => match self.open {
-                Some(open) if self.may_answer(open, at) => self.judge(open, shape, at),
+                Some(open) if self.may_answer(open, at) => self.classify(open, shape, at),
                 _ => self.unasked(),
             },
         }
@@ -172,16 +172,16 @@ impl Correlator {
         self.open.is_some_and(|open| open.question == Question::Register && self.may_answer(open, at))
     }
 
-    /// Judges a register that answers no open request. It is late, or another program asked for it: no sign of a second
+    /// Classifies a register that answers no open request. It is late, or another program asked for it: no sign of a second
     /// motor.
     #[cold]
     const fn unasked_register(&mut self) -> Role {
-        let is_owed = self.owed > 0;
-        if !is_owed && self.unpaid == 0 {
+        let is_pending = self.pending > 0;
+        if !is_pending && self.unanswered == 0 {
             return Role::Malformed;
         }
         let late = self.late();
-        if is_owed { Role::LateRegister } else { late }
+        if is_pending { Role::LateRegister } else { late }
     }
 
     /// Returns whether a payload that arrived at `at` can have been sent after the request.
@@ -189,11 +189,11 @@ impl Correlator {
         at.as_nanos() >= open.sent_at.as_nanos().saturating_add(self.fastest_reply)
     }
 
-    /// Judges a payload that may answer the open request.
+    /// Classifies a payload that may answer the open request.
     #[inline(always)]
-    fn judge(&mut self, open: Request, shape: Shape, at: Instant) -> Role {
+    fn classify(&mut self, open: Request, shape: Shape, at: Instant) -> Role {
         match (open.question, shape) {
-            (Question::State, Shape::Report) if self.owed > 0 => self.late_report(),
+            (Question::State, Shape::Report) if self.pending > 0 => self.late_report(),
             (_, Shape::Unreadable) | (Question::State, Shape::Report) => Role::Malformed,
             (Question::Register, Shape::Report | Shape::Continuation | Shape::Plain) => self.unasked(),
             (Question::Fault, Shape::Continuation | Shape::Plain) if self.is_rather_a_state(shape) => {
@@ -215,8 +215,8 @@ impl Correlator {
         if at < self.distrusted_until {
             return self.unasked();
         }
-        self.owed = self.owed.saturating_add(1);
-        self.owed_since = at;
+        self.pending = self.pending.saturating_add(1);
+        self.pending_since = at;
         Role::Ambiguous
     }
 
@@ -239,13 +239,13 @@ impl Correlator {
 
     const fn late(&mut self) -> Role {
         self.distrusted_until = Instant::ZERO;
-        self.owed = self.owed.saturating_sub(1);
-        self.unpaid = self.unpaid.saturating_sub(1);
+        self.pending = self.pending.saturating_sub(1);
+        self.unanswered = self.unanswered.saturating_sub(1);
         Role::Late
     }
 
     const fn unasked(&mut self) -> Role {
-        if self.owed > 0 || self.unpaid > 0 {
+        if self.pending > 0 || self.unanswered > 0 {
             return self.late();
         }
         self.distrusted_until = Instant::ZERO;
@@ -257,7 +257,7 @@ impl Correlator {
         match self.reports {
             Reports::Seen(_) => true,
             Reports::Unseen(unreported) => {
-                matches!(shape, Shape::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
+                matches!(shape, Shape::Continuation) && (self.pending > 0 || unreported < UNREPORTED_MAX)
             }
         }
     }

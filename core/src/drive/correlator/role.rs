@@ -1,9 +1,9 @@
-//! The role of a reply: judged by its shape and by the requests that were sent before it.
+//! The role of a reply: classified by its shape and by the requests that were sent before it.
 
 use motord_bus::Duration;
 use motord_protocol::drive::Question;
 
-/// The role of a payload, judged by its bytes and by the requests that were sent before it.
+/// The role of a payload, classified by its bytes and by the requests that were sent before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     /// The answer to the open request, and the time since that was sent.

@@ -24,19 +24,19 @@ const FASTEST: Duration = Duration::from_micros(200);
 enum Outcome {
     /// The answer: closes the request.
     Ans,
-    /// Late while replies are owed, else a duplicate. Ends distrust.
+    /// Late while replies are pending, else a duplicate. Ends distrust.
     Una,
     /// The same, and closes the request.
     Giv,
-    /// Late, owed or not. Ends distrust.
+    /// Late, pending or not. Ends distrust.
     Lat,
     /// A late report. Ends distrust.
     Rep,
     /// Malformed: changes nothing.
     Mal,
-    /// Ambiguous: closes the request, whose report is owed.
+    /// Ambiguous: closes the request, whose report is pending.
     Amb,
-    /// Late while replies are owed, else malformed. Late, it ends distrust.
+    /// Late while replies are pending, else malformed. Late, it ends distrust.
     Reg,
 }
 use Outcome::{Amb, Ans, Giv, Lat, Mal, Reg, Rep, Una};
@@ -53,61 +53,61 @@ const FEW: Reports = Reports::Unseen(UNREPORTED_MAX - 1);
 const MANY: Reports = Reports::Unseen(UNREPORTED_MAX);
 const SEEN: Reports = Reports::Seen(0);
 
-/// Which states and times, as (open, reports, owed, distrusted, time), where `ANY…` is every one; then what becomes of each
+/// Which states and times, as (open, reports, pending, distrusted, time), where `ANY…` is every one; then what becomes of each
 /// kind of payload.
 type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 5]);
 const ANY: &[Reports] = &[FEW, MANY, SEEN];
-const ANY_OWED: &[u32] = &[0, 1, 2];
+const ANY_PENDING: &[u32] = &[0, 1, 2];
 const ANY_TIME: &[Time] = &[Soon, Timely];
 const PAYLOADS: [Shape; 5] = [Unreadable, Report, Continuation, Plain, Shape::Register];
 #[rustfmt::skip]
 const TABLE: [Row; 25] = [
-    // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain, register
-    (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una, Reg]),
-    (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una, Reg]),
-    (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
-    (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    // open,        reports,  pending,     distrusted, time,      unreadable, report, continuation, plain, register
+    (None,          ANY,      ANY_PENDING, false,      ANY_TIME,  [Una,       Una,    Una,          Una, Reg]),
+    (None,          ANY,      ANY_PENDING, true,       ANY_TIME,  [Una,       Rep,    Una,          Una, Reg]),
+    (Some(State),   ANY,      ANY_PENDING, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(State),   ANY,      ANY_PENDING, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
     (Some(State),   ANY,      &[0],     false,      &[Timely], [Mal,       Mal,    Ans,          Ans, Reg]),
     (Some(State),   ANY,      &[1, 2],  false,      &[Timely], [Mal,       Rep,    Ans,          Ans, Reg]),
-    (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
-    (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
-    (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
-    (Some(Clear),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Ans,    Ans,          Ans, Reg]),
-    (Some(Clear),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
-    (Some(Fault),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
-    (Some(Fault),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Una,    Una,          Una, Reg]),
-    (Some(Fault),   &[FEW],   ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Amb, Reg]),
-    (Some(Fault),   &[FEW],   ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Giv, Reg]),
+    (Some(State),   ANY,      ANY_PENDING, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_PENDING, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_PENDING, true,       &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    (Some(Clear),   ANY,      ANY_PENDING, false,      &[Timely], [Mal,       Ans,    Ans,          Ans, Reg]),
+    (Some(Clear),   ANY,      ANY_PENDING, true,       &[Timely], [Mal,       Rep,    Una,          Una, Reg]),
+    (Some(Fault),   ANY,      ANY_PENDING, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Fault),   ANY,      ANY_PENDING, true,       &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Fault),   &[FEW],   ANY_PENDING, false,      &[Timely], [Mal,       Ans,    Lat,          Amb, Reg]),
+    (Some(Fault),   &[FEW],   ANY_PENDING, true,       &[Timely], [Mal,       Giv,    Lat,          Giv, Reg]),
     (Some(Fault),   &[MANY],  &[0],     false,      &[Timely], [Mal,       Ans,    Amb,          Amb, Reg]),
     (Some(Fault),   &[MANY],  &[0],     true,       &[Timely], [Mal,       Giv,    Giv,          Giv, Reg]),
     (Some(Fault),   &[MANY],  &[1, 2],  false,      &[Timely], [Mal,       Ans,    Lat,          Amb, Reg]),
     (Some(Fault),   &[MANY],  &[1, 2],  true,       &[Timely], [Mal,       Giv,    Lat,          Giv, Reg]),
-    (Some(Fault),   &[SEEN],  ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Lat, Reg]),
-    (Some(Fault),   &[SEEN],  ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Lat, Reg]),
-    (Some(Question::Register), ANY, ANY_OWED, false, &[Soon],   [Una,       Una,    Una,          Una, Reg]),
-    (Some(Question::Register), ANY, ANY_OWED, true,  &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
-    (Some(Question::Register), ANY, ANY_OWED, false, &[Timely], [Mal,       Una,    Una,          Una, Ans]),
-    (Some(Question::Register), ANY, ANY_OWED, true,  &[Timely], [Mal,       Rep,    Una,          Una, Una]),
+    (Some(Fault),   &[SEEN],  ANY_PENDING, false,      &[Timely], [Mal,       Ans,    Lat,          Lat, Reg]),
+    (Some(Fault),   &[SEEN],  ANY_PENDING, true,       &[Timely], [Mal,       Giv,    Lat,          Lat, Reg]),
+    (Some(Question::Register), ANY, ANY_PENDING, false, &[Soon],   [Una,       Una,    Una,          Una, Reg]),
+    (Some(Question::Register), ANY, ANY_PENDING, true,  &[Soon],   [Una,       Rep,    Una,          Una, Reg]),
+    (Some(Question::Register), ANY, ANY_PENDING, false, &[Timely], [Mal,       Una,    Una,          Una, Ans]),
+    (Some(Question::Register), ANY, ANY_PENDING, true,  &[Timely], [Mal,       Rep,    Una,          Una, Una]),
 ];
 
 /// Every state that the table distinguishes, each with both times.
 fn every_state() -> impl Iterator<Item = (Correlator, Time)> {
     let opens = [None, Some(State), Some(Clear), Some(Fault), Some(Question::Register)];
     let open_reports = opens.into_iter().flat_map(|open| ANY.iter().map(move |&reports| (open, reports)));
-    let owed = open_reports.flat_map(|state| ANY_OWED.iter().map(move |&owed| (state, owed)));
-    let trust = owed.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
-    let unpaid = trust.flat_map(|state| [0, 1].map(|unpaid| (state, unpaid)));
-    let times = unpaid.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
-    times.map(|(((((question, reports), owed), distrusted), unpaid), time)| {
+    let pending = open_reports.flat_map(|state| ANY_PENDING.iter().map(move |&pending| (state, pending)));
+    let trust = pending.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
+    let unanswered = trust.flat_map(|state| [0, 1].map(|unanswered| (state, unanswered)));
+    let times = unanswered.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
+    times.map(|(((((question, reports), pending), distrusted), unanswered), time)| {
         let open = question.map(|question| Request { question, sent_at: SENT });
         let distrusted_until = if distrusted { SENT + LATEST_REPLY } else { SENT };
         let state = Correlator {
             open,
             reports,
-            owed,
-            unpaid,
+            pending,
+            unanswered,
             distrusted_until,
-            owed_since: SENT,
+            pending_since: SENT,
             ..Correlator::new(FASTEST)
         };
         (state, time)
@@ -117,10 +117,10 @@ fn every_state() -> impl Iterator<Item = (Correlator, Time)> {
 /// The rows that speak of this state at this time.
 fn rows(state: &Correlator, time: Time) -> Vec<&'static Row> {
     let is_distrusted = state.distrusted_until > SENT;
-    let speaks = |(open, reports, owed, distrusted, times, _): &&Row| {
+    let speaks = |(open, reports, pending, distrusted, times, _): &&Row| {
         *open == state.open.map(|open| open.question)
             && reports.contains(&state.reports)
-            && owed.contains(&state.owed)
+            && pending.contains(&state.pending)
             && *distrusted == is_distrusted
             && times.contains(&time)
     };
@@ -130,21 +130,24 @@ fn rows(state: &Correlator, time: Time) -> Vec<&'static Row> {
 /// The state and the role that an outcome means.
 fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Role) {
     let late = |role| {
-        let (owed, unpaid) = (before.owed.saturating_sub(1), before.unpaid.saturating_sub(1));
-        (Correlator { owed, unpaid, distrusted_until: Instant::ZERO, ..before }, role)
+        let (pending, unanswered) = (before.pending.saturating_sub(1), before.unanswered.saturating_sub(1));
+        (Correlator { pending, unanswered, distrusted_until: Instant::ZERO, ..before }, role)
     };
-    let unasked = || late(if before.owed > 0 || before.unpaid > 0 { Role::Late } else { Role::Duplicate });
+    let unasked =
+        || late(if before.pending > 0 || before.unanswered > 0 { Role::Late } else { Role::Duplicate });
     let closed = |(state, role)| (Correlator { open: None, ..state }, role);
     match outcome {
         Mal => (before, Role::Malformed),
         Lat => late(Role::Late),
         Rep => late(Role::LateReport),
         Una => unasked(),
-        Reg if before.owed > 0 => late(Role::LateRegister),
-        Reg if before.unpaid > 0 => late(Role::Late),
+        Reg if before.pending > 0 => late(Role::LateRegister),
+        Reg if before.unanswered > 0 => late(Role::Late),
         Reg => (before, Role::Malformed),
         Giv => closed(unasked()),
-        Amb => closed((Correlator { owed: before.owed + 1, owed_since: at, ..before }, Role::Ambiguous)),
+        Amb => {
+            closed((Correlator { pending: before.pending + 1, pending_since: at, ..before }, Role::Ambiguous))
+        }
         Ans => {
             let Request { question, sent_at } = before.open.expect("it answers a request");
             closed((before, Role::Answer(question, at.since(sent_at))))
@@ -182,14 +185,14 @@ fn every_payload_in_every_state_matches_the_table() {
 #[test]
 fn new_request_leaves_the_open_one_owed() {
     let open = asked(Correlator::new(FASTEST), State, SENT);
-    assert_eq!((open.owed, open.is_open()), (0, true));
+    assert_eq!((open.pending, open.is_open()), (0, true));
     let in_time = asked(open, State, SENT + LATEST_REPLY);
-    assert_eq!((in_time.owed, in_time.owed_since), (1, SENT + LATEST_REPLY));
+    assert_eq!((in_time.pending, in_time.pending_since), (1, SENT + LATEST_REPLY));
     let nanosecond = Duration::from_nanos(1);
-    assert_eq!(asked(open, State, SENT + LATEST_REPLY + nanosecond).owed, 0);
+    assert_eq!(asked(open, State, SENT + LATEST_REPLY + nanosecond).pending, 0);
     let idle = in_time.withdraw();
-    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY).owed, 1);
-    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY + nanosecond).owed, 0);
+    assert_eq!(asked(idle, State, in_time.pending_since + LATEST_REPLY).pending, 1);
+    assert_eq!(asked(idle, State, in_time.pending_since + LATEST_REPLY + nanosecond).pending, 0);
 }
 
 #[test]
@@ -224,7 +227,7 @@ fn report_without_shape_is_ambiguous_after_ten() {
 #[test]
 fn surplus_replies_are_late_while_requests_are_unanswered() {
     for period in [1, 20, 100].map(Duration::from_millis) {
-        for missed in [0, 1, 12, UNPAID_MAX, 10 * UNPAID_MAX] {
+        for missed in [0, 1, 12, UNANSWERED_MAX, 10 * UNANSWERED_MAX] {
             let (mut state, mut at) = (Correlator::new(FASTEST), SENT);
             for _ in 0..missed {
                 state.request(State, at);
@@ -236,8 +239,8 @@ fn surplus_replies_are_late_while_requests_are_unanswered() {
                 assert!(matches!(state.receive(Plain, at + FASTEST), Role::Answer(State, _)));
                 at = at + period;
             }
-            let surplus: Vec<_> = (0..2 * UNPAID_MAX).map(|_| state.receive(Plain, at)).collect();
-            let late = missed.min(UNPAID_MAX) as usize;
+            let surplus: Vec<_> = (0..2 * UNANSWERED_MAX).map(|_| state.receive(Plain, at)).collect();
+            let late = missed.min(UNANSWERED_MAX) as usize;
             assert!(surplus[..late].iter().all(|role| *role == Role::Late), "{period:?}, {missed}");
             assert!(surplus[late..].iter().all(|role| *role == Role::Duplicate), "{period:?}, {missed}");
         }

@@ -92,7 +92,7 @@ pub(super) fn print(settings: &Settings, out: &mut impl Write) -> io::Result<()>
     for ImuReport { name, kind, rate_hz, line, can } in reports {
         let rate = format!("{rate_hz} Hz");
         write!(out, "{name:<width$}  {kind:<13}  {rate:>8}  ")?;
-        let [load, part, highest, place] = match (line, can) {
+        let [load, part, highest, location] = match (line, can) {
             (Some(LineReport { device, baud, bytes_per_second, utilisation, rate_hz_max }), _) => [
                 format!("{bytes_per_second:.0} bytes/s"),
                 format!("{:.1} %", 100.0 * utilisation),
@@ -107,7 +107,7 @@ pub(super) fn print(settings: &Settings, out: &mut impl Write) -> io::Result<()>
             ],
             (None, None) => ["-"; 4].map(str::to_owned),
         };
-        writeln!(out, "{load:>13}  {part:>7}  {highest:>7}  {place}")?;
+        writeln!(out, "{load:>13}  {part:>7}  {highest:>7}  {location}")?;
     }
     Ok(())
 }

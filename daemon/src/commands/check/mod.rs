@@ -1,4 +1,4 @@
-//! `motord check`: judges a configuration and prints the plan of its buses, without opening any.
+//! `motord check`: checks a configuration and prints the plan of its buses, without opening any.
 
 mod imus;
 mod joints;
@@ -44,29 +44,29 @@ pub struct Wanted {
     pub joints: bool,
 }
 
-/// Judges the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the exit status.
+/// Checks the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the exit status.
 ///
 /// # Errors
 ///
 /// Those of `out`, except a closed pipe: the exit status is still the verdict.
 pub fn check(path: &Path, wanted: Wanted, out: &mut impl Write) -> io::Result<u8> {
-    let judged = config::load(path);
-    match print(path, &judged, wanted, out) {
+    let result = config::load(path);
+    match print(path, &result, wanted, out) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error),
         Ok(()) | Err(_) => {}
     }
-    Ok(if judged.is_ok() { 0 } else { EXIT_CONFIG })
+    Ok(if result.is_ok() { 0 } else { EXIT_CONFIG })
 }
 
 fn print(
     path: &Path,
-    judged: &Result<Loaded, ConfigError>,
+    result: &Result<Loaded, ConfigError>,
     wanted: Wanted,
     out: &mut impl Write,
 ) -> io::Result<()> {
     match wanted.json {
-        true => json::write_line(out, &Report::of(judged, wanted.joints))?,
-        false => print_for_people(path, judged, wanted.joints, out)?,
+        true => json::write_line(out, &Report::of(result, wanted.joints))?,
+        false => print_for_people(path, result, wanted.joints, out)?,
     }
     out.flush()
 }
@@ -136,9 +136,9 @@ impl LineReport {
 }
 
 impl<'a> Report<'a> {
-    fn of(judged: &'a Result<Loaded, ConfigError>, joints: bool) -> Self {
+    fn of(result: &'a Result<Loaded, ConfigError>, joints: bool) -> Self {
         let lines = |problems: &[config::Problem]| problems.iter().map(ToString::to_string).collect();
-        match judged {
+        match result {
             Ok(loaded) => Self {
                 errors: Vec::new(),
                 warnings: lines(&loaded.warnings),
@@ -176,13 +176,13 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
 
 fn print_for_people(
     path: &Path,
-    judged: &Result<Loaded, ConfigError>,
+    result: &Result<Loaded, ConfigError>,
     joints: bool,
     out: &mut impl Write,
 ) -> io::Result<()> {
     let file = path.display().to_string();
     let file = printable(&file);
-    match judged {
+    match result {
         Ok(loaded) => {
             print_problems("warning", &loaded.warnings, out)?;
             print_plan(&file, &loaded.settings, out)?;

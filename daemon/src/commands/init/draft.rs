@@ -16,12 +16,12 @@ pub struct Draft {
     /// Protocol of every motor on CAN. Those on a serial line have `gim`.
     pub protocol: MotorProtocol,
     /// Where the motors are.
-    pub place: MotorPlace,
+    pub connection: Connection,
 }
 
 /// Where the motors are.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum MotorPlace {
+pub enum Connection {
     /// Inside the daemon, on one simulated bus for each leg.
     Simulated,
     /// On these CAN interfaces (`can0`) and serial devices (`/dev/ttyUSB0`). Neighbouring legs share one if there are fewer than
@@ -29,7 +29,7 @@ pub enum MotorPlace {
     Buses(Vec<String>),
 }
 
-impl MotorPlace {
+impl Connection {
     /// A CAN interface for each leg: can0, can1 and so on.
     #[must_use]
     pub fn one_bus_each(legs: usize) -> Self {
@@ -72,7 +72,7 @@ impl Draft {
         self.buses().iter().any(Bus::is_serial)
     }
 
-    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Does not judge whether
+    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Does not check whether
     /// motord can run it: `config::parse` does.
     ///
     /// # Errors
@@ -92,8 +92,8 @@ impl Draft {
         for leg in 0..self.legs {
             let (bus, before) = self.bus_of(leg, buses.len());
             let first = if is_unique { leg * self.joints.len() } else { before };
-            for (place, joint) in self.joints.iter().enumerate() {
-                let motor = Motor { name: self.joint(leg, joint), bus: &buses[bus], id: first + place + 1 };
+            for (index, joint) in self.joints.iter().enumerate() {
+                let motor = Motor { name: self.joint(leg, joint), bus: &buses[bus], id: first + index + 1 };
                 text += &motor.text(self.protocol, profile, model);
             }
         }
@@ -108,11 +108,11 @@ impl Draft {
 
     fn check_counts(&self) -> Result<(), InitError> {
         let refuse = |what: &str| Err(InitError::Answer(what.into()));
-        match &self.place {
+        match &self.connection {
             _ if !(1..=8).contains(&self.legs) => refuse("a robot has 1 to 8 legs: --legs"),
             _ if !(1..=8).contains(&self.joints.len()) => refuse("a leg has 1 to 8 joints: --joints"),
-            MotorPlace::Buses(buses) if buses.is_empty() => refuse("the motors need a bus: --buses"),
-            MotorPlace::Buses(buses) if buses.len() > self.legs => {
+            Connection::Buses(buses) if buses.is_empty() => refuse("the motors need a bus: --buses"),
+            Connection::Buses(buses) if buses.len() > self.legs => {
                 refuse("there are more buses than legs: each leg is on one bus")
             }
             _ => Ok(()),
@@ -120,16 +120,16 @@ impl Draft {
     }
 
     fn buses(&self) -> Vec<Bus> {
-        match &self.place {
-            MotorPlace::Simulated => {
+        match &self.connection {
+            Connection::Simulated => {
                 (0..self.legs).map(|leg| Bus { name: self.leg(leg).1, device: None }).collect()
             }
-            MotorPlace::Buses(devices) if devices.len() == self.legs => devices
+            Connection::Buses(devices) if devices.len() == self.legs => devices
                 .iter()
                 .enumerate()
                 .map(|(leg, device)| Bus { name: self.leg(leg).1, device: Some(device.clone()) })
                 .collect(),
-            MotorPlace::Buses(devices) => devices
+            Connection::Buses(devices) => devices
                 .iter()
                 .enumerate()
                 .map(|(index, device)| Bus { name: format!("bus-{index}"), device: Some(device.clone()) })

@@ -4,7 +4,7 @@ mod draft;
 mod options;
 mod questions;
 
-pub use draft::{Draft, MotorPlace};
+pub use draft::{Connection, Draft};
 pub use options::Options;
 
 use motord_configuration::{self as config, ConfigError, Machine};

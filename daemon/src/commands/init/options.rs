@@ -1,6 +1,6 @@
 //! The options of `motord init`.
 
-use super::{Configuration, Draft, InitError, MotorPlace, questions};
+use super::{Configuration, Connection, Draft, InitError, questions};
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
@@ -44,17 +44,17 @@ impl Options {
     fn draft(&self) -> Result<Draft, InitError> {
         let legs = self.legs.unwrap_or(4);
         let names = ["hip", "thigh", "knee"].map(str::to_owned).to_vec();
-        let place = match &self.buses[..] {
-            [] if self.simulated => MotorPlace::Simulated,
-            [] => MotorPlace::one_bus_each(legs),
-            buses => MotorPlace::Buses(buses.to_vec()),
+        let connection = match &self.buses[..] {
+            [] if self.simulated => Connection::Simulated,
+            [] => Connection::one_bus_each(legs),
+            buses => Connection::Buses(buses.to_vec()),
         };
         let draft = Draft {
             legs,
             joints: if self.joints.is_empty() { names } else { self.joints.clone() },
             model: self.model.clone().unwrap_or_else(|| "GIM8108-8".into()),
             protocol: self.protocol.as_deref().and_then(|name| name.parse().ok()).unwrap_or_default(),
-            place,
+            connection,
         };
         let is_complete =
             self.legs.is_some() && self.model.is_some() && (self.simulated || !self.buses.is_empty());
@@ -66,7 +66,7 @@ impl Options {
     }
 
     /// The file to write, and whether it may be replaced; `None` for standard output.
-    fn place(&self) -> Result<Option<(PathBuf, bool)>, InitError> {
+    fn destination(&self) -> Result<Option<(PathBuf, bool)>, InitError> {
         match &self.file {
             Some(file) => Ok(Some((file.clone(), self.force))),
             None if self.yes || !std::io::stdin().is_terminal() || !std::io::stdout().is_terminal() => {
@@ -83,7 +83,7 @@ impl Options {
     /// Why none is written.
     pub fn run(&self) -> Result<(), InitError> {
         let configuration = Configuration::of(&self.draft()?, self.rate_hz)?;
-        let Some((file, force)) = self.place()? else {
+        let Some((file, force)) = self.destination()? else {
             let _closed_pipe = std::io::stdout().write_all(configuration.text.as_bytes());
             return Ok(());
         };

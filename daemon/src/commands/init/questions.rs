@@ -1,6 +1,6 @@
 //! The questions of `motord init`, on a terminal.
 
-use super::{Draft, InitError, MotorPlace};
+use super::{Connection, Draft, InitError};
 use dialoguer::{Confirm, Error, Input};
 use motord_protocol::{MotorProtocol, Profile};
 use std::path::PathBuf;
@@ -11,15 +11,16 @@ use std::path::PathBuf;
 ///
 /// When there is no terminal, or the questions are broken off.
 pub(super) fn ask(defaults: Draft) -> Result<Draft, InitError> {
-    let Draft { legs, joints, model, protocol, place } = defaults;
-    let is_default = place == MotorPlace::one_bus_each(legs);
+    let Draft { legs, joints, model, protocol, connection } = defaults;
+    let is_default = connection == Connection::one_bus_each(legs);
     let legs = answer("Legs (1 for an arm), 1 to 8", legs)?;
-    let place = if is_default { MotorPlace::one_bus_each(legs.min(8)) } else { place };
+    let connection = if is_default { Connection::one_bus_each(legs.min(8)) } else { connection };
     let joints = list(&answer("Joints of each leg", joints.join(" "))?);
     let model = ask_model(model)?;
     let protocol = ask_protocol(protocol, &model)?;
-    let place = parse_place(&answer("CAN interfaces or serial devices, or `simulated`", shown(&place))?);
-    Ok(Draft { legs, joints, model, protocol, place })
+    let connection =
+        parse_connection(&answer("CAN interfaces or serial devices, or `simulated`", shown(&connection))?);
+    Ok(Draft { legs, joints, model, protocol, connection })
 }
 
 /// The file that is proposed.
@@ -71,17 +72,17 @@ fn ask_protocol(default: MotorProtocol, model: &str) -> Result<MotorProtocol, In
 }
 
 /// Buses from a text: their names with spaces or commas between them, or `simulated`.
-fn parse_place(text: &str) -> MotorPlace {
+fn parse_connection(text: &str) -> Connection {
     match list(text) {
-        names if names == ["simulated"] => MotorPlace::Simulated,
-        names => MotorPlace::Buses(names),
+        names if names == ["simulated"] => Connection::Simulated,
+        names => Connection::Buses(names),
     }
 }
 
-fn shown(place: &MotorPlace) -> String {
-    match place {
-        MotorPlace::Simulated => "simulated".into(),
-        MotorPlace::Buses(names) => names.join(" "),
+fn shown(connection: &Connection) -> String {
+    match connection {
+        Connection::Simulated => "simulated".into(),
+        Connection::Buses(names) => names.join(" "),
     }
 }
 

@@ -185,9 +185,9 @@ fn rights_are_read_from_daemon_unit_or_shell() {
         ("proc/self/limits", &limits("0", "8388608")),
         ("proc/self/status", "Uid:\t1000\t1000\t1000\t1000\nCapEff:\t0000000000000000"),
     ]);
-    let (tree, asks) = (shell.tree(), robot(None));
+    let (tree, wanting) = (shell.tree(), robot(None));
     let measured = "0 for this shell; the cycle asks for 80";
-    assert_finding(&limits::priority(&tree, &asks, None), Level::Bad, measured, Some("rtprio 90\" |"));
+    assert_finding(&limits::priority(&tree, &wanting, None), Level::Bad, measured, Some("rtprio 90\" |"));
     assert_finding(
         &limits::memory(&tree, None),
         Level::Bad,
@@ -197,13 +197,13 @@ fn rights_are_read_from_daemon_unit_or_shell() {
 
     shell.write("lib/systemd/system/motord.service", "[Service]\nLimitRTPRIO=90\nLimitMEMLOCK=infinity");
     let measured = "90 for motord.service; the cycle asks for 80";
-    assert_finding(&limits::priority(&tree, &asks, None), Level::Good, measured, None);
+    assert_finding(&limits::priority(&tree, &wanting, None), Level::Good, measured, None);
     assert_finding(&limits::memory(&tree, None), Level::Good, "no limit for motord.service", None);
 
     let daemon = Some(process::RunningDaemon { pid: 812, cycle: 813 });
     shell.write("proc/812/limits", &limits("70", "unlimited"));
     let measured = "70 for motord, process 812; the cycle asks for 80";
-    let finding = limits::priority(&tree, &asks, daemon);
+    let finding = limits::priority(&tree, &wanting, daemon);
     assert_finding(&finding, Level::Bad, measured, Some("motord.service.d/LimitRTPRIO.conf"));
     assert_eq!(limits::memory(&tree, daemon).level, Level::Good);
 }
@@ -384,14 +384,14 @@ fn queue_holds_requests_to_imus() {
 
 #[test]
 fn frame_coalescing_is_bad_and_time_coalescing_warns() {
-    let judge = |settings| interface::coalescing("can0", Ok(Some(settings)));
+    let check = |settings| interface::coalescing("can0", Ok(Some(settings)));
     let none = Coalescing { rx_usecs_irq: Some(0), rx_frames_irq: Some(1), ..Coalescing::default() };
-    assert_finding(&judge(none), Level::Good, "rx-usecs-irq 0 rx-frames-irq 1", None);
+    assert_finding(&check(none), Level::Good, "rx-usecs-irq 0 rx-frames-irq 1", None);
     let endless = Coalescing { rx_frames_irq: Some(8), ..none };
     let command = "ethtool -C can0 rx-usecs-irq 0 rx-frames-irq 1;";
-    assert_finding(&judge(endless), Level::Bad, "rx-usecs-irq 0 rx-frames-irq 8", Some(command));
+    assert_finding(&check(endless), Level::Bad, "rx-usecs-irq 0 rx-frames-irq 8", Some(command));
     let timed = Coalescing { rx_usecs: Some(100), ..Coalescing::default() };
-    assert_finding(&judge(timed), Level::Warn, "rx-usecs 100", Some("rx-usecs 0"));
+    assert_finding(&check(timed), Level::Warn, "rx-usecs 100", Some("rx-usecs 0"));
     assert_eq!(interface::coalescing("can0", Ok(None)).level, Level::Good);
     assert_eq!(interface::coalescing("can0", Err(Errno::ENOENT)).level, Level::Warn);
 }

@@ -83,7 +83,7 @@ pub(super) fn time(word: &str, per_second: u64) -> Option<Duration> {
     let nanos = 1_000_000_000 / per_second;
     let part = fraction
         .bytes()
-        .fold((0, nanos), |(sum, place), digit| (sum + u64::from(digit - b'0') * place / 10, place / 10));
+        .fold((0, nanos), |(sum, weight), digit| (sum + u64::from(digit - b'0') * weight / 10, weight / 10));
     let whole: u64 = whole.parse().ok()?;
     Some(Duration::from_nanos(whole.checked_mul(nanos)?.checked_add(part.0)?))
 }

@@ -383,8 +383,8 @@ mod tests {
         ) {
             let mut bytes = if is_new { pcapng() } else { pcap(227, &[&PACKET, &PACKET]) };
             for (index, byte) in changes {
-                let place = index.index(bytes.len());
-                bytes[place] = byte;
+                let position = index.index(bytes.len());
+                bytes[position] = byte;
             }
             bytes.extend(tail);
             let _read = entries(&bytes);

@@ -26,8 +26,8 @@ impl Columns {
     fn read(&mut self, line: &str) {
         let Some(list) = line.strip_prefix(";$COLUMNS=") else { return };
         *self = Self::default();
-        for (place, column) in self.letters.iter_mut().zip(list.split(',')) {
-            *place = column.trim().bytes().next().unwrap_or_default();
+        for (letter, column) in self.letters.iter_mut().zip(list.split(',')) {
+            *letter = column.trim().bytes().next().unwrap_or_default();
             self.count += 1;
         }
     }

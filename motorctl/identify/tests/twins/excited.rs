@@ -53,7 +53,7 @@ pub(crate) fn excited(hidden: &Hidden, seed: u64, shape: Shape, until: f64) -> (
     loop {
         let (time, state) = (twin.state().tick_ns - begin, twin.state().joints()[0]);
         let time = time as f64 / 1e9;
-        plan.judge(state.position.into(), state.velocity.into()).unwrap();
+        plan.check(state.position.into(), state.velocity.into()).unwrap();
         let (position, velocity) = (state.position.into(), state.velocity.into());
         let Some(command) = plan.command(time, position, velocity).filter(|_| time < until) else { break };
         assert!(f64::abs(command.position) < 1.5 && f64::abs(command.velocity) < 10.0);

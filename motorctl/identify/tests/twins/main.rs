@@ -16,9 +16,9 @@ fn identified(hidden: &Hidden, seed: u64) -> Identified {
 }
 
 /// A parameter: its name, the truth, what was identified, and the largest error that counts as right.
-type Judged = (&'static str, f64, Value, f64);
+type Checked = (&'static str, f64, Value, f64);
 
-fn judged(hidden: &Hidden, found: &Identified) -> [Judged; 7] {
+fn checked(hidden: &Hidden, found: &Identified) -> [Checked; 7] {
     let delay = found.delay.unwrap().motor;
     [
         ("inertia", hidden.inertia, found.inertia, 0.02 * hidden.inertia),
@@ -42,7 +42,7 @@ fn hidden_parameters_are_found_or_not_identifiable() {
             "draw {seed}: {}, {} others, {} windows, range {:.2} rad, {:?}",
             hidden.model, hidden.others, found.windows, found.range, found.notes
         );
-        for (index, (name, truth, value, most)) in judged(&hidden, &found).into_iter().enumerate() {
+        for (index, (name, truth, value, most)) in checked(&hidden, &found).into_iter().enumerate() {
             let is_covered = value.lower <= truth && truth <= value.upper;
             let error = 100.0 * (value.value - truth) / truth;
             let Value { value: estimate, lower, upper, why } = value;

@@ -54,10 +54,10 @@ pub(super) fn draw(buffer: &mut Buffer, area: Rect, picture: &Picture, selection
         area.layout(&Layout::vertical([Constraint::Fill(1), Constraint::Length(NAMES as u16)]));
     let rows = Layout::vertical(vec![Constraint::Fill(1); joints.len() * 3 / columns]).split(panels);
     let across = Layout::horizontal(vec![Constraint::Fill(1); columns]).spacing(1);
-    let places = rows.iter().flat_map(|row| across.split(*row).to_vec());
+    let cells = rows.iter().flat_map(|row| across.split(*row).to_vec());
     let all = joints.iter().flat_map(|joint| (0..3).map(move |quantity| (*joint, quantity)));
-    for ((joint, quantity), place) in all.zip(places) {
-        Panel::new(picture, reading, selection, joint, quantity).draw(buffer, place, &marks);
+    for ((joint, quantity), cell) in all.zip(cells) {
+        Panel::new(picture, reading, selection, joint, quantity).draw(buffer, cell, &marks);
     }
     for (line, y) in name_lines(&marks, area.width.into()).iter().zip(names.rows()) {
         buffer.set_line(y.x, y.y, line, y.width);
@@ -120,7 +120,7 @@ impl Panel {
         Self { title: title.into(), parts, limits, seconds, range }
     }
 
-    fn draw(&self, buffer: &mut Buffer, place: Rect, marks: &[(f64, &Mark)]) {
+    fn draw(&self, buffer: &mut Buffer, cell: Rect, marks: &[(f64, &Mark)]) {
         let begin = -self.seconds;
         let [low, high] = self.range;
         let limits = self.limits.map(|limit| [(begin, limit), (0.0, limit)]);
@@ -143,7 +143,7 @@ impl Panel {
                     .bounds(self.range)
                     .labels([low, middle, high].map(|value| number(Some(value), digits))),
             )
-            .render(place, buffer);
+            .render(cell, buffer);
     }
 }
 

@@ -25,13 +25,13 @@ pub(super) fn draw(buffer: &mut Buffer, area: Rect, imus: &[ImuReport]) {
     if area.width < LEFT + WIDTH || area.height < ROWS[0] {
         return;
     }
-    let place = Rect { x: area.right() - WIDTH, width: WIDTH, height: area.height.min(ROWS[1]), ..area };
-    if place.positions().any(|position| buffer[position].symbol() != " ") {
+    let inset = Rect { x: area.right() - WIDTH, width: WIDTH, height: area.height.min(ROWS[1]), ..area };
+    if inset.positions().any(|position| buffer[position].symbol() != " ") {
         return;
     }
-    buffer.set_line(place.x, place.y, &title(imu), place.width);
+    buffer.set_line(inset.x, inset.y, &title(imu), inset.width);
     let angles = imu.roll_pitch_yaw.filter(|_| !imu.lost);
-    let view = Rect { y: place.y + 1, height: place.height - 1, ..place };
+    let view = Rect { y: inset.y + 1, height: inset.height - 1, ..inset };
     picture(view, angles.map(|[roll, pitch, _]| [roll, pitch].map(f64::from))).render(view, buffer);
 }
 
@@ -49,11 +49,11 @@ fn title(imu: &ImuReport) -> Line<'static> {
 /// The horizon as seen from the robot towards its nose: above the mark with the nose down, and its right end up with the right
 /// side down. The short stroke points to the ground. `angles` are roll and pitch, rad.
 fn picture(
-    place: Rect,
+    inset: Rect,
     angles: Option<[f64; 2]>,
 ) -> Canvas<'static, impl Fn(&mut ratatui::widgets::canvas::Context<'_>)> {
     // A cell has 2 x 4 dots.
-    let wide = PITCH_MAX * f64::from(place.width) / (2.0 * f64::from(place.height));
+    let wide = PITCH_MAX * f64::from(inset.width) / (2.0 * f64::from(inset.height));
     Canvas::default().marker(Marker::Braille).x_bounds([-wide, wide]).y_bounds([-PITCH_MAX, PITCH_MAX]).paint(
         move |canvas| {
             if let Some([roll, pitch]) = angles {
@@ -69,7 +69,7 @@ fn picture(
             }
             canvas.print(-wide / 3.0, 0.0, "──");
             canvas.print(0.0, 0.0, "○");
-            canvas.print(wide / 3.0 - wide / f64::from(place.width), 0.0, "──");
+            canvas.print(wide / 3.0 - wide / f64::from(inset.width), 0.0, "──");
         },
     )
 }

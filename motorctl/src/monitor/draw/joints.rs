@@ -154,8 +154,12 @@ fn bar(joint: &JointReport, width: usize) -> [Span<'static>; 3] {
     if fraction > 1.0 {
         return [dim(format!("├{}", line(inner))), bold("▶"), nothing()];
     }
-    let place = ((fraction * inner as f64) as usize).min(inner.saturating_sub(1));
-    [dim(format!("├{}", line(place))), bold("●"), dim(format!("{}┤", line(inner.saturating_sub(place + 1))))]
+    let offset = ((fraction * inner as f64) as usize).min(inner.saturating_sub(1));
+    [
+        dim(format!("├{}", line(offset))),
+        bold("●"),
+        dim(format!("{}┤", line(inner.saturating_sub(offset + 1)))),
+    ]
 }
 
 fn mode_style(mode: &str) -> Style {

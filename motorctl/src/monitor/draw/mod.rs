@@ -72,14 +72,14 @@ pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, no
     for (line, y) in lines.iter().zip(area.y..area.bottom()) {
         buffer.set_line(area.x, y, line, area.width);
     }
-    if let (Some(place), Some(reading)) = (part(area, joints), &picture.reading) {
-        horizon::draw(buffer, place, &reading.report.imus);
+    if let (Some(part_area), Some(reading)) = (part(area, joints), &picture.reading) {
+        horizon::draw(buffer, part_area, &reading.report.imus);
     }
-    if let Some(place) = part(area, curves) {
-        curves::draw(buffer, place, picture, &view.selection);
+    if let Some(part_area) = part(area, curves) {
+        curves::draw(buffer, part_area, picture, &view.selection);
     }
-    if let Some(place) = part(area, values).filter(|_| picture.loss.is_some()) {
-        buffer.set_style(place, OLD);
+    if let Some(part_area) = part(area, values).filter(|_| picture.loss.is_some()) {
+        buffer.set_style(part_area, OLD);
     }
     scrub(buffer, area);
     if view.is_colourless {

@@ -1,7 +1,7 @@
 //! The moments that matter, at three sizes. A snapshot has the text, then the styles of each row: the first column, the number of
 //! columns, and the style.
 
-use super::super::news::StopOutcome;
+use super::super::events::StopOutcome;
 use super::super::question::Question;
 use super::super::request::{Notice, Tone};
 use super::super::view::View;
@@ -174,12 +174,12 @@ fn question_names_cause_and_who_stopped() {
 #[test]
 fn unheard_stop_and_pasted_text_are_shown() {
     let mut notice = Notice::default();
-    notice.stop_done(StopOutcome::NotHeard(vec![
+    notice.stop_done(StopOutcome::MotorsSilent(vec![
         "rr-hip".to_owned(),
         "rr-thigh".to_owned(),
         "rr-knee".to_owned(),
     ]));
-    notice.say(Tone::Warning, "Pasted text was ignored.");
+    notice.show(Tone::Warning, "Pasted text was ignored.");
     let screens = moment("not-heard", &SMALL, &picture(stopped()), &notice);
     assert_has(
         &screens,

@@ -22,7 +22,7 @@ pub struct SerialBus<S = Port> {
     buffer: [u8; READ_BYTES],
     /// The adapter was unplugged, or took only part of a frame, which the next bytes would
     /// complete.
-    is_gone: bool,
+    is_disconnected: bool,
 }
 
 impl SerialBus {
@@ -42,14 +42,14 @@ impl<S: ByteStream> SerialBus<S> {
     /// Allocates.
     #[must_use]
     pub fn over(port: S, settings: &Settings) -> Self {
-        Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false }
+        Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_disconnected: false }
     }
 
     /// Sends a request, if the line is free. Makes one system call, and a second one after a
     /// request without a reply. The bytes of that request may still wait for an adapter, and a
     /// frame behind them would be late.
     fn ask(&mut self, now: Instant, frame: &Frame) -> Result<(), Refusal> {
-        if self.is_gone {
+        if self.is_disconnected {
             return Err(Refusal::Gone);
         }
         if self.line.is_busy(now) || self.line.leaves_out_a_turn() {
@@ -71,7 +71,7 @@ impl<S: ByteStream> Bus for SerialBus<S> {
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
         let Some(frame) = frames.first() else { return Sent::all(0) };
         let asked = self.ask(now, frame);
-        self.is_gone |= asked == Err(Refusal::Gone);
+        self.is_disconnected |= asked == Err(Refusal::Gone);
         match asked {
             Ok(()) => Sent { accepted: 1, refusal: (frames.len() > 1).then_some(Refusal::Full) },
             Err(refusal) => Sent { accepted: 0, refusal: Some(refusal) },
@@ -81,7 +81,7 @@ impl<S: ByteStream> Bus for SerialBus<S> {
     /// One `read`. The kernel does not stamp the bytes of a serial port: an arrival has the time of
     /// the read.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        if self.is_gone || inbox.free() < ARRIVALS {
+        if self.is_disconnected || inbox.free() < ARRIVALS {
             return;
         }
         let count = match self.port.read(&mut self.buffer) {
@@ -89,7 +89,7 @@ impl<S: ByteStream> Bus for SerialBus<S> {
             Err(Errno::EAGAIN | Errno::EINTR) => return,
             Err(_) => 0,
         };
-        self.is_gone = count == 0;
+        self.is_disconnected = count == 0;
         let Self { line, buffer, .. } = self;
         let reply = buffer[..count].iter().filter_map(|byte| line.push(*byte)).last();
         let is_reply = reply.is_some_and(|reply| {
@@ -105,7 +105,7 @@ impl<S: ByteStream> Bus for SerialBus<S> {
     }
 
     fn readiness(&self) -> Readiness<'_> {
-        if self.is_gone { Readiness::Never } else { self.port.readiness() }
+        if self.is_disconnected { Readiness::Never } else { self.port.readiness() }
     }
 }
 
@@ -143,8 +143,8 @@ impl SerialSender {
     /// Returns `true` when the adapter was unplugged. While this port stays open, an adapter that
     /// is plugged in again gets another device name. Never blocks; one system call.
     #[must_use]
-    pub fn is_gone(&self) -> bool {
-        self.0.is_gone()
+    pub fn is_disconnected(&self) -> bool {
+        self.0.is_disconnected()
     }
 }
 

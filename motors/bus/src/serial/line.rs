@@ -90,13 +90,13 @@ struct Open {
     refused: bool,
 }
 
-/// State of the doubt that the next matching frame is the late reply of the motor with this id,
+/// State of the suspicion that the next matching frame is the late reply of the motor with this id,
 /// whose request came before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Doubt {
+enum LateReply {
     None,
     /// The next frame may be late.
-    Of(u8),
+    Expected(u8),
     /// Such a frame was dropped, and no turn was skipped since.
     Dropped(u8),
     /// Such a frame was dropped, and a turn was skipped.
@@ -112,7 +112,7 @@ pub(super) struct Line {
     decoder: Decoder,
     /// The last request, until the motor replies to it or refuses it.
     open: Option<Open>,
-    doubt: Doubt,
+    late_reply: LateReply,
     /// Number of requests since a turn was skipped.
     since_left_out: usize,
     /// By id: the last abandoned request to the motor had no late reply, and the motor has not
@@ -135,7 +135,7 @@ impl Line {
             answers: settings.answers,
             decoder: Decoder::new(),
             open: None,
-            doubt: Doubt::None,
+            late_reply: LateReply::None,
             since_left_out: usize::MAX,
             silent: [false; 256],
             has_echo: false,
@@ -151,12 +151,12 @@ impl Line {
     /// Returns `true` when a turn must be skipped, to find out whose frame was dropped. At most
     /// once per such frame, and once per round.
     pub(super) fn leaves_out_a_turn(&mut self) -> bool {
-        let Doubt::Dropped(earlier) = self.doubt else { return false };
+        let LateReply::Dropped(earlier) = self.late_reply else { return false };
         if self.since_left_out < self.addresses.len() {
             return false;
         }
         self.since_left_out = 0;
-        self.doubt = Doubt::Waited(earlier);
+        self.late_reply = LateReply::Waited(earlier);
         true
     }
 
@@ -176,27 +176,27 @@ impl Line {
 
     /// Records that `request` was sent at `now`. A request that is still open is abandoned.
     pub(super) fn sent(&mut self, request: Request, now: Instant) {
-        self.doubt = self.give_up(&request, now);
+        self.late_reply = self.give_up(&request, now);
         self.since_left_out = self.since_left_out.saturating_add(1);
         self.unmatched |= self.decoder.reset() > 0;
         self.open = Some(Open { request, sent_at: now, echo: Some(0), refused: false });
     }
 
-    fn give_up(&mut self, next: &Request, now: Instant) -> Doubt {
-        let Some(Open { request, sent_at, .. }) = self.open.take() else { return Doubt::None };
+    fn give_up(&mut self, next: &Request, now: Instant) -> LateReply {
+        let Some(Open { request, sent_at, .. }) = self.open.take() else { return LateReply::None };
         let id = request.address.id;
-        if let Doubt::Of(earlier) | Doubt::Waited(earlier) = self.doubt {
+        if let LateReply::Expected(earlier) | LateReply::Waited(earlier) = self.late_reply {
             self.silent[usize::from(earlier)] = true;
         }
         // A turn was skipped and no second frame arrived: the dropped frame was the reply to this
         // request.
-        let has_replied = matches!(self.doubt, Doubt::Waited(_));
+        let has_replied = matches!(self.late_reply, LateReply::Waited(_));
         let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
-        let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
-        if !has_replied && id != next.address.id && is_alike && may_come {
-            Doubt::Of(id)
+        let may_arrive = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
+        if !has_replied && id != next.address.id && is_alike && may_arrive {
+            LateReply::Expected(id)
         } else {
-            Doubt::None
+            LateReply::None
         }
     }
 
@@ -238,8 +238,8 @@ impl Line {
         self.has_echo = echoed.get();
         self.unmatched |= self.decoder.skipped() != skipped;
         let (frame, id) = (frame?, request.address.id);
-        if let Doubt::Of(earlier) = self.doubt {
-            self.doubt = Doubt::Dropped(earlier);
+        if let LateReply::Expected(earlier) = self.late_reply {
+            self.late_reply = LateReply::Dropped(earlier);
             self.unmatched = true;
             return None;
         }
@@ -253,10 +253,10 @@ impl Line {
 
     /// Closes the open request: the motor with this id has replied.
     fn replied(&mut self, id: u8) {
-        if let Doubt::Dropped(earlier) | Doubt::Waited(earlier) = self.doubt {
+        if let LateReply::Dropped(earlier) | LateReply::Waited(earlier) = self.late_reply {
             self.silent[usize::from(earlier)] = false;
         }
-        self.doubt = Doubt::None;
+        self.late_reply = LateReply::None;
         self.silent[usize::from(id)] = false;
         self.open = None;
     }
@@ -376,19 +376,19 @@ mod tests {
     #[test]
     fn always_late_motor_takes_alternate_turns_only() {
         let mut line = line_of(&[1, 2, 3].map(|id| (id, HOST)));
-        let mut heard = 0;
+        let mut replies = 0;
         for round in 0..20 {
             ask(&mut line, 1, 5 * round);
             ask(&mut line, 2, 5 * round + 1);
             assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 1, or motor 2");
             if !line.leaves_out_a_turn() {
                 ask(&mut line, 3, 5 * round + 2);
-                heard += 1;
+                replies += 1;
                 assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 2, or motor 3");
             }
             read(&mut line, &reply(HOST));
         }
-        assert_eq!(heard, 10);
+        assert_eq!(replies, 10);
     }
 
     #[test]

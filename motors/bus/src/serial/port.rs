@@ -153,7 +153,7 @@ impl Port {
     }
 
     /// Returns `true` when the adapter was unplugged. Never blocks; one system call.
-    pub(super) fn is_gone(&self) -> bool {
+    pub(super) fn is_disconnected(&self) -> bool {
         let mut descriptors = [PollFd::new(self.file.as_fd(), PollFlags::empty())];
         poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|count| count > 0)
     }
@@ -188,7 +188,7 @@ impl Drop for Port {
             }
             std::thread::sleep(LINGER / TURNS);
         }
-        let _gone = tcflush(&self.file, QueueSelector::OFlush);
+        let _disconnected = tcflush(&self.file, QueueSelector::OFlush);
     }
 }
 

@@ -91,7 +91,7 @@ pub struct SocketCanBus {
     /// The last value of `SO_RXQ_OVFL`.
     dropped: u32,
     /// Frames with ids of 29 bits are expected. Otherwise they are unsupported.
-    takes_extended: bool,
+    accepts_extended: bool,
 }
 
 /// The error reports that the socket receives.
@@ -120,8 +120,8 @@ impl SocketCanBus {
         let filters = words(&settings.host_ids);
         let configure = |socket: &CanSocket| configure(socket, &filters, settings.queue_length());
         let socket = open_socket(interface, link.index, configure)?;
-        let takes_extended = settings.host_ids.iter().any(|ids| ids.is_extended());
-        Ok(Self { before, takes_extended, ..Self::new(socket, link) })
+        let accepts_extended = settings.host_ids.iter().any(|ids| ids.is_extended());
+        Ok(Self { before, accepts_extended, ..Self::new(socket, link) })
     }
 
     /// Opens an interface without changing its settings, and receives every frame of any format:
@@ -154,7 +154,7 @@ impl SocketCanBus {
             latest: clock::monotonic(),
             sent_at: Instant::ZERO,
             dropped: 0,
-            takes_extended: false,
+            accepts_extended: false,
         }
     }
 
@@ -179,7 +179,7 @@ impl SocketCanBus {
     pub fn listen(&mut self, ids: &[IdFilter]) -> Result<(), OpenError> {
         let set = self.socket.set_filters(&words(ids));
         set.map_err(|error| failed(self.link.interface, &error))?;
-        self.takes_extended = ids.iter().any(|ids| ids.is_extended());
+        self.accepts_extended = ids.iter().any(|ids| ids.is_extended());
         Ok(())
     }
 
@@ -295,7 +295,7 @@ impl Bus for SocketCanBus {
         if free == 0 {
             return;
         }
-        let Self { socket, incoming, realtime, latest, sent_at, dropped, takes_extended, .. } = self;
+        let Self { socket, incoming, realtime, latest, sent_at, dropped, accepts_extended, .. } = self;
         let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
         realtime.refresh(now);
         for message in incoming.messages(count) {
@@ -309,7 +309,7 @@ impl Bus for SocketCanBus {
                 *dropped = lost;
             }
             let message = (message.frame_bytes(), message.classic());
-            let has_space = wire::deliver(*latest, message, *takes_extended, inbox);
+            let has_space = wire::deliver(*latest, message, *accepts_extended, inbox);
             assert!(has_space, "no more messages were asked for than fit");
         }
         if count < free {

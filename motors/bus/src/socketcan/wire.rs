@@ -43,17 +43,17 @@ fn lay_out(word: u32, len: u8, data: Data) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// Adds a received message, by its length and its first bytes. `takes_extended`: a frame with an id of 29 bits is supported.
+/// Adds a received message, by its length and its first bytes. `accepts_extended`: a frame with an id of 29 bits is supported.
 /// Returns `false` when the inbox is full.
 #[inline]
 pub(super) fn deliver(
     at: Instant,
     (len, bytes): (usize, [u8; CLASSIC_BYTES]),
-    takes_extended: bool,
+    accepts_extended: bool,
     inbox: &mut Inbox,
 ) -> bool {
     let is_frame = inbox.push_frame(at, |frame| {
-        let id = standard_id(&bytes).or_else(|| extended_id(&bytes).filter(|_| takes_extended));
+        let id = standard_id(&bytes).or_else(|| extended_id(&bytes).filter(|_| accepts_extended));
         id.and_then(|id| data_frame(id, len, &bytes, frame)).is_some()
     });
     is_frame || inbox.push(Arrival { at, content: other_content(len, &bytes) }).is_ok()

@@ -35,7 +35,7 @@ pub trait Transport {
     }
 
     /// Returns whether a reply takes at least the time of its bits.
-    fn takes_wire_time(&self) -> bool {
+    fn has_wire_time(&self) -> bool {
         true
     }
 

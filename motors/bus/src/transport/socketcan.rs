@@ -26,7 +26,7 @@ impl Transport for SocketCan {
     }
 
     /// A virtual interface has no wire.
-    fn takes_wire_time(&self) -> bool {
+    fn has_wire_time(&self) -> bool {
         false
     }
 

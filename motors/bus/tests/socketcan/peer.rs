@@ -53,7 +53,7 @@ impl Peer {
         CanFdSocket::open(&self.interface).is_ok_and(|mut socket| socket.write(&bytes).is_ok())
     }
 
-    pub(crate) fn heard(&mut self) -> Vec<Frame> {
+    pub(crate) fn received(&mut self) -> Vec<Frame> {
         std::iter::from_fn(|| self.read()).collect()
     }
 

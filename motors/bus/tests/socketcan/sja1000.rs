@@ -84,8 +84,8 @@ impl Fixture for Sja1000 {
         self.peer.inject(stimulus)
     }
 
-    fn heard(&mut self) -> Vec<Frame> {
-        self.peer.heard()
+    fn received(&mut self) -> Vec<Frame> {
+        self.peer.received()
     }
 
     fn set(&mut self, condition: Condition) -> bool {
@@ -133,16 +133,16 @@ motord_bus::conformance! {
 }
 
 /// Runs without privileges until dropped.
-struct Nobody;
+struct OtherUser;
 
-impl Nobody {
+impl OtherUser {
     fn new() -> Self {
         seteuid(Uid::from_raw(65534)).expect("the tests run as root");
         Self
     }
 }
 
-impl Drop for Nobody {
+impl Drop for OtherUser {
     fn drop(&mut self) {
         seteuid(Uid::from_raw(0)).expect("root may return");
     }
@@ -183,9 +183,9 @@ fn interface_of_another_index_is_left_alone() {
 fn wrong_bit_rate_is_mended_or_explained() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 500000") && run("ip link set can0 up"));
-    let nobody = Nobody::new();
+    let other_user = OtherUser::new();
     let refused = SocketCanBus::open(&settings("can0")).err().unwrap();
-    drop(nobody);
+    drop(other_user);
     assert_eq!(
         refused.to_string(),
         "can0 is set to 500000 bit/s, 1000000 are configured; as root: ip link set can0 down; \
@@ -194,9 +194,9 @@ fn wrong_bit_rate_is_mended_or_explained() {
     assert_eq!(Link::read(name("can0")).unwrap().bitrate, Some(500_000), "a refusal changes nothing");
     let commands = refused.to_string().split("as root: ").nth(1).unwrap().to_owned();
     assert!(commands.split("; ").all(run), "the commands of the remedy work");
-    let nobody = Nobody::new();
+    let other_user = OtherUser::new();
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
-    drop(nobody);
+    drop(other_user);
     assert_eq!(bus.link().bitrate, Some(BITRATE));
     assert_eq!(bus.notes(BITRATE).count(), 0);
 
@@ -209,9 +209,9 @@ fn wrong_bit_rate_is_mended_or_explained() {
 fn listen_only_controller_is_mended_or_refused() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 1000000 listen-only on") && run("ip link set can0 up"));
-    let nobody = Nobody::new();
+    let other_user = OtherUser::new();
     let refused = SocketCanBus::open(&settings("can0")).err();
-    drop(nobody);
+    drop(other_user);
     assert!(matches!(refused, Some(OpenError::Deaf { .. })), "{refused:?}");
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
     assert!(!bus.link().listen_only);

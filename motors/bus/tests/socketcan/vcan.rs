@@ -78,8 +78,8 @@ impl Fixture for Vcan {
         self.peer.inject(stimulus)
     }
 
-    fn heard(&mut self) -> Vec<Frame> {
-        self.peer.heard()
+    fn received(&mut self) -> Vec<Frame> {
+        self.peer.received()
     }
 
     fn set(&mut self, condition: Condition) -> bool {
@@ -228,7 +228,7 @@ fn sender_finds_the_current_interface_of_name() {
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}: before the search");
         assert_eq!(sender.find(), Ok(()), "round {round}: new");
         assert_eq!((send(&mut sender), allocations() - before), (Sent::all(2), 0), "round {round}");
-        assert_eq!(vcan.heard(), frames);
+        assert_eq!(vcan.received(), frames);
         assert!(vcan.set(Condition::Down));
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Down), "round {round}");
         assert!(vcan.set(Condition::Up));

@@ -55,7 +55,7 @@ pub fn changes(
 /// connection over CAN.
 fn rank(item: &ConfigurationItem) -> usize {
     const LINK: [&str; 4] = ["host-id", "can-id", "can-protocol", "can-baud-rate"];
-    LINK.iter().position(|name| *name == item.name).map_or(0, |place| place + 1)
+    LINK.iter().position(|name| *name == item.name).map_or(0, |index| index + 1)
 }
 
 /// Reason for which a configuration was not written completely.

@@ -36,7 +36,7 @@ mod scan;
 mod survey;
 
 pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
-pub use crate::link::{Error, Formats, Heard, LASTING, Link, MotorRefusal, Unprompted, Wire};
+pub use crate::link::{Error, Formats, LASTING, Link, LinkEvent, MotorRefusal, Unprompted, Wire};
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::ends::ends;
 pub use crate::reported::{ReportedMotor, ReportedProtocol};

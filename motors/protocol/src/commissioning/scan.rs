@@ -19,8 +19,8 @@ use crate::gim::commissioning::Native;
 use crate::gim::{Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply};
 use crate::link::Error;
 use crate::link::Formats;
-use crate::link::{Heard, Link, Wire};
 use crate::link::{LASTING, Unprompted};
+use crate::link::{Link, LinkEvent, Wire};
 use crate::{Scales, mit};
 use motord_bus::{Duration, Frame, FrameId};
 use std::ops::RangeInclusive;
@@ -189,7 +189,7 @@ pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
         Ok(None) => false,
         Err(error) => matches!(error, Error::Protocol { .. }),
     };
-    if !is_strange || !link.has_doubted() {
+    if !is_strange || !link.is_ambiguous() {
         return found;
     }
     link.listen(LISTEN)?;
@@ -217,7 +217,7 @@ fn must_be_free(link: &Link, id: u8) -> Result<(), Error> {
 /// As for [`identify`].
 pub fn is_taken(link: &mut Link, id: u8) -> Result<bool, Error> {
     must_be_free(link, id)?;
-    link.pause(link.patience() * 4);
+    link.pause(link.timeout() * 4);
     let found = only(link, id, 3, |link, window| ask(link, id, &Scan { window, ..Scan::default() }));
     found.map(|found| found.is_some())
 }
@@ -241,7 +241,7 @@ fn only(
     mut ask: impl FnMut(&mut Link, Duration) -> Answers,
 ) -> Result<Option<Found>, Error> {
     for before in 0..tries {
-        let window = link.patience() * (1 << before);
+        let window = link.timeout() * (1 << before);
         if before > 0 {
             link.pause(window);
         }
@@ -284,15 +284,15 @@ fn stop_frame() -> Option<[u8; 8]> {
 /// Sends one frame.
 fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Answers {
     let (mut answers, mut collided) = (Vec::new(), false);
-    let _end = link.ask(id, question, window, |heard| {
-        match heard {
-            Heard::Frame(frame) => answers.push(frame),
-            Heard::Collision => collided = true,
-            Heard::NotRead => {}
+    let _end = link.ask(id, question, window, |event| {
+        match event {
+            LinkEvent::Frame(frame) => answers.push(frame),
+            LinkEvent::Collision => collided = true,
+            LinkEvent::NotRead => {}
         }
         None::<()>
     })?;
-    Ok((answers.into_iter().map(|answer| judge(link, id, answer)).collect(), collided))
+    Ok((answers.into_iter().map(|answer| inspect(link, id, answer)).collect(), collided))
 }
 
 /// A serial adapter may delay an answer for longer than a scan of CAN waits, and a late answer
@@ -300,11 +300,11 @@ fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Answers 
 fn window_of(link: &Link) -> Duration {
     match link.wire() {
         Wire::Can => Duration::ZERO,
-        Wire::Serial => link.patience(),
+        Wire::Serial => link.timeout(),
     }
 }
 
-fn judge(link: &mut Link, id: u8, answer: Frame) -> Found {
+fn inspect(link: &mut Link, id: u8, answer: Frame) -> Found {
     let host_id = Some(answer.id());
     let (family, refusal) = classify(id, &answer);
     let found = Found { id, host_id, family, refusal };

@@ -29,7 +29,7 @@ impl Addresses {
     /// have 11 bits, like the commands that they are an offset from.
     pub fn obeyed(self, ids: &Ids) -> impl Iterator<Item = FrameId> {
         let standard = u16::try_from(self.command_id.raw()).ok().filter(|_| !self.command_id.is_extended());
-        let others = ids.also_hears.iter().filter_map(move |offset| FrameId::new(standard? + offset));
+        let others = ids.also_receives.iter().filter_map(move |offset| FrameId::new(standard? + offset));
         core::iter::once(self.command_id).chain(others)
     }
 }

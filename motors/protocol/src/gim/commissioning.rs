@@ -4,7 +4,7 @@ use crate::gim::{
     Calibration, Command, ConfigurationItem, ConfigurationKey, ExecutionTime, Finite, Outcome, Pending,
     Refusal, Reply, State, Value, decode_command, decode_reply,
 };
-use crate::link::{Error, Heard, Link, MotorRefusal, Wire};
+use crate::link::{Error, Link, LinkEvent, MotorRefusal, Wire};
 use crate::mit::commissioning::Mit;
 use crate::{FaultBits, Scales};
 use motord_bus::{Duration, FrameId};
@@ -307,7 +307,7 @@ impl<'l> Native<'l> {
                 Some(answer) => return Ok(answer),
                 None if elapsed >= CALIBRATION_MAX => return Err(self.silent(command)),
                 None if !progress(elapsed) => return Err(Error::Interrupted),
-                None => answer = self.link.hear(PROGRESS, self.reader(command))?,
+                None => answer = self.link.receive(PROGRESS, self.reader(command))?,
             }
         }
     }
@@ -319,7 +319,7 @@ impl<'l> Native<'l> {
     ///
     /// [`Error::Protocol`] when it still answers; [`Error::Bus`].
     pub fn enter_firmware_mode(&mut self) -> Result<(), Error> {
-        let _silence = self.attempt(&Command::UpdateFirmware, self.link.patience())?;
+        let _silence = self.attempt(&Command::UpdateFirmware, self.link.timeout())?;
         match self.transact(&Command::GetFault) {
             Err(Error::Silent { .. }) => Ok(()),
             Err(error) => Err(error),
@@ -398,7 +398,7 @@ impl<'l> Native<'l> {
         let attempts = if may_repeat(command) { 0..ATTEMPTS } else { ATTEMPTS - 1..ATTEMPTS };
         let mut failure = self.silent(command);
         for attempt in attempts {
-            match self.attempt(command, self.link.patience() * (1 << attempt))? {
+            match self.attempt(command, self.link.timeout() * (1 << attempt))? {
                 Some(Answer::Reply(reply)) => return Ok(reply),
                 Some(Answer::NotRead) => failure = self.not_read(command),
                 None => {}
@@ -407,23 +407,23 @@ impl<'l> Native<'l> {
         Err(failure)
     }
 
-    fn attempt(&mut self, command: &Command, patience: Duration) -> Result<Option<Answer>, Error> {
+    fn attempt(&mut self, command: &Command, timeout: Duration) -> Result<Option<Answer>, Error> {
         let reader = self.reader(command);
-        self.link.ask(self.id, Self::request(command), patience, reader)
+        self.link.ask(self.id, Self::request(command), timeout, reader)
     }
 
     /// Returns a function that recognises the answer to `command`.
-    fn reader(&self, command: &Command) -> impl FnMut(Heard) -> Option<Answer> + use<> {
+    fn reader(&self, command: &Command) -> impl FnMut(LinkEvent) -> Option<Answer> + use<> {
         let (command, scales) = (*command, self.scales);
         let host_id = self.host_id.filter(|_| self.link.wire() == Wire::Can);
         let pending = pending(&command);
-        move |heard| match heard {
-            Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
+        move |event| match event {
+            LinkEvent::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
                 let reply = decode_reply(frame.payload(), pending, &scales).ok()?;
                 reply.answers(&command).then_some(Answer::Reply(reply))
             }
-            Heard::NotRead => Some(Answer::NotRead),
-            Heard::Frame(_) | Heard::Collision => None,
+            LinkEvent::NotRead => Some(Answer::NotRead),
+            LinkEvent::Frame(_) | LinkEvent::Collision => None,
         }
     }
 

@@ -54,7 +54,7 @@ pub struct GimDialect {
     duration: ExecutionTime,
     asked: super::Command,
     /// The last request is for an indicator of telemetry, not for a part of the state.
-    asks_indicator: bool,
+    awaits_indicator: bool,
     turn: u32,
     confirmed: Confirmed,
     /// The last accepted state, motor side.
@@ -77,7 +77,7 @@ impl GimDialect {
             transmission,
             duration,
             asked: super::Command::StopMotor,
-            asks_indicator: false,
+            awaits_indicator: false,
             turn: 0,
             confirmed: Confirmed::Nothing,
             state,
@@ -105,7 +105,7 @@ impl GimDialect {
         super::Command::RetrieveIndicator { ind_id }
     }
 
-    const fn tell_velocity(&mut self, velocity: f32, at: Instant) {
+    const fn record_velocity(&mut self, velocity: f32, at: Instant) {
         self.state.velocity = velocity;
         (self.velocity_at, self.is_velocity_old) = (at, false);
     }
@@ -160,7 +160,7 @@ impl Dialect for GimDialect {
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
-        self.asks_indicator = matches!(command, Command::GetIndicator(_));
+        self.awaits_indicator = matches!(command, Command::GetIndicator(_));
         frame.set(self.command_id, self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()));
         Some(match command {
             Command::GetFault => Question::Fault,
@@ -184,13 +184,13 @@ impl Dialect for GimDialect {
             return Reported::Refused;
         };
         match reply {
-            Reply::Indicator { ind_id, outcome } if self.asks_indicator => {
+            Reply::Indicator { ind_id, outcome } if self.awaits_indicator => {
                 Reported::Indicator(ind_id, outcome.map_or(f32::NAN, Finite::get))
             }
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));
                 self.state = Measured::new(state.position, state.velocity, state.torque, temperature);
-                self.tell_velocity(state.velocity, at);
+                self.record_velocity(state.velocity, at);
                 self.reported(latency)
             }
             Reply::Indicator { ind_id: Indicator::SHAFT_ANGLE, outcome: Ok(angle) } => {
@@ -202,7 +202,7 @@ impl Dialect for GimDialect {
                 let velocity = speed.get() / RPM;
                 // A velocity that no state can hold is a damaged payload: no checksum covers a payload on a line.
                 if f64::from(velocity.abs()) <= self.scales.velocity.max() {
-                    self.tell_velocity(velocity, at);
+                    self.record_velocity(velocity, at);
                 }
                 Reported::Alive
             }

@@ -24,7 +24,7 @@ pub enum Wire {
 
 /// Something that arrived on a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Heard {
+pub enum LinkEvent {
     /// A frame.
     Frame(Frame),
     /// The motor could not read the request.
@@ -38,18 +38,18 @@ pub struct Link {
     bus: Box<dyn Bus>,
     clock: Box<dyn Clock + Send>,
     wire: Wire,
-    patience: Duration,
+    timeout: Duration,
     inbox: Inbox,
     unprompted: Vec<Unprompted>,
-    has_doubted: bool,
+    is_ambiguous: bool,
     formats: Formats,
 }
 
 /// Time limit on CAN: a CAN adapter on USB takes a few milliseconds.
-const CAN_PATIENCE: Duration = Duration::from_millis(25);
+const CAN_TIMEOUT: Duration = Duration::from_millis(25);
 /// Time limit on a serial line: a USB adapter may wait for its latency timer, 16 ms, before it
 /// delivers bytes.
-const SERIAL_PATIENCE: Duration = Duration::from_millis(60);
+const SERIAL_TIMEOUT: Duration = Duration::from_millis(60);
 /// Longest time to listen on a serial line, to which only another master can send without a request.
 const SERIAL_LISTEN: Duration = Duration::from_millis(300);
 /// Pause between two attempts to send on a full bus.
@@ -74,26 +74,26 @@ impl Link {
     /// Returns the link of a bus of this kind.
     #[must_use]
     pub fn over(bus: Box<dyn Bus>, clock: impl Clock + Send + 'static, wire: Wire) -> Self {
-        let patience = match wire {
-            Wire::Can => CAN_PATIENCE,
-            Wire::Serial => SERIAL_PATIENCE,
+        let timeout = match wire {
+            Wire::Can => CAN_TIMEOUT,
+            Wire::Serial => SERIAL_TIMEOUT,
         };
         Self {
             bus,
             clock: Box::new(clock),
             wire,
-            patience,
+            timeout,
             inbox: Inbox::new(),
             unprompted: Vec::new(),
-            has_doubted: false,
+            is_ambiguous: false,
             formats: Formats::default(),
         }
     }
 
     /// Returns the link with another time limit for an answer.
     #[must_use]
-    pub fn with_patience(self, patience: Duration) -> Self {
-        Self { patience, ..self }
+    pub fn with_timeout(self, timeout: Duration) -> Self {
+        Self { timeout, ..self }
     }
 
     /// Returns the bus, for another use.
@@ -110,8 +110,8 @@ impl Link {
 
     /// Returns the time limit of an answer.
     #[must_use]
-    pub fn patience(&self) -> Duration {
-        self.patience
+    pub fn timeout(&self) -> Duration {
+        self.timeout
     }
 
     /// Returns the drivers of other families that [`listen`](Self::listen) heard.
@@ -127,8 +127,8 @@ impl Link {
     }
 
     /// Returns whether a frame that was taken for an answer may be the report of a driver of another family.
-    pub(crate) fn has_doubted(&self) -> bool {
-        self.has_doubted
+    pub(crate) fn is_ambiguous(&self) -> bool {
+        self.is_ambiguous
     }
 
     /// Listens for `time`, and remembers the drivers that report without a request: their frames are no answers from now on. On a
@@ -140,8 +140,8 @@ impl Link {
     pub fn listen(&mut self, time: Duration) -> Result<(), Error> {
         let mut frames = Vec::new();
         let time = if self.wire == Wire::Serial { time.min(SERIAL_LISTEN) } else { time };
-        let _end = self.hear(time, |heard| {
-            frames.extend(if let Heard::Frame(frame) = heard { Some(frame) } else { None });
+        let _end = self.receive(time, |event| {
+            frames.extend(if let LinkEvent::Frame(frame) = event { Some(frame) } else { None });
             None::<()>
         })?;
         for driver in Unprompted::among(&frames) {
@@ -167,7 +167,7 @@ impl Link {
     }
 
     /// Sends `payload` to motor `id`. Passes every arrival to `read` until it returns a value, or
-    /// `patience` has passed. An echo of the request is not passed.
+    /// `timeout` has passed. An echo of the request is not passed.
     ///
     /// # Errors
     ///
@@ -176,47 +176,47 @@ impl Link {
         &mut self,
         id: u8,
         payload: [u8; 8],
-        patience: Duration,
-        read: impl FnMut(Heard) -> Option<T>,
+        timeout: Duration,
+        read: impl FnMut(LinkEvent) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        self.ask_frame(&Frame::classic(id_of(id), payload), patience, read)
+        self.ask_frame(&Frame::classic(id_of(id), payload), timeout, read)
     }
 
     /// As [`ask`](Self::ask), for a request with any id.
     pub(crate) fn ask_frame<T>(
         &mut self,
         request: &Frame,
-        patience: Duration,
-        mut read: impl FnMut(Heard) -> Option<T>,
+        timeout: Duration,
+        mut read: impl FnMut(LinkEvent) -> Option<T>,
     ) -> Result<Option<T>, Error> {
         self.drain();
-        self.send(request, patience)?;
+        self.send(request, timeout)?;
         let payload = request.payload();
-        let (unprompted, mut doubts) = (self.unprompted.clone(), false);
-        let answer = self.hear(patience, |heard| match heard {
-            Heard::Frame(frame) if frame.payload() == payload => None,
-            Heard::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
-            heard => {
-                doubts |= matches!(heard, Heard::Frame(frame) if Unprompted::may_be(&frame));
-                read(heard)
+        let (unprompted, mut is_ambiguous) = (self.unprompted.clone(), false);
+        let answer = self.receive(timeout, |event| match event {
+            LinkEvent::Frame(frame) if frame.payload() == payload => None,
+            LinkEvent::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
+            event => {
+                is_ambiguous |= matches!(event, LinkEvent::Frame(frame) if Unprompted::may_be(&frame));
+                read(event)
             }
         });
-        self.has_doubted = doubts;
+        self.is_ambiguous = is_ambiguous;
         answer
     }
 
-    /// Passes every arrival to `read` until it returns a value, or `patience` has passed.
+    /// Passes every arrival to `read` until it returns a value, or `timeout` has passed.
     ///
     /// # Errors
     ///
     /// None at present: an unplugged bus delivers nothing, and the next [`ask`](Self::ask) returns
     /// the error.
-    pub fn hear<T>(
+    pub fn receive<T>(
         &mut self,
-        patience: Duration,
-        mut read: impl FnMut(Heard) -> Option<T>,
+        timeout: Duration,
+        mut read: impl FnMut(LinkEvent) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        let deadline = self.clock.now() + patience;
+        let deadline = self.clock.now() + timeout;
         loop {
             let before = self.clock.now();
             self.clock.wait(&[self.bus.readiness()], deadline);
@@ -227,7 +227,7 @@ impl Link {
                 .inbox
                 .arrivals()
                 .iter()
-                .filter_map(|arrival| heard(&arrival.content))
+                .filter_map(|arrival| event(&arrival.content))
                 .find_map(&mut read);
             if found.is_some() || before >= deadline {
                 return Ok(found);
@@ -237,7 +237,7 @@ impl Link {
 
     /// Lets `time` pass.
     pub fn pause(&mut self, time: Duration) {
-        let _silence = self.hear(time, |_| None::<()>);
+        let _silence = self.receive(time, |_| None::<()>);
     }
 
     /// Drops the frames that have arrived so far.
@@ -253,8 +253,8 @@ impl Link {
 
     /// Retries while the bus is full: a serial bus refuses while an earlier request may still be
     /// answered.
-    fn send(&mut self, frame: &Frame, patience: Duration) -> Result<(), Error> {
-        let deadline = self.clock.now() + patience.max(self.patience);
+    fn send(&mut self, frame: &Frame, timeout: Duration) -> Result<(), Error> {
+        let deadline = self.clock.now() + timeout.max(self.timeout);
         loop {
             let now = self.clock.now();
             match self.bus.send(now, &[*frame]).refusal {
@@ -271,12 +271,12 @@ fn id_of(id: u8) -> FrameId {
     FrameId::new(u16::from(id)).unwrap_or(FrameId::MAX)
 }
 
-fn heard(content: &Content) -> Option<Heard> {
+fn event(content: &Content) -> Option<LinkEvent> {
     match content {
-        Content::Frame(frame) => Some(Heard::Frame(*frame)),
-        Content::Refused(_) => Some(Heard::NotRead),
+        Content::Frame(frame) => Some(LinkEvent::Frame(*frame)),
+        Content::Refused(_) => Some(LinkEvent::NotRead),
         Content::Error(error) if error.class & motord_bus::ErrorFrame::PROTOCOL != 0 => {
-            Some(Heard::Collision)
+            Some(LinkEvent::Collision)
         }
         Content::Error(_) | Content::Unsupported(_) => None,
     }

@@ -102,7 +102,7 @@ fn reports_encoder(frames: &[Frame], node: u8) -> bool {
     of_node().count() >= ESTIMATES_MIN && of_node().all(is_estimate)
 }
 
-/// Fewer frames than this are not judged: they may be the replies to a master whose commands were not received.
+/// Fewer frames than this are not checked: they may be the replies to a master whose commands were not received.
 const REPORTS_MIN: usize = 5;
 
 /// Highest temperature in such a report, 0.1 °C.
@@ -129,7 +129,7 @@ pub(crate) fn reporting_motor(frames: &[&Frame]) -> Option<u8> {
 mod tests {
     use super::*;
 
-    fn heard(id: u16, payload: [u8; 8]) -> Option<Unprompted> {
+    fn recognised(id: u16, payload: [u8; 8]) -> Option<Unprompted> {
         Unprompted::of(&Frame::classic(FrameId::new(id).unwrap(), payload))
     }
 
@@ -166,10 +166,13 @@ mod tests {
 
     #[test]
     fn commands_of_a_master_are_no_heartbeats() {
-        assert_eq!(heard(0x001, [0; 8]), Some(Unprompted::CanSimple { node: 0 }));
-        assert_eq!(heard(0x0A1, [0x40, 0, 0, 0, 8, 1, 0, 0x80]), Some(Unprompted::CanSimple { node: 5 }));
+        assert_eq!(recognised(0x001, [0; 8]), Some(Unprompted::CanSimple { node: 0 }));
+        assert_eq!(
+            recognised(0x0A1, [0x40, 0, 0, 0, 8, 1, 0, 0x80]),
+            Some(Unprompted::CanSimple { node: 5 })
+        );
         // MIT: a neutral command, and enable, to motor 1 (MIT document 1.2).
-        assert_eq!(heard(0x001, [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF]), None);
-        assert_eq!(heard(0x001, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC]), None);
+        assert_eq!(recognised(0x001, [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF]), None);
+        assert_eq!(recognised(0x001, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC]), None);
     }
 }

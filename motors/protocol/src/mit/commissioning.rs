@@ -1,7 +1,7 @@
 //! The MIT commands, with types. Source: MIT document, and those of the profiles.
 
 use crate::link::Error;
-use crate::link::{Heard, Link};
+use crate::link::{Link, LinkEvent};
 use crate::mit::{Asked, Command, Impedance, Reply, State};
 use crate::profile::STEADYWIN;
 use crate::{Faults, Profile, Scales, register};
@@ -82,7 +82,7 @@ impl<'l> Mit<'l> {
             }
             // Another late state, or the report behind it, must not answer the next request.
             ambiguous = Some(faults);
-            self.link.pause(self.link.patience());
+            self.link.pause(self.link.timeout());
         }
         Err(self.silent("get fault"))
     }
@@ -134,13 +134,13 @@ impl<'l> Mit<'l> {
         let reason = "a value of the command is not a finite number";
         let payload = command.encode(&self.scales).map_err(|_| Error::Protocol { id: self.id, reason })?;
         let (id, host_id, profile) = (self.id, self.host_id, self.profile);
-        let patience = self.link.patience();
-        self.link.ask(id, payload, patience, |heard| match heard {
-            Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
+        let timeout = self.link.timeout();
+        self.link.ask(id, payload, timeout, |event| match event {
+            LinkEvent::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
                 let payload = frame.payload();
                 if profile.is_from(id, payload) { read(payload) } else { None }
             }
-            Heard::Frame(_) | Heard::NotRead | Heard::Collision => None,
+            LinkEvent::Frame(_) | LinkEvent::NotRead | LinkEvent::Collision => None,
         })
     }
 

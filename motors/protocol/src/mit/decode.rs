@@ -62,7 +62,7 @@ impl Profile {
         let temperatures = match self.reply.temperatures {
             [] => [None; 2],
             [first, others @ ..] => {
-                [first.read(payload), others.first().and_then(|place| place.read(payload))]
+                [first.read(payload), others.first().and_then(|field| field.read(payload))]
             }
         };
         let status = match self.faults {
@@ -125,8 +125,8 @@ impl Profile {
                 if let FaultReport::InEveryReply(layout) = faults {
                     bytes[0] |= status << layout.shift;
                 }
-                let places = self.reply.temperatures.iter().zip(state.temperatures);
-                places.for_each(|(place, celsius)| place.write(celsius, &mut bytes));
+                let fields = self.reply.temperatures.iter().zip(state.temperatures);
+                fields.for_each(|(field, celsius)| field.write(celsius, &mut bytes));
                 if let Some(flags) = self.reply.flags {
                     bytes[flags.at] |= status << FLAGS_SHIFT;
                 }

@@ -1,7 +1,7 @@
 //! The ends of a motor's codes, as the motor itself reports them.
 
 use crate::link::Error;
-use crate::link::{Heard, Link};
+use crate::link::{Link, LinkEvent};
 use crate::register::{PMAX, REQUEST_ID, TMAX, VMAX, read, value};
 use motord_bus::{Frame, FrameId};
 
@@ -29,9 +29,9 @@ fn register_of(link: &mut Link, id: u8, host_id: FrameId, register: u8) -> Resul
     let Some(request_id) = FrameId::new(REQUEST_ID) else { return Ok(None) };
     let request = Frame::classic(request_id, read(id, register));
     for _ in 0..TRIES {
-        let patience = link.patience();
-        let found = link.ask_frame(&request, patience, |heard| match heard {
-            Heard::Frame(frame) if frame.id() == host_id => value(id, register, frame.payload()),
+        let timeout = link.timeout();
+        let found = link.ask_frame(&request, timeout, |event| match event {
+            LinkEvent::Frame(frame) if frame.id() == host_id => value(id, register, frame.payload()),
             _ => None,
         })?;
         if found.is_some() {

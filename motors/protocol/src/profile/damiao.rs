@@ -22,7 +22,12 @@ pub const DAMIAO: Profile = Profile {
     name: "damiao",
     motors: "Damiao DM-J",
     speaks_gim: false,
-    ids: Ids { largest: 0x0F, largest_reply: 0x7FE, reply_offset: 0x10, also_hears: &[0x100, 0x200, 0x300] },
+    ids: Ids {
+        largest: 0x0F,
+        largest_reply: 0x7FE,
+        reply_offset: 0x10,
+        also_receives: &[0x100, 0x200, 0x300],
+    },
     reply: ReplyLayout {
         lengths: [8, 8],
         id_mask: 0x0F,

@@ -58,7 +58,7 @@ pub struct Ids {
     pub reply_offset: u16,
     /// A motor also receives commands of other modes at its id plus each of these offsets. No reply
     /// may have such an id.
-    pub also_hears: &'static [u16],
+    pub also_receives: &'static [u16],
 }
 
 /// The layout of a reply. The second to sixth byte are the codes of the state.

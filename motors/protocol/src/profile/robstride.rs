@@ -32,7 +32,7 @@ pub const ROBSTRIDE: Profile = Profile {
         largest: 0x7F,
         largest_reply: 0xFF,
         reply_offset: 0x40,
-        also_hears: &[0x100, 0x200, 0x300, 0x400],
+        also_receives: &[0x100, 0x200, 0x300, 0x400],
     },
     reply: ReplyLayout {
         lengths: [8, 8],

@@ -10,7 +10,7 @@ pub const STEADYWIN: Profile = Profile {
     motors: "SteadyWin GIM with an SDC101, SDC102 or SDC103 driver",
     speaks_gim: true,
     // A reply identifies the motor by one byte, and 0xFF begins every special frame.
-    ids: Ids { largest: 0xFE, largest_reply: 0x7FF, reply_offset: 0x100, also_hears: &[] },
+    ids: Ids { largest: 0xFE, largest_reply: 0x7FF, reply_offset: 0x100, also_receives: &[] },
     reply: ReplyLayout {
         // Documented replies have 6 bytes. Relatives append up to two bytes.
         lengths: [6, 8],

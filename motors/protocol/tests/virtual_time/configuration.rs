@@ -159,12 +159,12 @@ struct Refuser(u8, Option<Frame>);
 impl Bus for Refuser {
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         let mut bytes: [u8; 8] = frames[0].payload().try_into().unwrap();
-        let place = match bytes[0] {
+        let index = match bytes[0] {
             0x83 | 0x84 => 3,
             0xA1 | 0xA2 | 0xB4 => 2,
             _ => 1,
         };
-        bytes[place] = self.0;
+        bytes[index] = self.0;
         self.1 = Some(Frame::classic(FrameId::new(3).unwrap(), bytes));
         Sent::all(1)
     }
@@ -210,8 +210,8 @@ fn every_result_code_is_error_on_both_wires() {
                     .err(),
             ];
             for error in refused {
-                let said = error.unwrap().to_string();
-                assert!(said.ends_with(&format!("the motor refused: {word} (RES {code:#04X})")), "{said}");
+                let text = error.unwrap().to_string();
+                assert!(text.ends_with(&format!("the motor refused: {word} (RES {code:#04X})")), "{text}");
             }
         }
     }

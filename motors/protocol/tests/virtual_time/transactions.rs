@@ -67,8 +67,8 @@ fn refusal_uses_the_words_of_the_document() {
             matches!(refused, Error::Refused { refusal, .. } if refusal == Refusal::ReadOnly.into()),
             "{refused:?}"
         );
-        let said = refused.to_string();
-        assert_eq!(said, "motor 3, modify configuration: the motor refused: read-only register (RES 0x04)");
+        let text = refused.to_string();
+        assert_eq!(text, "motor 3, modify configuration: the motor refused: read-only register (RES 0x04)");
         assert!(matches!(
             knee.indicator(0x40),
             Err(Error::Refused { refusal, .. }) if refusal == Refusal::UnknownRegister.into()

@@ -162,8 +162,8 @@ impl Configuration {
     /// Applies a default gain immediately (table 7): the parameter of the running loop gets its
     /// value.
     fn apply_gain(&mut self, id: u8) {
-        if let Some(place) = DEFAULT_GAINS.iter().position(|gain| *gain == id) {
-            self.parameters[place] = self.int(id).cast_unsigned();
+        if let Some(index) = DEFAULT_GAINS.iter().position(|gain| *gain == id) {
+            self.parameters[index] = self.int(id).cast_unsigned();
         }
     }
 

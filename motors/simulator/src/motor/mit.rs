@@ -12,7 +12,7 @@ use motord_bus::{Frame, FrameId, Instant};
 impl Motor {
     /// Executes any eight bytes: those that are not a special frame are a control frame.
     pub(super) fn mit(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
-        let command = (self.twin.hear)(frame.payload())?;
+        let command = (self.twin.decode)(frame.payload())?;
         // A change of id takes effect after its own answer.
         let host_id = self.host_address();
         let behaviour = &self.settings.behaviour;

@@ -9,11 +9,11 @@ use crate::wire::{Control, MitCommand};
 use motord_bus::Frame;
 
 pub(super) const TWIN: Twin =
-    Twin { name: "damiao", hear, answer, answers_in_fault: |_| true, conditions: [0x8, 0x9, 0xC], raise };
+    Twin { name: "damiao", decode, answer, answers_in_fault: |_| true, conditions: [0x8, 0x9, 0xC], raise };
 
 /// Decodes a payload. Every special command begins with seven bytes 0xFF. SteadyWin's fault request
 /// is a control frame here.
-fn hear(payload: &[u8]) -> Option<MitCommand> {
+fn decode(payload: &[u8]) -> Option<MitCommand> {
     Some(match payload {
         [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB] => MitCommand::ClearFault,
         [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC] => MitCommand::Start,

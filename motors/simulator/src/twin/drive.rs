@@ -10,7 +10,7 @@ pub(crate) struct Twin {
     /// The vendor's name in [`MotorSettings::vendor`](crate::MotorSettings::vendor).
     pub(super) name: &'static str,
     /// Decodes a payload as the motor does; `None` for one that the motor ignores.
-    pub(crate) hear: fn(&[u8]) -> Option<MitCommand>,
+    pub(crate) decode: fn(&[u8]) -> Option<MitCommand>,
     /// Returns the frame of an answer.
     pub(crate) answer: fn(&Answer) -> Frame,
     /// A drive of this firmware answers every request in fault, whatever the other settings are.

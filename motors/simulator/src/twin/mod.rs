@@ -67,7 +67,7 @@ mod tests {
     fn golden_commands_mean_to_twin_as_sourced() {
         for twin in TWINS {
             for row in golden(twin).iter().filter(|row| row[0] == "to-motor") {
-                let command = (twin.hear)(&unhex(&row[3])).unwrap();
+                let command = (twin.decode)(&unhex(&row[3])).unwrap();
                 assert!(is_kind(command, &row[1]), "{row:?}: {command:?}");
             }
         }

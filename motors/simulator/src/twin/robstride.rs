@@ -12,7 +12,7 @@ use motord_bus::Frame;
 
 pub(super) const TWIN: Twin = Twin {
     name: "robstride",
-    hear: MitCommand::decode,
+    decode: MitCommand::decode,
     answer,
     answers_in_fault: |firmware| firmware == RobStrideFirmware::Manual2026,
     conditions: [1 << 3, 1 << 2, 1 << 0],

@@ -6,7 +6,7 @@ use motord_bus::Frame;
 
 pub(super) const TWIN: Twin = Twin {
     name: "steadywin",
-    hear: MitCommand::decode,
+    decode: MitCommand::decode,
     answer,
     answers_in_fault: |_| false,
     conditions: [0x02, 0x04, 0x08],

@@ -16,7 +16,7 @@ const TROT: Duration = Duration::from_millis(30);
 
 /// The commands that one motor has received.
 #[derive(Debug, Clone, Copy, Default)]
-struct Heard {
+struct Received {
     /// It has received a command to move, at any time.
     moved: bool,
     /// It was damped since the last mark.
@@ -41,7 +41,7 @@ pub struct Deaths<'a> {
     limits: &'a Limits,
     /// The current death, and its time.
     death: Option<(String, Duration)>,
-    motors: Vec<Heard>,
+    motors: Vec<Received>,
     buses: BTreeMap<&'a str, Carried>,
     due: BTreeMap<String, usize>,
     repetitions: BTreeMap<String, usize>,
@@ -59,7 +59,7 @@ impl<'a> Deaths<'a> {
             wiring,
             limits,
             death: None,
-            motors: vec![Heard::default(); wiring.motors.len()],
+            motors: vec![Received::default(); wiring.motors.len()],
             buses,
             due: BTreeMap::new(),
             repetitions: BTreeMap::new(),
@@ -67,7 +67,7 @@ impl<'a> Deaths<'a> {
         }
     }
 
-    fn tell(&self, what: &str, verdict: &mut Verdict) {
+    fn complain_of(&self, what: &str, verdict: &mut Verdict) {
         let (death, repetition) = match &self.death {
             Some((death, _)) => (death.as_str(), self.repetitions[death]),
             None => ("start", 0),
@@ -80,12 +80,12 @@ impl<'a> Deaths<'a> {
         if self.death.is_none() {
             return;
         }
-        let moved = || self.motors.iter().zip(&self.wiring.motors).filter(|(heard, _)| heard.moved);
-        for (_, motor) in moved().filter(|(heard, _)| !heard.damped) {
-            self.tell(&format!("no damping for {}", motor.place()), verdict);
+        let moved = || self.motors.iter().zip(&self.wiring.motors).filter(|(received, _)| received.moved);
+        for (_, motor) in moved().filter(|(received, _)| !received.damped) {
+            self.complain_of(&format!("no damping for {}", motor.address()), verdict);
         }
-        for (_, motor) in moved().filter(|(heard, _)| !heard.stopped) {
-            self.tell(&format!("no stop for {}", motor.place()), verdict);
+        for (_, motor) in moved().filter(|(received, _)| !received.stopped) {
+            self.complain_of(&format!("no stop for {}", motor.address()), verdict);
         }
     }
 
@@ -94,7 +94,7 @@ impl<'a> Deaths<'a> {
         let Some((death, at)) = self.death.clone() else { return };
         let motion = self.buses[interface].motion;
         if motion.is_none_or(|motion| at.saturating_sub(motion) > TROT) {
-            self.tell(&format!("the robot did not trot on {interface}"), verdict);
+            self.complain_of(&format!("the robot did not trot on {interface}"), verdict);
         }
         let from = if death == "freeze" { motion.unwrap_or(at) } else { at };
         let milliseconds = now.saturating_sub(from).as_secs_f64() * 1e3;
@@ -111,7 +111,7 @@ impl Rules for Deaths<'_> {
             return;
         }
         self.close(verdict);
-        self.motors.iter_mut().for_each(|heard| (heard.damped, heard.stopped) = (false, false));
+        self.motors.iter_mut().for_each(|received| (received.damped, received.stopped) = (false, false));
         self.buses.values_mut().for_each(|bus| bus.damped = false);
         self.death = None;
         if mark.word() != "start" {
@@ -127,7 +127,7 @@ impl Rules for Deaths<'_> {
             Kind::Fault => {}
             Kind::Stop => {
                 if self.death.is_some() && !self.motors[command.motor].damped {
-                    self.tell(&format!("{} before damping", command.text), verdict);
+                    self.complain_of(&format!("{} before damping", command.text), verdict);
                 }
                 self.motors[command.motor].stopped = true;
             }
@@ -139,7 +139,9 @@ impl Rules for Deaths<'_> {
                 }
                 self.buses.insert(interface, Carried { damped: true, ..bus });
             }
-            Kind::Motion if bus.damped => self.tell(&format!("{} after damping", command.text), verdict),
+            Kind::Motion if bus.damped => {
+                self.complain_of(&format!("{} after damping", command.text), verdict)
+            }
             Kind::Motion => {
                 self.motors[command.motor].moved = true;
                 self.buses.insert(interface, Carried { motion: Some(command.at), ..bus });
@@ -150,15 +152,15 @@ impl Rules for Deaths<'_> {
     fn end(&mut self, verdict: &mut Verdict) {
         self.close(verdict);
         for (death, due) in &self.due {
-            let judged = self.times.get(death).map_or(0, Vec::len);
-            verdict.demand(judged == *due, || format!("{death} was judged {judged} times of {due}"));
+            let checked = self.times.get(death).map_or(0, Vec::len);
+            verdict.demand(checked == *due, || format!("{death} was judged {checked} times of {due}"));
         }
         verdict.demand(!self.due.is_empty(), || "no death is due".into());
-        let moved = self.motors.iter().filter(|heard| heard.moved).count();
+        let moved = self.motors.iter().filter(|received| received.moved).count();
         let motors = self.motors.len();
         verdict.demand(moved == motors, || format!("{moved} motors of {motors} received commands to move"));
         for (death, times) in std::mem::take(&mut self.times) {
-            let (line, in_time) = times::judge(&death, times, self.limits);
+            let (line, in_time) = times::check(&death, times, self.limits);
             verdict.report.push(line);
             verdict.demand(in_time, || format!("{death} is damped too late"));
         }

@@ -27,7 +27,7 @@ struct Stop {
     /// The interface that is down.
     down: Option<String>,
     /// Number of frames by motor since the stop was detected.
-    heard: Vec<usize>,
+    received: Vec<usize>,
     /// A motor was damped.
     damped: bool,
 }
@@ -41,7 +41,7 @@ pub struct Disturbances<'a> {
     /// By motor: the log contains a command to it.
     seen: Vec<bool>,
     stops: usize,
-    judged: usize,
+    checked: usize,
     /// Motors that received no command after a stop, with the time of the stop.
     silent: Vec<(Duration, usize)>,
 }
@@ -51,7 +51,7 @@ impl<'a> Disturbances<'a> {
     #[must_use]
     pub fn new(wiring: &'a Wiring, demand: Demand) -> Self {
         let seen = vec![false; wiring.motors.len()];
-        Self { wiring, demand, stop: None, seen, stops: 0, judged: 0, silent: Vec::new() }
+        Self { wiring, demand, stop: None, seen, stops: 0, checked: 0, silent: Vec::new() }
     }
 
     /// Returns `true` when the command may move its motor: the motor is one of `others`, and the
@@ -65,11 +65,11 @@ impl<'a> Disturbances<'a> {
         let Some(stop) = self.stop.take() else { return };
         self.stops += 1;
         for (index, motor) in self.wiring.motors.iter().enumerate() {
-            if stop.heard[index] == 0 && stop.down.as_ref() != Some(&motor.interface) {
+            if stop.received[index] == 0 && stop.down.as_ref() != Some(&motor.interface) {
                 self.silent.push((stop.at, index));
             }
         }
-        self.judged += stop.heard.iter().sum::<usize>();
+        self.checked += stop.received.iter().sum::<usize>();
         // Motors that do not answer receive only stops.
         if stop.down.is_some() && !stop.damped {
             verdict.complain(format!("nothing was damped after the stop at {}", seconds(stop.at)));
@@ -81,8 +81,8 @@ impl Rules for Disturbances<'_> {
     fn mark(&mut self, mark: &Mark, verdict: &mut Verdict) {
         self.close(verdict);
         if mark.word() == "stop" {
-            let heard = vec![0; self.wiring.motors.len()];
-            self.stop = Some(Stop { at: mark.at, down: mark.words.get(1).cloned(), heard, damped: false });
+            let received = vec![0; self.wiring.motors.len()];
+            self.stop = Some(Stop { at: mark.at, down: mark.words.get(1).cloned(), received, damped: false });
         }
     }
 
@@ -94,7 +94,7 @@ impl Rules for Disturbances<'_> {
         if is_down || command.at < stop.at + self.demand.notice {
             return;
         }
-        stop.heard[command.motor] += 1;
+        stop.received[command.motor] += 1;
         match command.kind {
             Kind::Damping => stop.damped = true,
             Kind::Stop | Kind::Fault => {}
@@ -108,13 +108,13 @@ impl Rules for Disturbances<'_> {
     fn end(&mut self, verdict: &mut Verdict) {
         self.close(verdict);
         for (at, motor) in &self.silent {
-            let place = self.wiring.motors[*motor].place();
-            verdict.complain(format!("{place} heard nothing after the stop at {}", seconds(*at)));
+            let address = self.wiring.motors[*motor].address();
+            verdict.complain(format!("{address} heard nothing after the stop at {}", seconds(*at)));
         }
-        let Self { stops, judged, .. } = *self;
+        let Self { stops, checked, .. } = *self;
         let motors = self.seen.iter().filter(|seen| **seen).count();
         let summary =
-            format!("{stops} stops, {motors} motors, {judged} frames to them from a stop to its reset");
+            format!("{stops} stops, {motors} motors, {checked} frames to them from a stop to its reset");
         let complete = stops == self.demand.stops && motors == self.seen.len();
         verdict.demand(complete, || {
             format!("{stops} stops of {}, {motors} motors of {}", self.demand.stops, self.seen.len())

@@ -46,7 +46,7 @@ struct Unmatched {
     missed: usize,
     unasked: usize,
     /// All of them, as sentences.
-    said: Vec<String>,
+    complaints: Vec<String>,
 }
 
 /// One motor in the current part.
@@ -158,7 +158,11 @@ impl Rules for Replies<'_> {
         if self.asked[motor].open.replace(at).is_some() {
             let unmatched = &mut self.unmatched[part as usize];
             unmatched.missed += 1;
-            unmatched.said.push(format!("{name} did not reply before {} s ({})", seconds(at), self.name));
+            unmatched.complaints.push(format!(
+                "{name} did not reply before {} s ({})",
+                seconds(at),
+                self.name
+            ));
         }
         if is_control
             && let Some(before) = self.asked[motor].controlled.replace(at)
@@ -180,7 +184,11 @@ impl Rules for Replies<'_> {
             let name = &self.wiring.motors[motor].name;
             let unmatched = &mut self.unmatched[part as usize];
             unmatched.unasked += 1;
-            unmatched.said.push(format!("{name} was not asked before {} s ({})", seconds(at), self.name));
+            unmatched.complaints.push(format!(
+                "{name} was not asked before {} s ({})",
+                seconds(at),
+                self.name
+            ));
             return;
         };
         if let Some(times) = self.times(motor) {
@@ -210,8 +218,8 @@ impl Rules for Replies<'_> {
                 .push(format!("{name}: {replies} replies, {missed} missed, {unasked} without a command"));
         }
         let unmatched = &self.unmatched[Part::Ill as usize];
-        if unmatched.said.len() as f64 > MISSED_SHARE * self.replies(Part::Ill) as f64 {
-            unmatched.said.iter().for_each(|said| verdict.complain(said));
+        if unmatched.complaints.len() as f64 > MISSED_SHARE * self.replies(Part::Ill) as f64 {
+            unmatched.complaints.iter().for_each(|complaints| verdict.complain(complaints));
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::robot::Wiring;
 
 /// The commands that one motor has received since the last mark.
 #[derive(Debug, Clone, Default)]
-struct Heard {
+struct Received {
     word: String,
     motions: usize,
 }
@@ -22,7 +22,7 @@ pub struct Service<'a> {
     wiring: &'a Wiring,
     mark: String,
     marks: usize,
-    motors: Vec<Heard>,
+    motors: Vec<Received>,
     seen: Vec<bool>,
     frames: usize,
 }
@@ -36,7 +36,7 @@ impl<'a> Service<'a> {
             wiring,
             mark: String::new(),
             marks: 0,
-            motors: vec![Heard::default(); motors],
+            motors: vec![Received::default(); motors],
             seen: vec![false; motors],
             frames: 0,
         }
@@ -45,17 +45,17 @@ impl<'a> Service<'a> {
     fn close(&mut self, verdict: &mut Verdict) {
         let (mark, number) = (&self.mark, self.marks);
         let seen = self.wiring.motors.iter().zip(&self.motors).zip(&self.seen).filter(|(_, seen)| **seen);
-        for ((motor, Heard { word, motions }), _) in seen {
-            let place = motor.place();
+        for ((motor, Received { word, motions }), _) in seen {
+            let address = motor.address();
             verdict.demand(is_asked(mark, word), || {
-                format!("{place} heard \"{word}\" after mark {number} {mark}")
+                format!("{address} heard \"{word}\" after mark {number} {mark}")
             });
             let few = most(mark).is_none_or(|most| *motions <= most);
             verdict.demand(few, || {
-                format!("{place} received {motions} commands to move after mark {number} {mark}")
+                format!("{address} received {motions} commands to move after mark {number} {mark}")
             });
         }
-        self.motors.fill(Heard::default());
+        self.motors.fill(Received::default());
     }
 }
 
@@ -96,10 +96,10 @@ impl Rules for Service<'_> {
         if command.kind == Kind::Fault && self.mark != "silent" {
             return;
         }
-        let heard = &mut self.motors[command.motor];
-        heard.motions += usize::from(command.kind == Kind::Motion);
-        if !heard.word.ends_with(command.kind.letter()) {
-            heard.word.push(command.kind.letter());
+        let received = &mut self.motors[command.motor];
+        received.motions += usize::from(command.kind == Kind::Motion);
+        if !received.word.ends_with(command.kind.letter()) {
+            received.word.push(command.kind.letter());
         }
     }
 

@@ -59,7 +59,7 @@ impl Distribution {
 
 /// Returns a line for display, and `true` when the times are within the limits.
 #[must_use]
-pub fn judge(death: &str, times: Vec<f64>, limits: &Limits) -> (String, bool) {
+pub fn check(death: &str, times: Vec<f64>, limits: &Limits) -> (String, bool) {
     let count = times.len();
     let (Some(times), Some(limit)) = (Distribution::of(times), limits.of(death)) else {
         return (format!("{death}: no times, or no limit for them"), false);
@@ -94,9 +94,9 @@ mod tests {
     #[test]
     fn a_death_without_a_limit_is_refused() {
         let limits = Limits { medians: [("panic".to_string(), 5.0)].into(), maximum_per_median: 4.0 };
-        assert!(judge("panic-main", vec![5.0], &limits).1);
-        assert!(!judge("panic-main", vec![5.1], &limits).1);
-        assert!(!judge("freeze", vec![1.0], &limits).1);
-        assert!(!judge("panic-main", Vec::new(), &limits).1);
+        assert!(check("panic-main", vec![5.0], &limits).1);
+        assert!(!check("panic-main", vec![5.1], &limits).1);
+        assert!(!check("freeze", vec![1.0], &limits).1);
+        assert!(!check("panic-main", Vec::new(), &limits).1);
     }
 }

@@ -64,9 +64,9 @@ impl<'a> Trot<'a> {
         self.span = Some((begun, now));
         self.cycles += 1;
         for (motor, count) in self.wiring.motors.iter().zip(&mut self.controls) {
-            let heard = std::mem::take(count);
-            let complaint = || format!("at {} s: {heard} control frames to {}", seconds(now), motor.name);
-            verdict.demand(heard == 1, complaint);
+            let received = std::mem::take(count);
+            let complaint = || format!("at {} s: {received} control frames to {}", seconds(now), motor.name);
+            verdict.demand(received == 1, complaint);
         }
         for (bus, polls) in std::mem::take(&mut self.polls) {
             verdict.demand(polls <= 1, || format!("at {} s: {polls} polls on {bus}", seconds(now)));

@@ -36,8 +36,11 @@ impl Codec for Mit {
     }
 
     fn check(&self, frame: &Frame) {
-        let asks = Meaning::of(eight_bytes(frame), &self.ranges) == Meaning::GetFault;
-        assert!(self.reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
+        let is_fault_request = Meaning::of(eight_bytes(frame), &self.ranges) == Meaning::GetFault;
+        assert!(
+            self.reply.report.is_some() || !is_fault_request,
+            "I1: a question that is a command to the motor"
+        );
     }
 
     fn ranges(&self) -> Option<&Ranges> {

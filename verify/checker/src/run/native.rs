@@ -28,7 +28,7 @@ impl Last {
     /// Checks a control command at `time`, s, to a motor that follows setpoints, by the states
     /// before and after its cycle. For a motor that takes turns, `turn` is the length of one, s:
     /// its bus may have refused commands. It may begin to follow within its turn.
-    pub(super) fn judge(
+    pub(super) fn check(
         &mut self,
         order: Order,
         (time, turn): (f64, Option<f64>),
@@ -40,10 +40,10 @@ impl Last {
         let elapsed = time - last.map_or(begun, |(_, before)| before);
         match (order, last.map(|(last, _)| last)) {
             (Order::Position(position), Some(Order::Position(before))) => {
-                judge_step("the position", position - before, limits.velocity * elapsed, limits.position[1]);
+                check_step("the position", position - before, limits.velocity * elapsed, limits.position[1]);
             }
             (Order::Speed(speed), Some(Order::Speed(before))) => {
-                judge_step(
+                check_step(
                     "the speed",
                     speed - before,
                     limits.velocity / SPEED_RISE * elapsed,
@@ -53,12 +53,12 @@ impl Last {
             (Order::Speed(speed), _) => {
                 let begun = f64::from(joint.velocity);
                 let step = if falls(begun, speed) { 0.0 } else { speed - begun };
-                judge_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
+                check_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
             }
             (Order::Torque(torque), Some(Order::Torque(before))) if is_free(joint) && is_free(now) => {
                 // The limits may reduce a torque by any amount in one step.
                 let step = if falls(before, torque) { 0.0 } else { torque - before };
-                judge_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
+                check_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
             }
             _ => {}
         }
@@ -67,7 +67,7 @@ impl Last {
     /// Checks a control command at `time`, s, to a motor that is damped: a speed falls to zero. A
     /// motor that was lost meanwhile is braked from its speed when it replies again. `applied` is
     /// the previously sent speed, rad/s, which a line may have lost.
-    pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits, applied: f64) {
+    pub(super) fn check_braking(&mut self, order: Order, time: f64, limits: &Limits, applied: f64) {
         let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
         let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
         let fall = LEAST_SLOPE * limits.velocity / SPEED_RISE * (time - then);
@@ -97,14 +97,14 @@ fn is_free(joint: &Joint) -> bool {
     joint.applied_kp == 0.0 && joint.applied_kd == 0.0
 }
 
-fn judge_step(name: &str, step: f64, reach: f64, largest: f64) {
+fn check_step(name: &str, step: f64, reach: f64, largest: f64) {
     let most = reach + PRECISION * largest.abs().max(1.0);
     assert!(step.abs() <= most, "I2: {name} stepped by {step}, expected at most {most}");
 }
 
 /// Checks the value of a command by the limits of its joint. `active`: the position is the
 /// controller's, and not slewed.
-pub(super) fn judge_value(order: Order, limits: &Limits, active: bool) {
+pub(super) fn check_value(order: Order, limits: &Limits, active: bool) {
     let within = |value: f64, most: f64| value.is_finite() && value.abs() <= most * (1.0 + PRECISION);
     match order {
         Order::Torque(torque) => assert!(within(torque, limits.torque), "I2: torque {torque}"),

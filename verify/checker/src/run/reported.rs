@@ -19,7 +19,7 @@ pub(super) struct Velocities(VecDeque<f64>);
 
 impl Velocities {
     /// Adds the velocities of `motor` in these replies.
-    pub(super) fn hear(&mut self, motor: &Motor, replies: &[Reply]) {
+    pub(super) fn receive(&mut self, motor: &Motor, replies: &[Reply]) {
         if !motor.protocol.codec().reports_parts() {
             return;
         }
@@ -61,7 +61,7 @@ pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
 /// Returns `true` when the reply is the motor's, arrived at the time of `joint` or later, and contains
 /// its position and velocity. The velocity of a native motor may be older: that of the state `before`,
 /// or one of `velocities`.
-pub(super) fn says(
+pub(super) fn reports(
     reply: &Reply,
     motor: &Motor,
     before: &Joint,

@@ -17,7 +17,7 @@ struct Ceiling {
 
 impl Ceiling {
     /// Checks a value. `noise` is the difference that rounding to codes can add between two values.
-    fn judge(&mut self, name: &str, value: f64, slew: f64, noise: f64, time: f64) {
+    fn check(&mut self, name: &str, value: f64, slew: f64, noise: f64, time: f64) {
         let highest = self.lowest + slew * (time - self.time);
         assert!(value <= highest + noise, "I2: {name} rose to {value}, expected at most {highest}");
         *self = Self { lowest: value.min(highest), time };
@@ -50,7 +50,7 @@ impl Slopes {
     }
 
     /// Checks the command to an active motor at `time`, s: joint side, `[kp, kd, torque]`.
-    pub(super) fn judge(
+    pub(super) fn check(
         &mut self,
         time: f64,
         limits: &Limits,
@@ -58,10 +58,10 @@ impl Slopes {
         [kp, kd, torque]: [f64; 3],
         codes: &Ranges,
     ) {
-        self.kp.judge("kp", kp, limits.kp_slew, ROUNDING * codes.kp, time);
-        self.kd.judge("kd", kd, limits.kd_slew, ROUNDING * codes.kd, time);
-        self.forward.judge("torque", torque.max(0.0), limits.torque_slew, 2.0 * codes.torque, time);
-        self.backward.judge(
+        self.kp.check("kp", kp, limits.kp_slew, ROUNDING * codes.kp, time);
+        self.kd.check("kd", kd, limits.kd_slew, ROUNDING * codes.kd, time);
+        self.forward.check("torque", torque.max(0.0), limits.torque_slew, 2.0 * codes.torque, time);
+        self.backward.check(
             "negative torque",
             (-torque).max(0.0),
             limits.torque_slew,

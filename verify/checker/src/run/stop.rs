@@ -2,7 +2,7 @@
 //! commands keeps its last one.
 
 use super::cycle::Cycle;
-use super::heard::Heard;
+use super::received::Received;
 use crate::robot::{Motor, Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
 use std::collections::VecDeque;
@@ -60,7 +60,7 @@ impl Injections {
     }
 
     /// Checks the faults after a cycle.
-    pub(super) fn judge(&mut self, cycle: &Cycle) {
+    pub(super) fn check(&mut self, cycle: &Cycle) {
         self.0.retain(|injected| cycle.is(injected.group, Phase::Active));
         for injected in &mut self.0 {
             assert!(injected.cycles_left > 0, "I10: nobody noticed {injected:?}");
@@ -78,11 +78,11 @@ const TURNS: u32 = 4;
 
 /// Checks the commands that motors received in the newest cycle whose frames have all left. Checks
 /// only motors of a bus that was healthy all the time.
-pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
-    let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
+pub(super) fn check(robot: &Robot, cycles: &VecDeque<Cycle>) {
+    let Some(checked) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|checked| *checked > 0) else {
         return;
     };
-    let cycle = &cycles[judged];
+    let cycle = &cycles[checked];
     for (group, members) in robot.groups.iter().enumerate() {
         let disarmed = cycle.state.groups[group].phase == Phase::Disarmed;
         let moved = cycle.was(group, Phase::Starting) || cycle.was(group, Phase::Active);
@@ -90,13 +90,13 @@ pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
         assert!(may || !disarmed || !moved, "I10: a group was stopped without damping");
         for &motor in &members.motors {
             let settings = &robot.motors[motor];
-            let memory = if settings.takes_turns() { TURNS * settings.turn } else { 1 };
-            let first = judged.checked_sub(memory as usize);
-            let well_since = first.map(|first| first.min(judged.saturating_sub(DELAY_CYCLES)));
+            let memory = if settings.has_turns() { TURNS * settings.turn } else { 1 };
+            let first = checked.checked_sub(memory as usize);
+            let well_since = first.map(|first| first.min(checked.saturating_sub(DELAY_CYCLES)));
             let is_well = |first: usize| cycles.range(first..).all(|cycle| cycle.well[settings.bus]);
             if let (Some(first), true) = (first, well_since.is_some_and(is_well)) {
-                let past = cycles.range(first..judged);
-                judge_motor(settings, [group, motor], past, cycle);
+                let past = cycles.range(first..checked);
+                check_motor(settings, [group, motor], past, cycle);
             }
         }
     }
@@ -104,48 +104,48 @@ pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
 
 /// `past`: the cycles before `cycle`. Unless it is offline, a motor that takes turns receives a
 /// command in one of them or in `cycle`.
-fn judge_motor<'a>(
+fn check_motor<'a>(
     settings: &Motor,
     [group, motor]: [usize; 2],
     past: impl DoubleEndedIterator<Item = &'a Cycle> + Clone,
     cycle: &Cycle,
 ) {
-    let (name, takes_turns) = (&settings.name, settings.takes_turns());
+    let (name, has_turns) = (&settings.name, settings.has_turns());
     let mode = |state: &State| state.joints[motor].mode;
     let offline =
         |cycle: &Cycle| [&cycle.before, &cycle.state].map(|state| mode(state)).contains(&Mode::Offline);
-    let heard = |cycle: &Cycle| cycle.heard[motor].is_some();
-    let waits = takes_turns && past.clone().any(|cycle| heard(cycle) || offline(cycle));
+    let received = |cycle: &Cycle| cycle.received[motor].is_some();
+    let waits = has_turns && past.clone().any(|cycle| received(cycle) || offline(cycle));
     // A cause that a reply of this cycle gives changes the mode after the command is decided.
     let is_omitted = || {
         matches!(mode(&cycle.before), Mode::Active | Mode::Idle)
             && cycle.before.joints[motor].missed > 0
-            && past.clone().next_back().is_some_and(heard)
+            && past.clone().next_back().is_some_and(received)
     };
-    assert!(offline(cycle) || heard(cycle) || waits || is_omitted(), "I10: {name} heard nothing");
+    assert!(offline(cycle) || received(cycle) || waits || is_omitted(), "I10: {name} heard nothing");
     if mode(&cycle.before) != Mode::Damping || !cycle.was(group, Phase::Damping) {
         return;
     }
     // The requests to a motor that takes turns have separate turns.
-    let counts = |heard: &Heard| !takes_turns || !heard.order.is_question();
-    let now = cycle.heard[motor].filter(counts);
-    let before = past.rev().find_map(|cycle| cycle.heard[motor].filter(counts));
+    let counts = |received: &Received| !has_turns || !received.order.is_question();
+    let now = cycle.received[motor].filter(counts);
+    let before = past.rev().find_map(|cycle| cycle.received[motor].filter(counts));
     if !cycle.is(group, Phase::Damping) {
-        let damped = asks_fault(before) || is(before, |heard| heard.brakes && !heard.pulls);
+        let damped = is_fault_request(before) || is(before, |received| received.brakes && !received.pulls);
         assert!(damped, "I10: {name} heard {before:?} and went limp");
-    } else if mode(&cycle.state) == Mode::Damping && (now.is_some() || !takes_turns) {
-        let asked = asks_fault(now) && !asks_fault(before);
+    } else if mode(&cycle.state) == Mode::Damping && (now.is_some() || !has_turns) {
+        let asked = is_fault_request(now) && !is_fault_request(before);
         assert!(
-            asked || is(now, |heard| heard.brakes),
+            asked || is(now, |received| received.brakes),
             "I10: {name} heard {before:?} and {now:?} while it is damped"
         );
     }
 }
 
-fn is(heard: Option<Heard>, so: impl FnOnce(Heard) -> bool) -> bool {
-    heard.is_some_and(so)
+fn is(received: Option<Received>, so: impl FnOnce(Received) -> bool) -> bool {
+    received.is_some_and(so)
 }
 
-fn asks_fault(heard: Option<Heard>) -> bool {
-    is(heard, |heard| heard.asks_fault())
+fn is_fault_request(received: Option<Received>) -> bool {
+    is(received, |received| received.is_fault_request())
 }

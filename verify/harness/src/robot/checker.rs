@@ -23,7 +23,7 @@ pub use motord_checker::vendor::VENDORS;
 pub struct Checker(run::Checker);
 
 impl Checker {
-    /// Begins to judge `robot`.
+    /// Begins to check `robot`.
     pub fn new(robot: &Robot) -> Self {
         Self(run::Checker::new(description(robot), robot.now()))
     }
@@ -74,11 +74,11 @@ impl Checker {
         self.0.delivered(group);
     }
 
-    /// Judges the cycle that `robot` has just run.
-    pub fn judge(&mut self, robot: &mut Robot) {
+    /// Checks the cycle that `robot` has just run.
+    pub fn check(&mut self, robot: &mut Robot) {
         let state = published(&robot.state());
         let commands: Vec<_> = robot.take_sent().iter().map(super::Sent::command).collect();
-        self.0.judge(state, &commands, &robot.take_replies());
+        self.0.check(state, &commands, &robot.take_replies());
     }
 }
 

@@ -70,14 +70,14 @@ impl FuzzClient {
         self.lease != 0 && robot.state().groups[self.group].lease == self.lease
     }
 
-    /// Claims the group. The answer of the next cycle is for [`FuzzClient::hear`].
+    /// Claims the group. The answer of the next cycle is for [`FuzzClient::receive_reply`].
     pub fn claim(&mut self, robot: &mut Robot) {
         let operation = Operation::Claim.code();
         self.claim = robot.post(AdminRequest { operation, group: self.group as u32, ..Default::default() });
     }
 
     /// Takes over the lease if the answer is for this client's claim.
-    pub fn hear(&mut self, robot: &mut Robot, ticket: u32, reply: &AdminReply) {
+    pub fn receive_reply(&mut self, robot: &mut Robot, ticket: u32, reply: &AdminReply) {
         if ticket == self.claim && reply.lease != 0 {
             (self.lease, self.sequence) = (reply.lease, 0);
             self.setpoints = robot.hold_group(self.group, 30.0, 1.0);
@@ -146,7 +146,7 @@ impl FuzzClient {
             11 => self.horizon_ns = *random.pick(&[0, 0, 1, 1_000_000, 25_000_000, HORIZON_MAX_NS]),
             7..=9 => {
                 let mut message = self.message(robot);
-                let is_good = spoil(random, &mut message, robot.now());
+                let is_good = corrupt(random, &mut message, robot.now());
                 if message.joints.iter().any(|joint| joint.velocity > SLOW) {
                     (self.was_fast, message.horizon_ns) = (true, 0);
                 }
@@ -163,7 +163,7 @@ impl FuzzClient {
     fn change_modes(&mut self, random: &mut Random, robot: &Robot) {
         for (setpoint, motor) in self.setpoints.iter_mut().zip(&robot.settings.groups[self.group].motors) {
             let mode = *random.pick(&MODES);
-            if robot.settings.motors[*motor].takes(mode) {
+            if robot.settings.motors[*motor].accepts(mode) {
                 setpoint.mode = mode.code();
             }
         }
@@ -195,7 +195,7 @@ fn end(message: &SetpointMessage, now: Instant) -> Instant {
 
 /// Changes a message so that the daemon must reject it or limit its values. Returns whether it stays
 /// valid.
-fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
+fn corrupt(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
     let joint = random.below(3);
     let mut only_values = false;
     match random.below(11) {

@@ -122,7 +122,7 @@ impl SharedLine {
     }
 
     /// Delivers a frame to the host that no motor sent.
-    pub fn hear(&self, to: u8, payload: &[u8]) {
+    pub fn deliver_frame(&self, to: u8, payload: &[u8]) {
         let len = payload.len() as u8;
         self.lock().arrived.extend([&[to, 0, len, to ^ len], payload].concat());
     }

@@ -242,7 +242,7 @@ impl Robot {
     }
 
     /// Delivers a frame to the host that no motor sent.
-    pub fn hear(&mut self, bus: usize, id: u16, payload: &[u8]) {
+    pub fn deliver_frame(&mut self, bus: usize, id: u16, payload: &[u8]) {
         let now = self.now();
         match &self.buses[bus] {
             Wire::Bus(bus) => {
@@ -250,7 +250,7 @@ impl Robot {
                 let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
                 bus.lock().deliver(now, Content::Frame(frame));
             }
-            Wire::Line(line) => line.hear(id as u8, payload),
+            Wire::Line(line) => line.deliver_frame(id as u8, payload),
         }
     }
 

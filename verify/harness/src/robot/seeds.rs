@@ -38,6 +38,6 @@ pub fn for_each_seed(test: &str, count: u64, run: impl Fn(u64) + Sync + RefUnwin
         failed == u64::MAX,
         "run it alone with: MOTORD_SEED={failed} {seconds}cargo test -p motord-core --test {test}"
     );
-    let took = motord_bus::clock::monotonic().since(begun);
-    println!("{test}: seeds {seeds:?} took {took:.1?}");
+    let elapsed = motord_bus::clock::monotonic().since(begun);
+    println!("{test}: seeds {seeds:?} took {elapsed:.1?}");
 }

@@ -20,11 +20,11 @@ def _live(arguments: argparse.Namespace) -> int:
         arguments.model, imu=arguments.imu, key=arguments.key, prefix=arguments.prefix, motors=arguments.motors
     )
     moved, passed = live(arguments.config, plant, motord=arguments.motord)
-    place = [round(float(part), 3) for part in plant.data.xpos[1]]
+    body_position = [round(float(part), 3) for part in plant.data.xpos[1]]
     if arguments.json:
-        print(json.dumps({"moved": moved, "passed": passed, "body": place}))
+        print(json.dumps({"moved": moved, "passed": passed, "body": body_position}))
     else:
-        x, y, z = place
+        x, y, z = body_position
         print(f"{moved:.1f} s; the body is at {x:.2f} m forward, {y:.2f} m to the left, {z:.2f} m up")
     return 0
 

@@ -207,8 +207,8 @@ def _following(recording: Recording) -> NDArray[np.intp]:
 def _replayed(twin: Twin, recording: Recording, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, str | None]:
     """Positions, velocities and torques of the twin in each of the rows, and the cause that ended it early."""
     claims = [twin.claim(group) for group in twin.groups]
-    places = [np.array([twin.joints.index(name) for name in claim.names]) for claim in claims]
-    for claim, joints in zip(claims, places, strict=True):
+    indices = [np.array([twin.joints.index(name) for name in claim.names]) for claim in claims]
+    for claim, joints in zip(claims, indices, strict=True):
         claim.enable(hold=(float(recording.applied.kp[rows[0], joints].max()), float(recording.applied.kd[rows[0], joints].max())))
     applied = recording.applied
     found: list[tuple[Array, Array, Array]] = []
@@ -216,7 +216,7 @@ def _replayed(twin: Twin, recording: Recording, rows: NDArray[np.intp]) -> tuple
     for row, count in zip(rows, cycles, strict=True):
         # A cycle that the recording lacks applied the command before.
         for at in range(int(count)):
-            for claim, joints in zip(claims, places, strict=True):
+            for claim, joints in zip(claims, indices, strict=True):
                 claim.send(**{name: getattr(applied, name)[row, joints] for name in ("q", "dq", "kp", "kd", "tau")})
             state = twin.wait()
             if at == 0:

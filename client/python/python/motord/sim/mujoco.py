@@ -63,7 +63,7 @@ class Mujoco:
         self.data = mujoco.MjData(self.model)
         self._step = mujoco.mj_step
         if self._imu is not None:
-            self._sensors = [_place(self.model.sensor(f"motord-{name}")) for name in ("orientation", "gyro", "acceleration")]
+            self._sensors = [_slice(self.model.sensor(f"motord-{name}")) for name in ("orientation", "gyro", "acceleration")]
         if self._key is not None:
             mujoco.mj_resetDataKeyframe(self.model, self.data, self._keyframe())
         joints = [self.model.joint(self._prefix + joint["name"]) for joint in description["joints"]]
@@ -92,7 +92,7 @@ class Mujoco:
         """Orientation, angular velocity, rad/s, and specific force, m/s², at the site of the IMU; None without a site."""
         if self._imu is None:
             return None
-        orientation, gyro, acceleration = (self.data.sensordata[place].copy() for place in self._sensors)
+        orientation, gyro, acceleration = (self.data.sensordata[values].copy() for values in self._sensors)
         return orientation, gyro, acceleration
 
 
@@ -154,7 +154,7 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _place(sensor: Any) -> slice:
+def _slice(sensor: Any) -> slice:
     begin, count = int(sensor.adr[0]), int(sensor.dim[0])
     return slice(begin, begin + count)
 

@@ -145,7 +145,7 @@ class TwinClaim:
         self.names = known if names is None else list(names)
         if sorted(self.names) != sorted(known):
             raise ValueError(f"names must be all joints of {group}: {', '.join(known)}")
-        self._places = [known.index(name) for name in self.names]
+        self._slots = [known.index(name) for name in self.names]
         self._joints = [twin.joints.index(name) for name in self.names]
         self._hold = (20.0, 0.5)
         self._released = self._follows = False
@@ -204,7 +204,7 @@ class TwinClaim:
         self._transmit((q, dq, kp, kd, tau), horizon)
 
     def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
-        self._engine.send(self._index, self._places, *values, horizon, self._hold)
+        self._engine.send(self._index, self._slots, *values, horizon, self._hold)
         # The caller may change its arrays.
         self._last = tuple(copy(value) for value in values)
         self._horizon = horizon

@@ -5,9 +5,9 @@ use std::io::{self, Write};
 
 /// Prints the effect of a request. An error of the output is not an error of the command: the
 /// request was carried out, and the other groups follow.
-pub(crate) fn say(sentence: &str) {
+pub(crate) fn print_effect(sentence: &str) {
     if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
-        let _nobody_reads =
+        let _closed =
             writeln!(io::stderr(), "motorctl: done, but standard output cannot be written: {error}");
     }
 }

@@ -8,7 +8,7 @@ use std::sync::mpsc::Sender;
 
 /// A message.
 #[derive(Debug)]
-pub(super) enum News {
+pub(super) enum Event {
     /// A newer state of the robot.
     Reading(Box<Reading>),
     /// The daemon does not answer.
@@ -35,36 +35,37 @@ pub(super) enum StopOutcome {
     /// The daemon confirms it. No state arrived that shows whether each motor answers.
     NotChecked(String),
     /// The daemon confirms it. These joints do not answer.
-    NotHeard(Vec<String>),
+    MotorsSilent(Vec<String>),
     /// Nothing confirms it.
     NotConfirmed(String),
 }
 
-/// Starts a thread. A panic is sent to `news`.
+/// Starts a thread. A panic is sent to `events`.
 ///
 /// # Errors
 ///
 /// The thread cannot be started.
 pub(super) fn start(
     name: &'static str,
-    news: &Sender<News>,
-    body: impl FnOnce(&Sender<News>) + Send + 'static,
+    events: &Sender<Event>,
+    body: impl FnOnce(&Sender<Event>) + Send + 'static,
 ) -> io::Result<()> {
-    let report = PanicReport { name, news: news.clone() };
-    let run = move || body(&report.news);
+    let report = PanicReport { name, events: events.clone() };
+    let run = move || body(&report.events);
     std::thread::Builder::new().name(name.to_owned()).spawn(run)?;
     Ok(())
 }
 
 struct PanicReport {
     name: &'static str,
-    news: Sender<News>,
+    events: Sender<Event>,
 }
 
 impl Drop for PanicReport {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            let _nobody = self.news.send(News::Ended(format!("the thread {} panicked", self.name)));
+            let _receiver_dropped =
+                self.events.send(Event::Ended(format!("the thread {} panicked", self.name)));
         }
     }
 }

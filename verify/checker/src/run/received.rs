@@ -9,7 +9,7 @@ const MARGIN: f64 = 1e-3;
 
 /// A command that a motor received, classified by the known state of its joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Heard {
+pub(super) struct Received {
     pub(super) order: Order,
     /// It brakes, and may also hold the joint.
     pub(super) brakes: bool,
@@ -19,7 +19,7 @@ pub(super) struct Heard {
     pub(super) is_safe: bool,
 }
 
-impl Heard {
+impl Received {
     /// Classifies `order`, which the motor with this index received between these states.
     pub(super) fn of(order: Order, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
@@ -40,7 +40,7 @@ impl Heard {
     }
 
     /// Returns `true` for a fault request, which replaces a command to a motor that does not reply.
-    pub(super) fn asks_fault(&self) -> bool {
+    pub(super) fn is_fault_request(&self) -> bool {
         self.order == Order::GetFault
     }
 }

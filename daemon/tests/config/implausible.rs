@@ -1,14 +1,14 @@
 //! Settings that are permitted but are often mistakes: each causes a warning with its line and the remedy.
 
-use crate::document::{damaged, judge, warnings, with_serial};
+use crate::document::{damaged, validate, warnings, with_serial};
 use motord_configuration::{Problem, Wrong};
 
 /// The warnings of this file's kinds.
-pub(crate) fn doubts(warnings: &[Problem]) -> Vec<String> {
+pub(crate) fn implausible(warnings: &[Problem]) -> Vec<String> {
     use Wrong::{FasterThanMotor, NoPositionLimits, SlowMotors};
-    let is_doubt =
+    let is_implausible =
         |wrong: &Wrong| matches!(wrong, FasterThanMotor { .. } | NoPositionLimits { .. } | SlowMotors { .. });
-    warnings.iter().filter(|problem| is_doubt(&problem.wrong)).map(ToString::to_string).collect()
+    warnings.iter().filter(|problem| is_implausible(&problem.wrong)).map(ToString::to_string).collect()
 }
 
 /// The warnings of a configuration with `instead` in place of `line`.
@@ -51,13 +51,16 @@ fn joint_without_position_limits_is_warned() {
 
 #[test]
 fn velocity_beyond_the_motor_is_warned() {
-    let said = warned("velocity-rad-s = 30.0", "velocity-rad-s = 34.0");
+    let printed = warned("velocity-rad-s = 30.0", "velocity-rad-s = 34.0");
     let expected = "robot.toml:25:18: motor.limits.velocity-rad-s: 34 rad/s is more than the 33.5 rad/s that the motor reaches \
                     without load, so it limits nothing; lower it, or give max-velocity-rad-s as it is at your supply voltage";
-    assert_eq!(said, [expected]);
+    assert_eq!(printed, [expected]);
     assert!(warned("velocity-rad-s = 30.0", "velocity-rad-s = 33.5").is_empty());
     let faster = damaged("damping-kd = 2.0", "max-velocity-rad-s = 40.0");
     assert!(
-        judge(&faster.replace("velocity-rad-s = 30.0", "velocity-rad-s = 36.0")).unwrap().warnings.is_empty()
+        validate(&faster.replace("velocity-rad-s = 30.0", "velocity-rad-s = 36.0"))
+            .unwrap()
+            .warnings
+            .is_empty()
     );
 }

@@ -4,7 +4,7 @@ use motord_shared::{AdminRequest, Lease};
 
 /// The process that sends a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Asker {
+pub(super) struct Requester {
     pub(super) pid: u32,
     pub(super) right: Right,
 }
@@ -20,7 +20,7 @@ pub(super) enum Right {
     Invalid,
 }
 
-impl Asker {
+impl Requester {
     pub(super) fn of(request: &AdminRequest) -> Self {
         let right = match (request.lease, Lease::from_raw(request.lease)) {
             (0, _) => Right::Operator,

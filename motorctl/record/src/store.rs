@@ -11,14 +11,14 @@ const WRITE_BYTES: usize = 256 << 10;
 
 /// The destination of the files.
 #[derive(Debug, Clone)]
-pub(crate) struct Place {
+pub(crate) struct FileStore {
     pub(crate) directory: PathBuf,
     pub(crate) instance: String,
     /// Limit on the files of the instance.
     pub(crate) files_max: usize,
 }
 
-impl Place {
+impl FileStore {
     /// Writes a file under a temporary name, and renames it once it is complete. Then removes the
     /// oldest files, and never this one.
     pub(crate) fn write(&self, remembered: &Remembered, why: &str) -> io::Result<(PathBuf, u64)> {
@@ -33,7 +33,7 @@ impl Place {
         match written {
             Ok(_) => self.remove_oldest(&name),
             Err(_) => {
-                let _gone = fs::remove_file(&unfinished);
+                let _missing = fs::remove_file(&unfinished);
             }
         }
         written
@@ -108,14 +108,14 @@ mod tests {
     fn newest_file_stays_whatever_the_clock_shows() {
         let directory = std::env::temp_dir().join(format!("motord-flight-clock-{}", std::process::id()));
         fs::create_dir(&directory).unwrap();
-        let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 2 };
+        let store = FileStore { directory: directory.clone(), instance: "arm".to_owned(), files_max: 2 };
         let future = ["20990101", "20990102", "20990103"].map(|day| format!("arm-{day}T000000Z-x.mcap"));
         future.iter().for_each(|name| fs::write(directory.join(name), "").unwrap());
         let robot = motord_client::RobotDescription::default();
         let mut memory = motord_mcap::Memory::new(&robot, Duration::from_secs(1), 1 << 20);
         let written: Vec<PathBuf> = (0..3)
             .map(|_| {
-                place
+                store
                     .write(&memory.remembered(motord_mcap::Origin::default()).unwrap(), "motor-fault")
                     .unwrap()
                     .0
@@ -132,9 +132,9 @@ mod tests {
     fn oldest_files_of_this_instance_are_removed() {
         let directory = std::env::temp_dir().join(format!("motord-flight-{}", std::process::id()));
         fs::create_dir(&directory).unwrap();
-        let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 3 };
+        let store = FileStore { directory: directory.clone(), instance: "arm".to_owned(), files_max: 3 };
         let others = ["arm-2-20250101T000000Z-x.mcap", "arm-notes.mcap", "leg-20240101T000000Z-x.mcap"];
-        let named = |number| place.name(OffsetDateTime::UNIX_EPOCH, number, "daemon-gone");
+        let named = |number| store.name(OffsetDateTime::UNIX_EPOCH, number, "daemon-gone");
         assert_eq!(named(17), "arm-19700101T000000Z-000017-daemon-gone.mcap");
         let ours = [
             "arm-20260101T000000Z-x.mcap".to_owned(),
@@ -146,7 +146,7 @@ mod tests {
         for name in others.iter().copied().chain(ours.iter().map(String::as_str)) {
             fs::write(directory.join(name), "").unwrap();
         }
-        place.remove_oldest(&ours[0]);
+        store.remove_oldest(&ours[0]);
         let is_there = |name: &str| directory.join(name).exists();
         assert!(others.iter().all(|name| is_there(name)));
         assert_eq!(ours.each_ref().map(|name| is_there(name)), [true, false, false, true, true]);
@@ -158,11 +158,11 @@ mod tests {
     fn prepared_unfinished_file_is_not_written_into() {
         let directory = std::env::temp_dir().join(format!("motord-flight-link-{}", std::process::id()));
         fs::create_dir(&directory).unwrap();
-        let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 9 };
+        let store = FileStore { directory: directory.clone(), instance: "arm".to_owned(), files_max: 9 };
         let (unfinished, elsewhere) = (directory.join("arm.unfinished"), directory.join("elsewhere"));
         let robot = motord_client::RobotDescription::default();
         let mut memory = motord_mcap::Memory::new(&robot, Duration::from_secs(1), 1 << 20);
-        let mut write = || place.write(&memory.remembered(motord_mcap::Origin::default()).unwrap(), "x");
+        let mut write = || store.write(&memory.remembered(motord_mcap::Origin::default()).unwrap(), "x");
         fs::write(&elsewhere, "kept").unwrap();
         std::os::unix::fs::symlink(&elsewhere, &unfinished).unwrap();
         let (linked, _) = write().unwrap();
