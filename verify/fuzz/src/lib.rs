@@ -5,8 +5,8 @@
 //! without end, or allocate without a bound. Each target documents its further guarantees.
 //!
 //! The targets are pure: the same bytes give the same result. libFuzzer searches for bytes that
-//! break them. `corpus/` holds its useful findings, which `tests/corpus.rs` runs with the other
-//! tests. `docs/fuzzing.md` describes the use and the findings.
+//! break them. `corpus/` holds its useful findings, an archive for each target, which
+//! `tests/corpus.rs` runs with the other tests. `docs/fuzzing.md` describes the use and the findings.
 
 #![forbid(unsafe_code)]
 
