@@ -217,7 +217,8 @@ mod tests {
     /// Returns frames computed by hand from the vendor documents; torque constant 0.1 N·m/A, gear
     /// ratio 8.
     fn golden(protocol: &str, direction: &str) -> Vec<(Vec<u8>, Value)> {
-        let all: Vec<Value> = serde_json::from_str(include_str!("../tests/golden_vectors.json")).unwrap();
+        let text = include_str!("../../protocol/tests/golden_vectors.json");
+        let all: Vec<Value> = serde_json::from_str(text).unwrap();
         let wanted = all.into_iter().filter(|v| v["protocol"] == protocol && v["direction"] == direction);
         wanted.map(|vector| (unhex(vector["hex"].as_str().unwrap()), vector)).collect()
     }
