@@ -85,7 +85,7 @@ sections! {
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
             "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
         "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
-            "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 21](adr/0021-the-cycle-polls-for-the-last-replies.md).";
+            "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 49](adr/0049-when-the-cycle-and-the-ipc-thread-wake.md).";
     }
 
     /// `[ipc]`, in older files `[exchange]`.
@@ -95,7 +95,7 @@ sections! {
         "lead-us" lead_us: f64, "µs" = is(20.0).within(10.0, 10_000.0),
             "Setpoints that are sent until this long before a cycle are used in it. Shorter than a cycle.";
         "busy-poll-us" busy_poll_us: f64, "µs" = is(60.0).within(0.0, 1000.0),
-            "`timed`: while a group has an owner, the ipc thread polls for the states of each cycle for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 24](adr/0024-the-ipc-thread-polls-for-the-states.md).";
+            "`timed`: while a group has an owner, the ipc thread polls for the states of each cycle for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 49](adr/0049-when-the-cycle-and-the-ipc-thread-wake.md).";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";
         "priority" priority: Option<i64>, "" = follows("70, or below the cycle; 0 with `spin`").within(0.0, 98.0),
