@@ -4,16 +4,12 @@
 //! cargo run -p motord-core --example embed
 //! ```
 
-use core::num::NonZero;
 use motord_bus::transport::Simulated;
-use motord_bus::{Bus, Clock, Duration, FrameId, Instant, VirtualClock};
+use motord_bus::{Bus, Clock, Instant, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
-use motord_protocol::drive::Transmission;
-use motord_protocol::gim::ExecutionTime;
-use motord_protocol::{Profile, mit};
+use motord_protocol::MotorProtocol;
 use motord_settings::settings::{
-    BeyondRange, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings, LimitSettings,
-    MotorSettings, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings, WindingSettings,
+    BusSettings, GroupSettings, LimitSettings, MotorSettings, SafeStop, Settings,
 };
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
@@ -90,99 +86,19 @@ fn swing(time: f32) -> [JointSetpoint; 3] {
     })
 }
 
-/// The settings that the daemon reads from its file. `motord_settings::settings` documents units and meaning of each value.
+/// The settings, with the defaults of a file. `motord_settings::settings` documents units and meaning of each value.
 fn settings() -> Settings {
-    let milliseconds = Duration::from_millis;
     Settings {
         instance: "embedded".into(),
-        cycle: CycleSettings {
-            rate_hz: 1000.0,
-            period: milliseconds(1),
-            cpu: None,
-            priority: 80,
-            require_realtime: false,
-            max_lateness: milliseconds(5),
-            max_missed_ticks: 0.5,
-            reply_deadline: Duration::from_micros(800),
-            busy_poll: Duration::ZERO,
-            indicator_hz: 1.0,
-        },
-        ipc: IpcSettings {
-            mode: IpcMode::Timed,
-            lead: Duration::from_micros(150),
-            busy_poll: Duration::ZERO,
-            cpu: None,
-            priority: None,
-        },
-        safety: SafetySettings {
-            setpoint_timeout: milliseconds(20),
-            setpoint_horizon_max: milliseconds(40),
-            safe_stop: SafeStop::Damp,
-            damp: Duration::from_secs(2),
-            rest_velocity: 0.2,
-            lost_cycles: 10,
-            start_jump: 0.1,
-            start_ramp: milliseconds(100),
-            start_timeout: milliseconds(1000),
-            fault_poll_hz: 10.0,
-            deadman: milliseconds(7),
-            require_deadman: false,
-            stop_on_foreign_master: true,
-            error_feedback: true,
-        },
-        buses: vec![BusSettings {
-            name: "leg".into(),
-            kind: Simulated { bitrate: 1_000_000, seed: 7 }.into(),
-            every: NonZero::<u32>::MIN,
-        }],
+        buses: vec![BusSettings::new("leg", Simulated { bitrate: 1_000_000, seed: 7 })],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
-        simulation: Vec::new(),
         groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],
-        imus: Vec::new(),
+        ..Settings::default()
     }
 }
 
 fn motor(name: &str, id: u8) -> MotorSettings {
-    let (profile, model) = Profile::of_model("GIM8108-8").expect("a model of the table");
-    let scales = model.scales().expect("the model's own constants");
-    MotorSettings {
-        name: name.into(),
-        bus: 0,
-        id,
-        host_id: FrameId::new(0x100 + u16::from(id)).expect("eleven bits"),
-        protocol: Default::default(),
-        model: model.name.into(),
-        profile,
-        scales,
-        constants: None,
-        winding: WindingSettings {
-            rated_torque: model.rated_torque,
-            peak_torque: model.peak_torque,
-            overload: Duration::from_secs(10),
-        },
-        max_velocity: model.max_velocity,
-        transmission: Transmission::new(1.0, 0.0),
-        capabilities: (mit::FAMILY.capabilities)(profile, &scales),
-        registers: [RegisterRange::ANY; REGISTERS_MAX],
-        duration: ExecutionTime::default(),
-        may_be_excluded: false,
-        excluded: false,
-        damping_kd: 2.0,
-        beyond_range: BeyondRange::Stop,
-        fault_policy: FaultPolicy::StopGroup,
-        limits: LimitSettings {
-            position: [-3.0, 3.0],
-            velocity: 20.0,
-            torque: model.rated_torque,
-            kp: 100.0,
-            kd: 5.0,
-            torque_slew: 50.0 * model.rated_torque,
-            kp_slew: 2000.0,
-            kd_slew: 100.0,
-            temperature_derate: 70.0,
-            temperature: 90.0,
-            following_error: None,
-            torque_response: 0.3,
-        },
-    }
+    let motor =
+        MotorSettings::of_model(name, id, MotorProtocol::Mit, "GIM8108-8").expect("a model of the table");
+    MotorSettings { limits: LimitSettings { position: [-3.0, 3.0], ..motor.limits }, ..motor }
 }

@@ -1,11 +1,13 @@
 //! The limits, which are the last step before the wire.
 
 use motord_core::control::{Applied, Circumstances, damp, limit};
+use motord_protocol::MotorProtocol;
 use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
-use motord_settings::settings::LimitSettings;
+use motord_settings::settings::{LimitSettings, MotorSettings};
 use motord_shared::Limit;
+use std::sync::LazyLock;
 
-const LIMITS: LimitSettings = LimitSettings {
+static LIMITS: LazyLock<LimitSettings> = LazyLock::new(|| LimitSettings {
     position: [-1.0, 1.0],
     velocity: 20.0,
     torque: 10.0,
@@ -16,9 +18,8 @@ const LIMITS: LimitSettings = LimitSettings {
     kd_slew: 40.0,
     temperature_derate: 80.0,
     temperature: 100.0,
-    following_error: None,
-    torque_response: 0.3,
-};
+    ..MotorSettings::of_model("knee", 1, MotorProtocol::Mit, "GIM8108-8").expect("a known model").limits
+});
 
 fn limited(
     wanted: Impedance<JointSide>,

@@ -1,6 +1,7 @@
 //! The settings of `motord-core`.
 //!
 //! - [`settings`]: the checked configuration.
+//! - [`defaults`]: the values that a configuration need not name.
 //! - [`plan`]: the part of each cycle that the buses need.
 //! - [`imu`]: IMUs, and their mounts on the body.
 //! - [`imu_load`]: the load of IMUs on CAN buses.
@@ -10,6 +11,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod defaults;
 pub mod imu;
 pub mod imu_load;
 pub mod nodes;

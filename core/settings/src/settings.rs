@@ -340,6 +340,19 @@ pub struct WindingSettings {
     pub overload: Duration,
 }
 
+/// Largest position, rad at the motor: its behaviour at the end of the scale is not known.
+pub const CAUTIOUS_POSITION: f64 = 12.0;
+/// Largest velocity, rad/s.
+pub const CAUTIOUS_VELOCITY: f64 = 60.0;
+/// The full torque within 20 ms.
+pub const TORQUE_SLEW_PER_S: f64 = 50.0;
+/// The full gains within 50 ms.
+pub const GAIN_SLEW_PER_S: f64 = 20.0;
+/// Limits keep this fraction of the protocol's scale away from its end. A control frame whose
+/// position, velocity and kp are all at their ends can be a special frame (MIT document 1.1), and a
+/// reply at its end may be one that was clamped.
+pub const MARGIN: f64 = 0.005;
+
 /// `[motor.limits]`, joint side.
 #[derive(Debug, Clone)]
 pub struct LimitSettings {
@@ -370,6 +383,32 @@ pub struct LimitSettings {
     /// Least share of a commanded torque that the motor must report, 0 to 0.9. A motor with less is
     /// off. 0 does not check it.
     pub torque_response: f32,
+}
+
+impl LimitSettings {
+    /// Returns the limits of a motor with these codes, a continuous torque in N·m, and a velocity
+    /// without load in rad/s.
+    #[must_use]
+    pub fn of(scales: &Scales, rated_torque: f32, max_velocity: f32) -> Self {
+        let usable = 1.0 - MARGIN;
+        let torque = f64::from(rated_torque).min(scales.torque.max() * usable);
+        let velocity = f64::from(max_velocity).min(CAUTIOUS_VELOCITY).min(scales.velocity.max() * usable);
+        let (kp, kd) = (100.0, 5.0);
+        Self {
+            position: [-CAUTIOUS_POSITION, CAUTIOUS_POSITION].map(|position| position as f32),
+            velocity: velocity as f32,
+            torque: torque as f32,
+            kp: kp as f32,
+            kd: kd as f32,
+            torque_slew: (TORQUE_SLEW_PER_S * torque) as f32,
+            kp_slew: (GAIN_SLEW_PER_S * kp) as f32,
+            kd_slew: (GAIN_SLEW_PER_S * kd) as f32,
+            temperature_derate: 70.0,
+            temperature: 90.0,
+            following_error: None,
+            torque_response: 0.3,
+        }
+    }
 }
 
 /// `[motor.simulation]`: the physics of a simulated motor, output side.

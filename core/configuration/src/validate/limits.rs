@@ -2,7 +2,11 @@
 
 use motord_protocol::drive::Transmission;
 use motord_protocol::{Field, Scales};
-use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
+use motord_settings::defaults::ROUNDING;
+use motord_settings::settings::{
+    BeyondRange, CAUTIOUS_POSITION, CAUTIOUS_VELOCITY, GAIN_SLEW_PER_S, LimitSettings, MARGIN, MotorSettings,
+    Settings, TORQUE_SLEW_PER_S,
+};
 
 use crate::document::{Document, MotorTables};
 use crate::entry::{At, Entry, degrees};
@@ -11,20 +15,8 @@ use crate::keys::Limits;
 use crate::origin::{Limit, Origin};
 use crate::problem::{Wrong, line};
 
-/// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
-/// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
-pub(super) const MARGIN: f64 = 0.005;
-/// A limit may be beyond what is usable by this fraction: the sum of a position limit and its offset is rounded to `f32`.
-pub(super) const ROUNDING: f64 = 1e-5;
 /// Largest position of a motor whose position code wraps round, rad.
 const UNWRAPPED_POSITION: f64 = 1000.0;
-/// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.
-const CAUTIOUS_POSITION: f64 = 12.0;
-/// Largest default velocity, rad/s.
-const CAUTIOUS_VELOCITY: f64 = 60.0;
-/// Default slews: the full torque within 20 ms, the full gains within 50 ms.
-const TORQUE_SLEW_PER_S: f64 = 50.0;
-const GAIN_SLEW_PER_S: f64 = 20.0;
 /// Default derating begins at this temperature, °C, and at least [`DERATING_CELSIUS`] below the
 /// maximum.
 const DERATE_CELSIUS: f64 = 70.0;

@@ -14,6 +14,7 @@ mod motor;
 mod time;
 
 use motord_bus::Duration;
+use motord_settings::defaults::BUSY_POLL;
 use motord_settings::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
 use motord_shared::DEFAULT_INSTANCE;
 
@@ -23,18 +24,8 @@ use super::keys;
 use super::problem::Wrong;
 use time::{micros, millis};
 
-/// Default of the busy polling of a cycle with a dedicated processor.
-const BUSY_POLL_US: f64 = 30.0;
-
 /// Least rate of commands to a motor without a warning, Hz: a limb falls far in a longer period, and slower controllers are rare.
 const SOUND_RATE_HZ: f64 = 50.0;
-
-/// `SCHED_FIFO` priority of the IPC thread: above threaded interrupts, below the cycle.
-const IPC_PRIORITY: u8 = 70;
-
-/// The dead man's switch waits for the largest lateness of a cycle, and for this many further
-/// cycles.
-const DEADMAN_CYCLES: f64 = 2.0;
 
 /// Checks the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
 pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Option<Settings> {
@@ -96,7 +87,8 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     let cpu = findings.processor(&keys.cpu);
     // Other threads use a processor that is not dedicated.
-    let busy_poll_us = keys.busy_poll_us.value.unwrap_or(if cpu.is_some() { BUSY_POLL_US } else { 0.0 });
+    let default = if cpu.is_some() { BUSY_POLL } else { Duration::ZERO };
+    let busy_poll_us = keys.busy_poll_us.value.unwrap_or(1e6 * default.as_secs_f64());
     findings.within_cycle(keys.busy_poll_us.at, busy_poll_us, period);
     let (require_realtime, priority) = (keys.require_realtime.value, keys.priority.value as u8);
     // The default priority is only checked where real time is required: otherwise the user did not
@@ -130,7 +122,7 @@ fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> 
     }
     let priority = match (keys.priority.value, mode) {
         (Some(wanted), _) => wanted as u8,
-        (None, IpcMode::Timed) => IPC_PRIORITY.min(cycle.priority - 1).max(1),
+        (None, IpcMode::Timed) => IpcSettings::beside(cycle).priority.unwrap_or(0),
         // Polling with a real-time priority blocks every other thread of the processor.
         (None, IpcMode::Spin) => 0,
     };
@@ -147,10 +139,10 @@ fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> 
 }
 
 fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {
-    let cycle_ms = 1e3 * cycle.period.as_secs_f64();
+    let default = SafetySettings::of(cycle);
     findings.two_cycles(&keys.setpoint_timeout_ms, cycle.period);
     SafetySettings {
-        setpoint_timeout: millis(keys.setpoint_timeout_ms.value.unwrap_or(f64::max(20.0, 2.0 * cycle_ms))),
+        setpoint_timeout: keys.setpoint_timeout_ms.value.map_or(default.setpoint_timeout, millis),
         setpoint_horizon_max: millis(keys.setpoint_horizon_max_ms.value),
         safe_stop: keys.safe_stop.value,
         damp: Duration::from_secs_f64(keys.damp_seconds.value),
@@ -160,7 +152,7 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
         start_ramp: millis(keys.start_ramp_ms.value),
         start_timeout: millis(keys.start_timeout_ms.value),
         fault_poll_hz: keys.fault_poll_hz.value,
-        deadman: deadman(keys, cycle, findings),
+        deadman: deadman(keys, (cycle, default.deadman), findings),
         require_deadman: keys.require_deadman.value,
         stop_on_foreign_master: keys.stop_on_foreign_master.value,
         error_feedback: keys.error_feedback.value,
@@ -169,11 +161,15 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
 
 /// Warns when the switch acts within the allowed lateness of a cycle: it would stop a healthy
 /// daemon.
-fn deadman(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> Duration {
+fn deadman(
+    keys: &keys::Safety,
+    (cycle, default): (&CycleSettings, Duration),
+    findings: &mut Findings<'_>,
+) -> Duration {
     findings.two_cycles(&keys.deadman_ms, cycle.period);
-    let late_ms = 1e3 * (cycle.max_lateness.as_secs_f64() + DEADMAN_CYCLES * cycle.period.as_secs_f64());
-    let deadman_ms = keys.deadman_ms.value.unwrap_or(late_ms);
-    if deadman_ms < late_ms {
+    let Some(deadman_ms) = keys.deadman_ms.value else { return default };
+    if millis(deadman_ms) < default {
+        let late_ms = 1e3 * default.as_secs_f64();
         findings.warn(keys.deadman_ms.at, Wrong::DeadmanBeforeLateness { deadman_ms, late_ms });
     }
     millis(deadman_ms)

@@ -4,7 +4,7 @@ use motord_protocol::profile::PROFILES;
 use motord_protocol::{Ends, Model, Profile, Scales};
 use motord_settings::settings::{BeyondRange, LimitSettings, REGISTERS_MAX, RegisterRange};
 
-use super::limits::{Capability, MARGIN, ROUNDING};
+use super::limits::Capability;
 
 use crate::entry::Entry;
 use crate::findings::Findings;
@@ -118,8 +118,6 @@ pub(super) fn check_reach(
 
 /// Registers hold single precision, and ends are written with few digits, such as 12.566 for 12.57.
 const REGISTER_TOLERANCE: f64 = 1e-3;
-/// Beyond these values a register holds no end: rad, rad/s, N·m.
-const LARGEST_ENDS: [f64; 3] = [1000.0, 10_000.0, 10_000.0];
 
 /// Returns the ends that the motor may report: those that are written; otherwise all within which the limits are.
 pub(super) fn registers(
@@ -134,14 +132,13 @@ pub(super) fn registers(
     };
     let reaches = [position, limits.velocity.into(), limits.torque.into()];
     let written = [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm];
-    core::array::from_fn(|index| {
-        let [least, most] = match written[index].value {
-            Some(end) => [end * (1.0 - REGISTER_TOLERANCE), end * (1.0 + REGISTER_TOLERANCE)],
-            // No end is zero.
-            None => [(reaches[index] * (1.0 - ROUNDING) / (1.0 - MARGIN)).max(0.01), LARGEST_ENDS[index]],
-        };
-        let written = written[index].value.map(|end| end as f32);
-        RegisterRange { least: least as f32, most: most as f32, written }
+    core::array::from_fn(|index| match written[index].value {
+        Some(end) => RegisterRange {
+            least: (end * (1.0 - REGISTER_TOLERANCE)) as f32,
+            most: (end * (1.0 + REGISTER_TOLERANCE)) as f32,
+            written: Some(end as f32),
+        },
+        None => RegisterRange::reaching(reaches[index], index),
     })
 }
 

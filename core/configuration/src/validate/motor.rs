@@ -5,6 +5,7 @@ use motord_protocol::drive::{Addresses, Transmission};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{DriveConstants, Model, Profile, Scales, register};
+use motord_settings::defaults::DAMPING_KD;
 use motord_settings::settings::{
     BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
 };
@@ -26,8 +27,6 @@ type BusItem = entry::Item<keys::Bus>;
 const SERIAL_HOST_ID_MAX: i64 = 0xFF;
 /// Least duration of a command, in turns: a lost frame must not end it.
 const DURATION_TURNS: u32 = 3;
-/// Default damping of a safe stop, N·m·s/rad.
-const DAMPING_KD: f64 = 2.0;
 
 /// Returns all motors with their simulation, in the order of the file; `None` for one that cannot be
 /// built.
