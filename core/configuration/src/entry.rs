@@ -41,6 +41,15 @@ pub(super) struct Item<T> {
     pub(super) keys: T,
 }
 
+/// The advice in the error when a key is missing.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Advice {
+    /// This text.
+    Text(&'static str),
+    /// To give one of the choices.
+    Choices,
+}
+
 /// Default and range of a key.
 #[derive(Debug)]
 pub(super) struct Rule<T> {
@@ -49,7 +58,7 @@ pub(super) struct Rule<T> {
     /// The default in words; `None`: `default` itself.
     default_words: Option<&'static str>,
     /// The advice in the error when the key is missing; `None` where the key may be missing.
-    pub(super) required: Option<&'static str>,
+    pub(super) required: Option<Advice>,
     /// Both ends are allowed.
     min: f64,
     max: f64,
@@ -85,7 +94,25 @@ pub(super) fn follows<T>(words: &'static str) -> Rule<Option<T>> {
 
 /// A key that must be written; `hint` says what to write.
 pub(super) fn required<T>(hint: &'static str) -> Rule<Option<T>> {
-    Rule { required: Some(hint), ..follows("required") }
+    Rule { required: Some(Advice::Text(hint)), ..follows("required") }
+}
+
+/// A key that must be written, with one of its choices.
+pub(super) fn required_choice<T>() -> Rule<Option<T>> {
+    Rule { required: Some(Advice::Choices), ..follows("required") }
+}
+
+impl Advice {
+    /// Returns the text for a key whose values are of type `T`.
+    pub(super) fn text<T: Value>(self) -> String {
+        match self {
+            Self::Text(text) => text.to_owned(),
+            Self::Choices => match &T::choices()[..] {
+                [firsts @ .., last] if !firsts.is_empty() => format!("give {} or {last}", firsts.join(", ")),
+                choices => format!("give {}", choices.concat()),
+            },
+        }
+    }
 }
 
 impl<T: Value> Rule<T> {

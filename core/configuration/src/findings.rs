@@ -96,7 +96,7 @@ impl<'a> Findings<'a> {
                 "bus" => "motord needs at least one: write [[bus]] with its name and type",
                 _ => "motord needs at least one: write [[motor]] with its name, bus, id, protocol and model",
             };
-            self.error(whole_file, Wrong::Missing(hint));
+            self.error(whole_file, Wrong::Missing(hint.into()));
         }
         if let Some(beyond) = items.get(max) {
             self.error(beyond.at, Wrong::TooMany { max });

@@ -12,7 +12,7 @@ use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use super::entry::{Entry, Row, follows, is, required};
+use super::entry::{Entry, Row, follows, is, required, required_choice};
 use super::table::{Section, Sections, Table};
 use super::value::{BusType, ImuType, Listed};
 
@@ -148,7 +148,7 @@ sections! {
     Bus "bus" {
         "name" name: Option<String>, "" = required("every [[bus]] needs a name"),
             "Its name.";
-        "type" kind: Option<BusType>, "" = required("give socketcan, serial or simulated"),
+        "type" kind: Option<BusType>, "" = required_choice(),
             "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232, for GIM motors. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
         "interface" interface: Option<String>, "" = follows("required for `socketcan`"),
             "Linux name of the interface, such as `can0`.";
@@ -180,7 +180,7 @@ sections! {
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
         "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
             "Id that its replies bear. SteadyWin: ConfID 0x13. On a serial bus 0 to 255; some vendors allow fewer ids.";
-        "protocol" protocol: Option<MotorProtocol>, "" = required("give mit or gim"),
+        "protocol" protocol: Option<MotorProtocol>, "" = required_choice(),
             "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";

@@ -106,7 +106,7 @@ pub enum Wrong {
     #[error("{0}")]
     Toml(String),
     #[error("is missing; {0}")]
-    Missing(&'static str),
+    Missing(String),
     #[error("unknown key `{key}`; {hint}")]
     UnknownKey { key: String, hint: String },
     #[error("unknown table {table}; {hint}")]

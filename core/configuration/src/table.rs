@@ -65,8 +65,8 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     ) -> Entry<T> {
         let at = At { offset: self.offset, section: self.path, key };
         let Some(written) = self.table.and_then(|table| table.get(key)) else {
-            if let Some(hint) = rule.required {
-                self.findings.error(at, Wrong::Missing(hint));
+            if let Some(advice) = rule.required {
+                self.findings.error(at, Wrong::Missing(advice.text::<T>()));
             }
             return Entry { value: rule.default, at, unit, is_written: false };
         };

@@ -97,7 +97,7 @@ pub(super) fn required<'e>(
     findings: &mut Findings<'_>,
 ) -> Option<&'e str> {
     if !entry.is_written {
-        findings.error(entry.at, Wrong::Missing(hint));
+        findings.error(entry.at, Wrong::Missing(hint.into()));
     }
     entry.value.as_deref()
 }
