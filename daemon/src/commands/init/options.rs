@@ -1,6 +1,8 @@
 //! The options of `motord init`.
 
 use super::{Configuration, Connection, Draft, InitError, questions};
+use clap::builder::PossibleValuesParser;
+use motord_protocol::FAMILIES;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
@@ -17,7 +19,7 @@ pub struct Options {
     #[arg(long, value_name = "NAME")]
     model: Option<String>,
     /// Protocol that the motors on CAN are set to: `gim` is SteadyWin's native protocol, and the only one of a serial line.
-    #[arg(long, value_name = "NAME", value_parser = ["mit", "gim"])]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(FAMILIES.iter().map(|(name, _)| *name)))]
     protocol: Option<String>,
     /// CAN interfaces and serial devices. Neighbouring legs share a bus where there are fewer buses than legs.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "simulated")]

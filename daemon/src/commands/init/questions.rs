@@ -2,7 +2,7 @@
 
 use super::{Connection, Draft, InitError};
 use dialoguer::{Confirm, Error, Input};
-use motord_protocol::{MotorProtocol, Profile};
+use motord_protocol::{FAMILIES, MotorProtocol, Profile};
 use std::path::PathBuf;
 
 /// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard error.
@@ -61,11 +61,17 @@ fn ask_model(default: String) -> Result<String, InitError> {
 
 /// A vendor whose motors have one protocol is not asked about.
 fn ask_protocol(default: MotorProtocol, model: &str) -> Result<MotorProtocol, InitError> {
-    if Profile::of_model(model).is_none_or(|(profile, _)| profile.name != "steadywin") {
-        return Ok(Default::default());
-    }
-    let is_known = |text: &String| text.parse::<MotorProtocol>().map(|_| ()).map_err(|()| "`mit` or `gim`");
-    let question = "Protocol that they are set to, mit or gim (native)";
+    let profile = Profile::of_model(model).map(|(profile, _)| profile);
+    let is_spoken =
+        |protocol: &MotorProtocol| profile.is_some_and(|profile| (protocol.family().is_spoken_by)(profile));
+    let spoken = FAMILIES.iter().filter(|(_, protocol)| is_spoken(protocol));
+    let names = &spoken.map(|(name, _)| *name).collect::<Vec<_>>()[..];
+    let [_, _, ..] = names else { return Ok(Default::default()) };
+    let is_known = |text: &String| match names.contains(&text.as_str()) {
+        true => Ok(()),
+        false => Err(format!("not one of {}", names.join(", "))),
+    };
+    let question = format!("Protocol that they are set to, {}", names.join(" or "));
     let asked = Input::new().with_prompt(question).default(default.name().into()).validate_with(is_known);
     let text: String = asked.interact_text().map_err(unanswered)?;
     Ok(text.parse().unwrap_or(default))
