@@ -1,4 +1,4 @@
-//! The protocols that motors speak: a row in [`Protocol`] and in its match, and a file beside this one.
+//! The protocols that motors speak: a row in [`Protocol`] and in its two matches, and a file beside this one.
 
 pub(crate) mod codec;
 pub mod gim;
@@ -6,7 +6,8 @@ pub mod mit;
 pub mod ranges;
 
 use codec::Codec;
-use mit::Mit;
+use mit::{Mit, Reply};
+use ranges::Ranges;
 
 /// The protocol that a motor speaks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +19,20 @@ pub enum Protocol {
 }
 
 impl Protocol {
+    /// Returns the protocol with this name in configurations, of a motor with these ranges and this form of MIT replies.
+    ///
+    /// # Panics
+    ///
+    /// When the checker has no codec for the protocol: the frames of its motors could not be checked.
+    #[must_use]
+    pub fn named(name: &str, ranges: Ranges, reply: Reply) -> Self {
+        match name {
+            "mit" => Self::Mit(Mit { ranges, reply }),
+            "gim" => Self::Native,
+            other => panic!("the checker does not know the protocol {other}"),
+        }
+    }
+
     /// Returns the meaning of its frames.
     pub(crate) const fn codec(&self) -> &dyn Codec {
         match self {

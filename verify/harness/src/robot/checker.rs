@@ -4,7 +4,6 @@ use super::Robot;
 use super::ranges::ranges;
 use motord_bus::Instant;
 use motord_checker::protocol::Protocol;
-use motord_checker::protocol::mit::Mit;
 use motord_checker::robot::{Group, Limits, Motor, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
@@ -113,18 +112,9 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
     }
 }
 
-/// # Panics
-///
-/// When the checker has no codec for the protocol: the frames of its motors could not be checked.
 fn protocol(settings: &MotorSettings) -> Protocol {
-    match settings.protocol.name() {
-        "mit" => {
-            let reply = Vendor::named(settings.profile.name).reply;
-            Protocol::Mit(Mit { ranges: ranges(settings), reply })
-        }
-        "gim" => Protocol::Native,
-        other => panic!("the checker does not know the protocol {other}"),
-    }
+    let reply = Vendor::named(settings.profile.name).reply;
+    Protocol::named(settings.protocol.name(), ranges(settings), reply)
 }
 
 /// Returns the simulation's command for `fault` of a motor of `vendor`: a drive raises a number of its vendor's list.
