@@ -1,11 +1,15 @@
 //! The protocols that a motor may speak over CAN: one row for each, and a file in `motor`.
 
-use motord_bus::{FrameId, IdFilter};
+use motord_bus::{Frame, FrameId, IdFilter};
+
+/// Bytes of every command of MIT and GIM, and of every request to a register.
+const COMMAND_BYTES: usize = 8;
 
 /// Defines the dialects. A row has the documentation, the name in Rust, the name in configurations, the number in the
-/// memory of a drive (GIM document, table 7, ConfID 0x1C), and the ids of the commands to a motor with an id.
+/// memory of a drive (GIM document, table 7, ConfID 0x1C), the ids of the commands to a motor with an id, and the
+/// function that tells whether a frame has the form of a command.
 macro_rules! dialects {
-    ($($(#[$doc:meta])* $dialect:ident = $name:literal, $number:literal, $commands:expr);+ $(;)?) => {
+    ($($(#[$doc:meta])* $dialect:ident = $name:literal, $number:literal, $commands:expr, $is_formed:expr);+ $(;)?) => {
         /// The protocol of a motor over CAN. A serial line is always native.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Dialect {
@@ -43,13 +47,25 @@ macro_rules! dialects {
                     $(Self::$dialect => $commands(id)),+
                 }
             }
+
+            /// Returns whether `frame` has the form of a command: format and length.
+            pub(crate) fn is_formed(self, frame: &Frame) -> bool {
+                match self {
+                    $(Self::$dialect => $is_formed(frame)),+
+                }
+            }
         }
     };
 }
 
+/// Returns whether `frame` is a classic frame of eight bytes.
+pub(crate) fn is_classic_command(frame: &Frame) -> bool {
+    frame.is_classic() && frame.payload().len() == COMMAND_BYTES
+}
+
 dialects! {
     /// The MIT protocol.
-    Mit = "mit", 1, IdFilter::exact;
+    Mit = "mit", 1, IdFilter::exact, is_classic_command;
     /// The native GIM protocol.
-    Gim = "gim", 0, IdFilter::exact;
+    Gim = "gim", 0, IdFilter::exact, is_classic_command;
 }

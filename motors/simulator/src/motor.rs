@@ -7,7 +7,7 @@ mod mit;
 mod registers;
 
 use crate::body::{Body, Law, STEP_NS};
-use crate::dialect::Dialect;
+use crate::dialect::{Dialect, is_classic_command};
 use crate::fault::{Fault, InjectError};
 use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::shaft::Shaft;
@@ -19,8 +19,6 @@ use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
 
 /// Most steps that one call computes, 0.2 s. A longer gap takes longer steps.
 const STEPS_MAX: u64 = 4_000;
-/// Bytes of every command, in every protocol.
-const COMMAND_BYTES: usize = 8;
 /// Velocity of the shaft during a calibration, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
@@ -332,10 +330,9 @@ impl Motor {
 
     /// Receives `frame` from the wire at `at`, and returns the answer, if there is one.
     pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
-        let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
-        let is_register = is_command && self.is_register_request(frame);
-        let is_addressed = is_register || self.commands().matches(frame.id());
-        if !is_command || !is_addressed || !self.listens(at) {
+        let is_register = is_classic_command(frame) && self.is_register_request(frame);
+        let is_command = self.dialect().is_formed(frame) && self.commands().matches(frame.id());
+        if !(is_register || is_command) || !self.listens(at) {
             return None;
         }
         self.advance(at);
