@@ -74,7 +74,7 @@ fn tracks(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Track> {
         let Some(bus) = buses.position(|bus| bus.interface() == Some(line.interface)) else { continue };
         let goes_to_motor = |frame: &Frame| {
             let mut motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-            motors.any(|motor| motor.command_id() == frame.id())
+            motors.any(|motor| motor.addresses().commands.matches(frame.id()))
         };
         let at = Instant::from_nanos(nanos(line.at));
         match line.content {

@@ -143,7 +143,7 @@ impl FrameCheck {
     fn check_frame(&mut self, bus: usize, frame: &Recorded) {
         self.frames += 1;
         let id = frame.frame.id();
-        let is_it = |motor: &MotorSettings| motor.bus == bus && motor.command_id() == id;
+        let is_it = |motor: &MotorSettings| motor.bus == bus && motor.addresses().commands.matches(id);
         let motor = self.settings.motors.iter().position(is_it);
         let is_late = self.still_from.is_some_and(|from| frame.ready > from);
         let complaint = match (motor, frame.frame.payload().try_into()) {

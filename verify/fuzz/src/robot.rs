@@ -261,7 +261,8 @@ impl Robot {
                 let (id, bytes) =
                     (frame.id(), frame.payload().try_into().expect("every command has eight bytes"));
                 let sent = Sent { motor, id, bytes };
-                assert!(id == motor.command_id() || sent.reads_register(), "no other motor is on its bus");
+                let is_command = motor.addresses().commands.matches(id);
+                assert!(is_command || sent.reads_register(), "no other motor is on its bus");
                 sent
             })
         };
