@@ -268,12 +268,14 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         }
         let host_id = motor.host_id.raw();
         let default = motor.profile.ids.reply_offset + u16::from(motor.id);
+        // In another id the host id is a part, and does not decide the priority.
+        let is_reply_id = replies == IdFilter::exact(motor.host_id);
         let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();
         if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
         } else if on_bus(motor.bus).any(|(_, other)| other.obeys(replies)) {
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
-        } else if let Some(command) = last.filter(|&last| last > replies.lowest()) {
+        } else if let Some(command) = last.filter(|&last| is_reply_id && last > motor.host_id) {
             let command = command.raw();
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }
