@@ -13,6 +13,7 @@ use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord_bus::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
+use motord_bus::transport::SocketCan;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, IdFilter, Inbox, clock, wait};
 use motord_checker::protocol::ranges::Ranges;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
@@ -66,7 +67,8 @@ struct Motors {
 impl Motors {
     fn on(interface: InterfaceName, settings: &Settings) -> Self {
         let simulated = buses::simulate(settings, 0, 1);
-        let mut bridge = Bridge::open(simulated, interface, BITRATE).unwrap();
+        let end = SocketCan { interface: interface.to_string(), bitrate: BITRATE };
+        let mut bridge = Bridge::open(simulated, &end).unwrap();
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let serve = move || {

@@ -4,8 +4,8 @@ use clap::{CommandFactory, Parser};
 use motord::buses::fault_line::FaultLineError;
 use motord::buses::{self, fault_line};
 use motord::imus;
-use motord_bus::socketcan::{InvalidName, OpenError};
-use motord_bus::{BusLock, Duration, Instant, LockError, Readiness, clock, wait};
+use motord_bus::transport::{Cause, Hardware, MotorsEnd, OpenError};
+use motord_bus::{BusLock, Duration, Instant, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
 use motord_settings::settings::{BusSettings, Settings};
 use motord_simulator::{
@@ -112,10 +112,6 @@ enum Failure {
     #[error("no bus of this configuration is of type socketcan or serial, and no IMU is on a serial line")]
     NoBus,
     #[error(transparent)]
-    Name(#[from] InvalidName),
-    #[error(transparent)]
-    Lock(#[from] LockError),
-    #[error(transparent)]
     Open(#[from] OpenError),
     #[error("no pseudo terminal for {name}: {error}")]
     Terminal { name: String, error: std::io::Error },
@@ -128,9 +124,9 @@ enum Failure {
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::NoBus | Self::Name(_) => exit_status::CONFIG,
+            Self::Config(_) | Self::NoBus => exit_status::CONFIG,
             Self::Pages(_) => exit_status::IO,
-            Self::Lock(_) => exit_status::BUSY,
+            Self::Open(error) if error.cause() == Cause::Locked => exit_status::BUSY,
             Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => exit_status::UNAVAILABLE,
         }
     }
@@ -184,10 +180,14 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
     }
 }
 
-/// Locks the interfaces: two programs would simulate the same motors, and each command would have two replies.
+/// Locks the motors' ends: two programs would simulate the same motors, and each command would have two replies.
 fn lock(settings: &Settings) -> Result<Vec<BusLock>, Failure> {
-    let interfaces = settings.buses.iter().filter_map(BusSettings::interface);
-    interfaces.map(|interface| Ok(BusLock::simulation(interface.parse()?)?)).collect()
+    settings.buses.iter().filter_map(motors_end).map(|end| Ok(end.lock()?)).collect()
+}
+
+/// Returns the motors' end of a bus that has one.
+fn motors_end(bus: &BusSettings) -> Option<&dyn MotorsEnd> {
+    bus.kind.hardware().and_then(Hardware::motors_end)
 }
 
 /// Gives the motors the memories that were kept of them.
@@ -281,10 +281,10 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
         for motor in &mut motors {
             (motor.is_new, motor.has_power) = (arguments.new, !arguments.off);
         }
-        if let Some(interface) = bus.interface() {
+        if let Some(end) = motors_end(bus) {
             wire.wire_bitrate = arguments.wire_bitrate;
             let simulated = SimulatedBus::new(wire, motors, seed);
-            lines.push(Line::Can(Bridge::open(simulated, interface.parse()?, bus.kind.bitrate())?));
+            lines.push(Line::Can(Bridge::open(simulated, end)?));
         } else if let Some(device) = bus.kind.port() {
             let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
             let port = SerialPort::open(slave, link(arguments, device));

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+use motord_bus::transport::SocketCan;
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};
 use motord_simulator::{
@@ -129,7 +130,8 @@ impl Line {
     fn with_imus(interface: &str, motors: Vec<MotorSettings>, imus: Vec<ImuNodeSettings>) -> Self {
         let settings = BusSettings { name: "line".into(), imus, ..Default::default() };
         let simulated = SimulatedBus::new(settings, motors, 7);
-        let bridge = Bridge::open(simulated, interface.parse().unwrap(), 1_000_000).unwrap();
+        let end = SocketCan { interface: interface.to_owned(), bitrate: 1_000_000 };
+        let bridge = Bridge::open(simulated, &end).unwrap();
         Self::serve(TempDir::new().unwrap(), interface.to_owned(), Box::new(bridge))
     }
 

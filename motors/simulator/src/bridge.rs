@@ -1,36 +1,34 @@
-//! Simulated motors on a CAN interface, for a daemon in another process.
+//! Simulated motors at their end of a bus, for a daemon in another process.
 
 use crate::{FaultVerb, InjectError, SimulatedBus};
-use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
+use motord_bus::transport::{MotorsBus, MotorsEnd, OpenError};
 use motord_bus::{Bus, Content, IdFilter, Inbox, Instant, Readiness};
 
-/// Passes the commands that arrive on an interface to a simulated bus, and sends the motors'
-/// answers on the interface.
+/// Passes the commands that arrive at the motors' end of a bus to a simulated bus, and sends the motors'
+/// answers there.
 ///
 /// The simulated bus keeps its bit rate, so that motors on a virtual interface answer at the times
 /// of real ones. The bridge also sends its error reports: on a virtual interface they look like
 /// those of the controller. Frames that the simulated bus loses are lost for the daemon. Inject a
 /// full queue or an unplugged interface on the daemon's side.
 pub struct Bridge {
-    interface: SocketCanBus,
+    end: Box<dyn MotorsBus>,
     simulated: SimulatedBus,
-    /// The ids that the interface receives.
+    /// The ids that the end receives.
     listening: Vec<IdFilter>,
     inbox: Inbox,
 }
 
 impl Bridge {
-    /// Opens `interface` for the motors of `simulated`. A motor whose id changes receives frames
+    /// Opens `end` for the motors of `simulated`. A motor whose id changes receives frames
     /// with the new one.
     ///
     /// # Errors
     ///
-    /// The error of the interface, with the commands that correct it.
-    pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
+    /// The error of the end, with a remedy.
+    pub fn open(simulated: SimulatedBus, end: &dyn MotorsEnd) -> Result<Self, OpenError> {
         let listening = addresses(&simulated);
-        let settings = Settings { host_ids: listening.clone(), ..Settings::new(interface, bitrate) };
-        let interface = SocketCanBus::open(&settings)?;
-        Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
+        Ok(Self { end: end.open(&listening)?, simulated, listening, inbox: Inbox::new() })
     }
 
     /// Returns the motors.
@@ -41,7 +39,7 @@ impl Bridge {
     /// Transfers the frames that have arrived by `now`, in both directions.
     pub fn serve(&mut self, now: Instant) {
         self.inbox.clear();
-        self.interface.receive(now, &mut self.inbox);
+        self.end.receive(now, &mut self.inbox);
         for arrival in self.inbox.arrivals() {
             if let Content::Frame(command) = arrival.content {
                 self.simulated.send(arrival.at, &[command]);
@@ -51,8 +49,8 @@ impl Bridge {
         self.simulated.receive(now, &mut self.inbox);
         for arrival in self.inbox.arrivals() {
             match arrival.content {
-                Content::Frame(answer) => self.interface.send(now, &[answer]),
-                Content::Error(report) => self.interface.report(&report),
+                Content::Frame(answer) => self.end.send(now, &[answer]),
+                Content::Error(report) => self.end.report(&report),
                 Content::Unsupported(_) | Content::Refused(_) => continue,
             };
         }
@@ -63,7 +61,7 @@ impl Bridge {
     /// again.
     fn follow(&mut self) {
         let addresses = addresses(&self.simulated);
-        if addresses != self.listening && self.interface.listen(&addresses).is_ok() {
+        if addresses != self.listening && self.end.listen(&addresses).is_ok() {
             self.listening = addresses;
         }
     }
@@ -71,7 +69,7 @@ impl Bridge {
     /// Returns the descriptor that becomes readable when a command arrives.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
-        self.interface.readiness()
+        self.end.readiness()
     }
 
     /// Returns the earliest time of an answer, if no command arrives before.

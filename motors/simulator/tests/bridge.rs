@@ -3,6 +3,7 @@
 
 use motord_bus::frame::ControllerState;
 use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
+use motord_bus::transport::SocketCan;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, IdFilter, Inbox, Instant, clock, wait};
 use motord_simulator::{Bridge, BusSettings, Dialect, MotorSettings, SimulatedBus};
 
@@ -36,7 +37,8 @@ impl Robot {
             [0x101, 0x102].map(|raw| IdFilter::exact(FrameId::new(raw).expect("11 bits"))).to_vec();
         let host = SocketCanBus::open(&Settings { host_ids, ..Settings::new(interface, BITRATE) })
             .expect("vcan is there");
-        Self { host, bridge: Bridge::open(simulated, interface, BITRATE).expect("vcan is there") }
+        let end = SocketCan { interface: interface.to_string(), bitrate: BITRATE };
+        Self { host, bridge: Bridge::open(simulated, &end).expect("vcan is there") }
     }
 
     fn inject(&mut self, verb: &str) {

@@ -6,7 +6,7 @@ use crate::serial;
 use crate::time::Duration;
 
 #[cfg(feature = "linux")]
-use crate::{Bus, Holder, Identity, LockError, lock::BusLock, socketcan::LinkNote};
+use crate::{Bus, ErrorFrame, Holder, Identity, LockError, Sent, lock::BusLock, socketcan::LinkNote};
 
 /// The facts of a configured bus that its transport decides.
 pub trait Transport {
@@ -177,6 +177,44 @@ pub trait Hardware {
     fn shows_other_senders(&self) -> bool {
         false
     }
+
+    /// Returns the way to its motors' end, for a program that simulates them. `None` where they are at the other end of a
+    /// cable, such as a serial line: a simulator then serves a device of its own.
+    fn motors_end(&self) -> Option<&dyn MotorsEnd> {
+        None
+    }
+}
+
+/// The motors' end of a bus.
+#[cfg(feature = "linux")]
+pub trait MotorsEnd {
+    /// Keeps other simulators away from it. Its driver may hold [`Hardware::lock`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Hardware::lock`].
+    fn lock(&self) -> Result<BusLock, OpenError>;
+
+    /// Opens it, to receive the frames with these ids.
+    ///
+    /// # Errors
+    ///
+    /// The reason for which it cannot be used, with a remedy.
+    fn open(&self, received: &[IdFilter]) -> Result<Box<dyn MotorsBus>, OpenError>;
+}
+
+/// The motors' end of a bus, open. No method but those of [`Bus`] is for the real-time thread.
+#[cfg(feature = "linux")]
+pub trait MotorsBus: Bus {
+    /// Replaces the ids of the frames that it receives. Allocates.
+    ///
+    /// # Errors
+    ///
+    /// The system rejects them. The previous ones stay.
+    fn listen(&mut self, received: &[IdFilter]) -> Result<(), OpenError>;
+
+    /// Sends `error` as the driver's controller would report it, where the transport can.
+    fn report(&mut self, error: &ErrorFrame) -> Sent;
 }
 
 /// An open bus.

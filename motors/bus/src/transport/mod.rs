@@ -12,7 +12,9 @@ mod socketcan;
 use core::ops::Deref;
 
 #[cfg(feature = "linux")]
-pub use access::{Cause, Hardware, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus};
+pub use access::{
+    Cause, Hardware, MotorsBus, MotorsEnd, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus,
+};
 pub use access::{Node, Nodes, Transport};
 pub use serial::Serial;
 pub use simulated::Simulated;

@@ -43,11 +43,11 @@ impl Transport for SocketCan {
 #[cfg(feature = "linux")]
 mod linux {
     use super::super::access::{
-        Cause, Hardware, Nodes, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus,
+        Cause, Hardware, MotorsBus, MotorsEnd, Nodes, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus,
     };
     use super::SocketCan;
     use crate::socketcan::{self, InterfaceName, Sender, Settings, SocketCanBus};
-    use crate::{BusLock, Holder, IdFilter, Identity};
+    use crate::{BusLock, ErrorFrame, Holder, IdFilter, Identity, Sent};
 
     impl SocketCan {
         /// Returns the interface with this name. A tool does not set its bit rate.
@@ -116,6 +116,32 @@ mod linux {
 
         fn shows_other_senders(&self) -> bool {
             true
+        }
+
+        fn motors_end(&self) -> Option<&dyn MotorsEnd> {
+            Some(self)
+        }
+    }
+
+    impl MotorsEnd for SocketCan {
+        fn lock(&self) -> Result<BusLock, OpenError> {
+            Ok(BusLock::simulation(self.interface_name()?)?)
+        }
+
+        fn open(&self, received: &[IdFilter]) -> Result<Box<dyn MotorsBus>, OpenError> {
+            let settings = Settings::new(self.interface_name()?, self.bitrate);
+            Ok(Box::new(SocketCanBus::open(&Settings { host_ids: received.to_vec(), ..settings })?))
+        }
+    }
+
+    impl MotorsBus for SocketCanBus {
+        fn listen(&mut self, received: &[IdFilter]) -> Result<(), OpenError> {
+            Ok(Self::listen(self, received)?)
+        }
+
+        /// On a virtual interface only.
+        fn report(&mut self, error: &ErrorFrame) -> Sent {
+            Self::report(self, error)
         }
     }
 
