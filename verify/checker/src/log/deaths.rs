@@ -140,7 +140,7 @@ impl Rules for Deaths<'_> {
                 self.buses.insert(interface, Carried { damped: true, ..bus });
             }
             Kind::Motion if bus.damped => {
-                self.complain_of(&format!("{} after damping", command.text), verdict)
+                self.complain_of(&format!("{} after damping", command.text), verdict);
             }
             Kind::Motion => {
                 self.motors[command.motor].moved = true;
