@@ -21,7 +21,7 @@ pub(super) use watch::Consequence;
 use super::Event;
 use super::bus_health::BusHealth;
 use super::context::Context;
-use super::motor::{Motor, Orders, Turn};
+use super::motor::{GroupCommand, Motor, Turn};
 use super::requester::{Requester, Right};
 use motord_bus::{Duration, Instant};
 use motord_protocol::drive::Command;
@@ -124,8 +124,9 @@ impl Group {
         let share = setpoints.share(cx.now);
         for (slot, motor) in motors.iter_mut().enumerate() {
             let wanted = setpoints.get(slot, share);
-            let orders = Orders { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
-            commands[motor.joint] = motor.command(&orders, cx);
+            let group_command =
+                GroupCommand { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
+            commands[motor.joint] = motor.command(&group_command, cx);
             motor.watch_request(cx);
         }
     }

@@ -107,17 +107,17 @@ impl Group {
         match *reported {
             Reported::State(..) => {}
             Reported::Fault(bits) => return self.receive_fault(slot, bits, at, cx),
-            Reported::Ambiguous(bits) => motor.report_ambiguous(bits, at, cx),
+            Reported::Ambiguous(bits) => motor.record_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
-            Reported::Register(number, value) => motor.report_register(number, value, cx),
-            Reported::Cleared | Reported::Alive => motor.report_alive(),
-            Reported::Stopped => motor.report_stop(),
-            Reported::Refused => motor.report_refusal(),
+            Reported::Register(number, value) => motor.record_register(number, value, cx),
+            Reported::Cleared | Reported::Alive => motor.record_alive(),
+            Reported::Stopped => motor.record_stop(),
+            Reported::Refused => motor.record_refusal(),
             Reported::LateRegister(number, value) => {
-                motor.report_late();
-                motor.report_register(number, value, cx);
+                motor.record_late();
+                motor.record_register(number, value, cx);
             }
-            Reported::Late => motor.report_late(),
+            Reported::Late => motor.record_late(),
         }
         Consequence::None
     }
@@ -135,8 +135,8 @@ impl Group {
         let by_faults =
             status.faults.map_or(Consequence::None, |faults| self.receive_fault(slot, faults, at, cx));
         let motor = &mut self.motors[slot];
-        motor.report_unnamed_fault(status.has_unnamed_fault);
-        if let Err(cause) = motor.report_state(state, at, latency, status.runs, cx) {
+        motor.record_unnamed_fault(status.has_unnamed_fault);
+        if let Err(cause) = motor.record_state(state, at, latency, status.runs, cx) {
             let joint = motor.joint;
             self.stop(cause, Some(joint), cx);
         }
@@ -148,7 +148,7 @@ impl Group {
         if motor.is_excluded() {
             return Consequence::None;
         }
-        motor.report_fault(bits, at, cx);
+        motor.record_fault(bits, at, cx);
         if bits.is_none() {
             return Consequence::None;
         }
@@ -167,7 +167,7 @@ impl Group {
     /// Records that the motor at `slot` answered one question twice.
     pub(crate) fn receive_duplicate(&mut self, slot: usize, cx: &mut Context) {
         let motor = &mut self.motors[slot];
-        if motor.report_twice() {
+        if motor.record_duplicate() {
             let joint = motor.joint;
             self.stop(Cause::DuplicateId, Some(joint), cx);
         }
@@ -182,7 +182,7 @@ impl Group {
         cx: &mut Context,
     ) {
         let motor = &mut self.motors[slot];
-        let is_master = motor.report_foreign(id, frames, at, cx);
+        let is_master = motor.record_foreign(id, frames, at, cx);
         let joint = motor.joint;
         if is_master && cx.safety.stop_on_foreign_master && self.phase != Phase::Disarmed {
             self.stop(Cause::ForeignMaster, Some(joint), cx);

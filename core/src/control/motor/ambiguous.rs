@@ -26,7 +26,7 @@ impl Motor {
     /// Records an answer that may be its fault bits. If they are not the known ones, it is asked again in its turn after next: a
     /// state in between shows whether the answer was a late one.
     #[cold]
-    pub(in crate::control) fn report_ambiguous(&mut self, fault: Faults, at: Instant, cx: &Context) {
+    pub(in crate::control) fn record_ambiguous(&mut self, fault: Faults, at: Instant, cx: &Context) {
         self.faults.postpone(at, cx);
         if fault != self.faults.reported {
             (self.faults.is_urgent, self.replies.asked_fault) = (true, true);

@@ -1,9 +1,9 @@
 //! The command of a motor that follows its group: active, or damped.
 
 use super::Motor;
+use super::group_command::GroupCommand;
 use super::limit::{self, Applied, Circumstances, limit};
 use super::mode::Mode;
-use super::orders::Orders;
 use crate::control::context::Context;
 use motord_protocol::drive::{Command, Impedance, JointSide, Setpoint};
 use motord_shared::SetpointMode;
@@ -14,10 +14,10 @@ const OVER_VOLTAGE_DAMPING: f32 = 0.25;
 const LATE_TURNS: f32 = 1.5;
 
 impl Motor {
-    pub(super) fn command_by_mode(&mut self, orders: &Orders, cx: &Context) -> Command {
+    pub(super) fn command_by_mode(&mut self, group_command: &GroupCommand, cx: &Context) -> Command {
         let applied = match self.mode {
-            Mode::Active => self.follow(orders, cx),
-            Mode::Damping { held } => self.damp(held.filter(|_| orders.held), orders, cx),
+            Mode::Active => self.follow(group_command, cx),
+            Mode::Damping { held } => self.damp(held.filter(|_| group_command.held), group_command, cx),
             _ => {
                 self.applied = Applied::NEUTRAL;
                 return self.mode.command(cx.now);
@@ -72,9 +72,9 @@ impl Motor {
         Setpoint { values, ..target }
     }
 
-    fn follow(&self, orders: &Orders, cx: &Context) -> Applied {
-        let (Some(wanted), Some(measured)) = (orders.wanted, self.measured()) else {
-            return self.damp(None, orders, cx);
+    fn follow(&self, group_command: &GroupCommand, cx: &Context) -> Applied {
+        let (Some(wanted), Some(measured)) = (group_command.wanted, self.measured()) else {
+            return self.damp(None, group_command, cx);
         };
         // The last setpoint did not use these values: slew from the measured ones.
         let mut previous = self.applied.setpoint;
@@ -92,15 +92,20 @@ impl Motor {
             measured,
             age: self.age(cx),
             elapsed: self.turn_time(cx),
-            ramp: orders.ramp,
+            ramp: group_command.ramp,
             winding_torque: self.heat.allowed(limits.torque),
         };
         limit(&wanted, &circumstances)
     }
 
-    fn damp(&self, held: Option<Impedance<JointSide>>, orders: &Orders, cx: &Context) -> Applied {
+    fn damp(
+        &self,
+        held: Option<Impedance<JointSide>>,
+        group_command: &GroupCommand,
+        cx: &Context,
+    ) -> Applied {
         let limits = &self.settings.limits;
-        let share = if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
+        let share = if group_command.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         let kd = self.settings.damping_kd * share;
         // The drive of a motor without impedance mode holds and brakes: its setpoints have no
         // gains.

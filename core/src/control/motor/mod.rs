@@ -7,11 +7,11 @@ mod backlog;
 mod faults;
 mod follow;
 mod foreign;
+mod group_command;
 mod heat;
 mod late;
 mod limit;
 mod mode;
-mod orders;
 mod plausibility;
 mod reading;
 mod registers;
@@ -23,8 +23,8 @@ mod service;
 mod turn;
 
 pub use foreign::ForeignFrames;
+pub(super) use group_command::GroupCommand;
 pub use limit::{Applied, Circumstances, damp, limit};
-pub(super) use orders::Orders;
 pub(super) use service::Kind;
 pub(super) use turn::Turn;
 
@@ -280,7 +280,7 @@ impl Motor {
     }
 
     /// The command of this cycle. Does not allocate or block; constant time.
-    pub(super) fn command(&mut self, orders: &Orders, cx: &mut Context) -> Command {
+    pub(super) fn command(&mut self, group_command: &GroupCommand, cx: &mut Context) -> Command {
         if self.turn.waits {
             return Command::Wait;
         }
@@ -296,7 +296,7 @@ impl Motor {
         } else if let Some(number) = self.register_to_read(cx) {
             Command::GetRegister(number)
         } else {
-            self.command_by_mode(orders, cx)
+            self.command_by_mode(group_command, cx)
         };
         let command = self.translated(command);
         self.replies.asked(&command);
@@ -317,7 +317,7 @@ impl Motor {
     /// # Errors
     /// The cause for which its group must be stopped.
     #[inline(always)]
-    pub(super) fn report_state(
+    pub(super) fn record_state(
         &mut self,
         reported: Measured<JointSide>,
         at: Instant,
@@ -330,7 +330,7 @@ impl Motor {
             return Ok(());
         }
         if self.is_meaningless() {
-            self.report_meaningless(runs, cx);
+            self.record_meaningless(runs, cx);
             return Ok(());
         }
         let is_late = self.backlog.turns() != 0;
@@ -340,7 +340,7 @@ impl Motor {
             Credibility::Stop(measured, cause) => (measured, Some(cause)),
             Credibility::Unbelievable => {
                 self.replies.implausible = self.replies.implausible.wrapping_add(1);
-                self.report_alive();
+                self.record_alive();
                 return Ok(());
             }
         };
@@ -413,7 +413,7 @@ impl Motor {
     }
 
     /// Records an answer without a state. An offline motor is probed in the next cycle.
-    pub(super) const fn report_alive(&mut self) {
+    pub(super) const fn record_alive(&mut self) {
         self.replies.alive();
         match &mut self.mode {
             Mode::Offline(probe) => probe.hurry(),
@@ -423,20 +423,20 @@ impl Motor {
     }
 
     /// Records the confirmation of a stop.
-    pub(super) const fn report_stop(&mut self) {
-        self.report_alive();
+    pub(super) const fn record_stop(&mut self) {
+        self.record_alive();
         self.may_run = false;
     }
 
     /// Records that it refuses the command.
-    pub(super) const fn report_refusal(&mut self) {
+    pub(super) const fn record_refusal(&mut self) {
         self.replies.alive();
         self.faults.is_urgent = true;
     }
 
     /// Records whether its state reports a fault without its name. The motor is asked for the name
     /// in the next turn, until it answers.
-    pub(super) const fn report_unnamed_fault(&mut self, is_unnamed: bool) {
+    pub(super) const fn record_unnamed_fault(&mut self, is_unnamed: bool) {
         let faults = &mut self.faults;
         faults.is_answered &= faults.is_unnamed && is_unnamed;
         faults.is_unnamed = is_unnamed;
@@ -444,19 +444,19 @@ impl Motor {
     }
 
     /// Counts a late answer.
-    pub(super) const fn report_late(&mut self) {
+    pub(super) const fn record_late(&mut self) {
         self.replies.late = self.replies.late.wrapping_add(1);
         self.backlog.late();
     }
 
     /// Records a second answer to one question. Returns whether two motors share its id.
-    pub(super) fn report_twice(&mut self) -> bool {
+    pub(super) fn record_duplicate(&mut self) -> bool {
         self.plausibility.duplicate()
     }
 
     /// Records `frames` by which another sender commanded it, with `id`. Returns whether that sender
     /// is another master.
-    pub(super) fn report_foreign(
+    pub(super) fn record_foreign(
         &mut self,
         id: FrameId,
         frames: ForeignFrames,
@@ -479,7 +479,7 @@ impl Motor {
     }
 
     /// Takes its fault bits.
-    pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
+    pub(super) fn record_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
         self.faults.postpone(at, cx);
         self.faults.is_answered = true;
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });

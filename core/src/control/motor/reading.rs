@@ -54,11 +54,11 @@ impl Motor {
 
     /// Takes a state without a meaning: the motor answers, and may report whether it `runs`.
     #[cold]
-    pub(super) fn report_meaningless(&mut self, runs: Option<bool>, cx: &mut Context) {
+    pub(super) fn record_meaningless(&mut self, runs: Option<bool>, cx: &mut Context) {
         self.confirm_stop(runs);
         // It may run since before the daemon started.
         self.may_run |= runs == Some(true);
-        self.report_alive();
+        self.record_alive();
         if matches!(self.mode, Mode::Offline(_)) {
             self.mode = if self.faults.reported.is_none() { Mode::Idle } else { Mode::FAULT };
             self.changed(cx);
@@ -67,7 +67,7 @@ impl Motor {
 
     /// Takes the value of a register. With the last one, decides whether its group may start.
     #[cold]
-    pub(crate) fn report_register(&mut self, number: u8, value: f32, cx: &mut Context) {
+    pub(crate) fn record_register(&mut self, number: u8, value: f32, cx: &mut Context) {
         self.replies.alive();
         if !self.registers.take(number, value, &self.settings.registers) {
             return;

@@ -4,7 +4,7 @@ use motord_protocol::drive::Setpoint;
 
 /// The orders of a group to one of its motors in a cycle.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Orders {
+pub(crate) struct GroupCommand {
     /// The newest setpoint of the joint.
     pub(crate) wanted: Option<Setpoint>,
     /// Progress of the start ramp, 0 to 1 and beyond.
