@@ -233,11 +233,11 @@ impl Cycle {
         {
             can.settle(drives);
         }
-        let foreign = channel.wire_mut().foreign();
+        let foreign = channel.base_mut().foreign();
         if foreign.is_any() {
             foreign.take(|id, motor, frames| control.receive_foreign(motor, id, frames, now));
         }
-        let losses = channel.wire_mut().take_losses();
+        let losses = channel.base_mut().take_losses();
         if losses.any() {
             control.frames_lost(bus, losses, now);
         }
@@ -259,7 +259,7 @@ impl Cycle {
             let Self { channels, drives, .. } = self;
             let Some(channel) = channels[bus].can_mut() else { continue };
             channel.begin(Batch::Question, now);
-            channel.wire.queue(motor, |frame| drives[motor].write_request(&question, now, frame));
+            channel.base.queue(motor, |frame| drives[motor].write_request(&question, now, frame));
             channel.send(now, |motor| drives[motor].withdraw());
             asked = true;
         }

@@ -250,7 +250,7 @@ impl Cycle {
     fn take_bus_readings(&mut self) {
         let Self { channels, control, .. } = self;
         for channel in channels {
-            channel.wire_mut().sensors().take_readings(|reading| control.receive_reading(reading));
+            channel.base_mut().sensors().take_readings(|reading| control.receive_reading(reading));
         }
     }
 
@@ -258,7 +258,7 @@ impl Cycle {
     /// another thread closes the old bus.
     fn replace_buses(&mut self) {
         if let Some((index, bus, condition)) = self.link.next_bus() {
-            let old = self.channels[index].wire_mut().replace(bus, condition);
+            let old = self.channels[index].base_mut().replace(bus, condition);
             self.link.retire_bus(old);
             self.control.bus_reopened(index);
         }
@@ -310,8 +310,8 @@ impl Cycle {
 /// bounded by sensors.
 #[inline]
 fn pass_condition(bus: usize, channel: &mut BusChannel, control: &mut Control) {
-    if control.bus_changed(bus, channel.wire().condition()) {
-        channel.wire_mut().sensors().disconnect();
+    if control.bus_changed(bus, channel.base().condition()) {
+        channel.base_mut().sensors().disconnect();
     }
 }
 

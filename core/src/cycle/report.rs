@@ -20,7 +20,7 @@ impl Cycle {
         state.group_count = fill(groups, control.group_states());
         state.indicator_count = fill(indicators, control.joint_indicators());
         state.imu_count = fill(imus, control.imu_states());
-        state.bus_count = fill(buses, channels.iter().map(|channel| channel.wire().report()));
+        state.bus_count = fill(buses, channels.iter().map(|channel| channel.base().report()));
         for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(wrong_lease.load(Ordering::Relaxed));

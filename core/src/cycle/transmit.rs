@@ -34,11 +34,11 @@ impl Cycle {
         channel.begin(now);
         let write =
             |motor: usize, frame: &mut Frame| drives[motor].write_request(control.command(motor), now, frame);
-        channel.wire_mut().queue_each(write);
+        channel.base_mut().queue_each(write);
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
-        } else if !channel.wire_mut().sensors().is_empty() {
-            channel.wire_mut().queue_sensors(wake.cycle, now);
+        } else if !channel.base_mut().sensors().is_empty() {
+            channel.base_mut().queue_sensors(wake.cycle, now);
         }
         let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];
@@ -50,7 +50,7 @@ impl Cycle {
             control.unsent(motor);
         };
         let accepted_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
-        if !channel.wire().is_idle() {
+        if !channel.base().is_idle() {
             control.bus_accepted(bus, accepted_all);
         }
         pass_condition(bus, channel, control);
@@ -59,11 +59,11 @@ impl Cycle {
 
     /// Queues the question to a motor of a line, when it is the turn of the questions.
     fn queue_question(&mut self, bus: usize, now: Instant) {
-        if !self.control.begin_questions(bus) || !self.channels[bus].wire().is_idle() {
+        if !self.control.begin_questions(bus) || !self.channels[bus].base().is_idle() {
             return;
         }
         let Some((motor, question)) = self.control.question(bus) else { return };
         let Self { channels, drives, .. } = self;
-        channels[bus].wire_mut().queue(motor, |frame| drives[motor].write_request(&question, now, frame));
+        channels[bus].base_mut().queue(motor, |frame| drives[motor].write_request(&question, now, frame));
     }
 }

@@ -1,13 +1,13 @@
 //! A CAN bus in the cycle: which replies the cycle waits for, and for how long.
 
-use super::wire::{Arrivals, Wire};
+use super::base::{Arrivals, ChannelBase};
 use crate::drive::{Drive, LATEST_REPLY};
 use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
 use motord_settings::plan::BusPlan;
 
 /// A CAN bus.
 pub(crate) struct CanChannel {
-    pub(crate) wire: Wire,
+    pub(crate) base: ChannelBase,
     /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or a sensor sends frames.
     reads_all: bool,
     /// Requests of the last batch that are not answered.
@@ -40,11 +40,11 @@ pub(crate) enum Batch {
 
 impl CanChannel {
     /// Allocates; nothing after it does.
-    pub(super) fn new(wire: Wire, reads_all: bool, plan: &BusPlan) -> Self {
+    pub(super) fn new(base: ChannelBase, reads_all: bool, plan: &BusPlan) -> Self {
         let least = |frames: usize| ReplyTime::new(plan.transaction_least * frames as u32);
         Self {
-            expected: wire.batches().map(|frames| least(frames.max(1))).collect(),
-            wire,
+            expected: base.batches().map(|frames| least(frames.max(1))).collect(),
+            base,
             reads_all,
             awaited: 0,
             unsettled_until: Instant::ZERO,
@@ -62,7 +62,7 @@ impl CanChannel {
     pub(crate) fn begin(&mut self, batch: Batch, now: Instant) {
         self.give_up(now);
         self.batch = batch;
-        self.wire.clear();
+        self.base.clear();
     }
 
     /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
@@ -74,18 +74,18 @@ impl CanChannel {
         }
     }
 
-    /// Sends the queued frames, as [`Wire::send`] does. Returns whether the bus accepted all. At most one system call.
+    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted all. At most one system call.
     #[inline]
     pub(crate) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
-        self.slot = if self.batch == Batch::Question { 0 } else { self.wire.batch() };
-        let accepted = self.wire.send(now, unsent);
+        self.slot = if self.batch == Batch::Question { 0 } else { self.base.batch() };
+        let accepted = self.base.send(now, unsent);
         self.awaited = accepted.awaited;
         accepted.accepted_all
     }
 
     pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
-        self.wire.withhold(unsent).accepted_all
+        self.base.withhold(unsent).accepted_all
     }
 
     /// Returns when all replies to this batch are expected to have arrived.
@@ -102,8 +102,8 @@ impl CanChannel {
     /// Records that every reply to this batch has arrived, and adapts the expected reply time.
     #[inline]
     pub(crate) fn complete(&mut self) {
-        if !self.wire.is_idle() {
-            self.expected[self.slot].observe(self.wire.replied_at().since(self.sent_at));
+        if !self.base.is_idle() {
+            self.expected[self.slot].observe(self.base.replied_at().since(self.sent_at));
         }
     }
 
@@ -123,7 +123,7 @@ impl CanChannel {
 
     /// Returns how to wait for the bus. No system call.
     pub(crate) fn readiness(&self) -> Readiness<'_> {
-        self.wire.readiness()
+        self.base.readiness()
     }
 
     /// Returns the longest time of a question and its reply on the wire.
@@ -152,7 +152,7 @@ impl CanChannel {
     /// Prepares the next read: it takes as many arrivals as the cycle awaits, or an inbox full.
     #[inline]
     pub(super) fn begin_read(&mut self) {
-        self.wire.clear_inbox_for(self.space());
+        self.base.clear_inbox_for(self.space());
     }
 
     /// Checks what a read at `now` took. Returns whether the `arrivals` are the awaited replies and nothing else; if not,
@@ -171,10 +171,10 @@ impl CanChannel {
     /// Finds the requests of the last batch that are still open after a read. Bounded by the motors of the bus.
     #[cold]
     pub(crate) fn settle(&mut self, drives: &[Drive]) {
-        let motors = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
-        self.awaited = motors + self.wire.open_requests();
-        self.is_cut_short = self.wire.is_read_full() && self.awaited > 0;
-        self.may_be_late = self.wire.others().any(|motor| drives[motor].is_open());
+        let motors = self.base.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
+        self.awaited = motors + self.base.open_requests();
+        self.is_cut_short = self.base.is_read_full() && self.awaited > 0;
+        self.may_be_late = self.base.others().any(|motor| drives[motor].is_open());
     }
 
     /// Something other than an answer arrived by `now`, or a request is sent then and the one before has no answer.

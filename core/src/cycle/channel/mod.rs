@@ -3,18 +3,18 @@
 //! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
 //! or by one inbox.
 
+mod base;
 mod can;
 mod foreign;
 mod line;
 mod routes;
-mod wire;
 
+use base::Arrivals;
+pub(super) use base::ChannelBase;
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
 use routes::Routes;
-use wire::Arrivals;
-pub(super) use wire::Wire;
 
 use crate::drive::Received;
 use crate::sensor::Sensors;
@@ -38,7 +38,7 @@ impl BusChannel {
         if settings.buses[index].is_line() {
             // A frame on a line names its receiver only, so such a bus names the motor that answers.
             let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
-            return Self::Line(LineChannel::new(Wire::new(
+            return Self::Line(LineChannel::new(ChannelBase::new(
                 bus,
                 Routes::new(routes),
                 ForeignCommands::none(),
@@ -48,7 +48,11 @@ impl BusChannel {
         let routes = motors().map(|(motor, settings)| (settings.addresses().replies, motor));
         let (foreign, sensors) = (ForeignCommands::new(settings, index), Sensors::new(settings, index));
         let reads_all = settings.buses[index].has_turns() || !sensors.is_empty();
-        Self::Can(CanChannel::new(Wire::new(bus, Routes::new(routes), foreign, sensors), reads_all, plan))
+        Self::Can(CanChannel::new(
+            ChannelBase::new(bus, Routes::new(routes), foreign, sensors),
+            reads_all,
+            plan,
+        ))
     }
 
     /// Returns the channel of a CAN bus.
@@ -69,7 +73,7 @@ impl BusChannel {
         }
     }
 
-    /// Reads at most one inbox full, as [`Wire::receive`] does. At most one system call.
+    /// Reads at most one inbox full, as [`ChannelBase::receive`] does. At most one system call.
     #[inline]
     pub(super) fn receive(
         &mut self,
@@ -78,26 +82,26 @@ impl BusChannel {
     ) -> Arrivals {
         match self {
             Self::Can(channel) => channel.begin_read(),
-            Self::Line(channel) => channel.wire.clear_inbox(),
+            Self::Line(channel) => channel.base.clear_inbox(),
         }
-        self.wire_mut().receive(now, classify)
+        self.base_mut().receive(now, classify)
     }
 
     /// Returns the part that all buses have in common.
     #[inline]
-    pub(super) const fn wire(&self) -> &Wire {
+    pub(super) const fn base(&self) -> &ChannelBase {
         match self {
-            Self::Can(channel) => &channel.wire,
-            Self::Line(channel) => &channel.wire,
+            Self::Can(channel) => &channel.base,
+            Self::Line(channel) => &channel.base,
         }
     }
 
     /// Returns the part that all buses have in common.
     #[inline]
-    pub(super) const fn wire_mut(&mut self) -> &mut Wire {
+    pub(super) const fn base_mut(&mut self) -> &mut ChannelBase {
         match self {
-            Self::Can(channel) => &mut channel.wire,
-            Self::Line(channel) => &mut channel.wire,
+            Self::Can(channel) => &mut channel.base,
+            Self::Line(channel) => &mut channel.base,
         }
     }
 
@@ -115,16 +119,16 @@ impl BusChannel {
     pub(super) fn begin(&mut self, now: Instant) {
         match self {
             Self::Can(channel) => channel.begin(Batch::Commands, now),
-            Self::Line(channel) => channel.wire.clear(),
+            Self::Line(channel) => channel.base.clear(),
         }
     }
 
-    /// Sends the queued frames, as [`Wire::send`] does. Returns whether the bus accepted all. At most one system call.
+    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted all. At most one system call.
     #[inline]
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         match self {
             Self::Can(channel) => channel.send(now, unsent),
-            Self::Line(channel) => channel.wire.send(now, unsent).accepted_all,
+            Self::Line(channel) => channel.base.send(now, unsent).accepted_all,
         }
     }
 
@@ -132,7 +136,7 @@ impl BusChannel {
     pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
         match self {
             Self::Can(channel) => channel.withhold(unsent),
-            Self::Line(channel) => channel.wire.withhold(unsent).accepted_all,
+            Self::Line(channel) => channel.base.withhold(unsent).accepted_all,
         }
     }
 }
@@ -142,7 +146,7 @@ impl Outlet for BusChannel {
     /// system calls.
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         match self {
-            Self::Can(channel) => channel.wire.send_unanswered(now, frames),
+            Self::Can(channel) => channel.base.send_unanswered(now, frames),
             Self::Line(channel) => channel.send_round(now, frames),
         }
     }

@@ -11,7 +11,7 @@ use motord_protocol::drive::Reported;
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
-pub(crate) struct Wire {
+pub(crate) struct ChannelBase {
     bus: Box<dyn Bus>,
     routes: Routes,
     foreign: ForeignCommands,
@@ -45,7 +45,7 @@ pub(crate) struct Arrivals {
     pub(super) answers: usize,
 }
 
-impl Wire {
+impl ChannelBase {
     /// Allocates; nothing after it does.
     pub(super) fn new(
         bus: Box<dyn Bus>,
