@@ -155,23 +155,23 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
     let settings = config::load(config)?.settings;
     let _locks = lock(&settings)?;
-    let mut lines = open(&settings, arguments)?;
-    let mut store = restore(arguments.store.as_deref(), &mut lines).map_err(Failure::Store)?;
+    let mut endpoints = open(&settings, arguments)?;
+    let mut store = restore(arguments.store.as_deref(), &mut endpoints).map_err(Failure::Store)?;
     let mut commands = Commands::new();
-    lines.iter().for_each(print_device);
+    endpoints.iter().for_each(print_device);
     print_line("ready");
     loop {
         let now = clock::monotonic();
-        lines.iter_mut().for_each(|line| line.serve(now));
+        endpoints.iter_mut().for_each(|endpoint| endpoint.serve(now));
         if let Some(store) = &mut store {
-            buses(&mut lines).try_for_each(|bus| store.save(bus.motors())).map_err(Failure::Store)?;
+            buses(&mut endpoints).try_for_each(|bus| store.save(bus.motors())).map_err(Failure::Store)?;
         }
         let readiness: Vec<Readiness<'_>> =
-            lines.iter().map(Line::readiness).chain([commands.readiness()]).collect();
-        let until = lines.iter().map(Line::due).min().unwrap_or(now).min(now + IDLE);
-        if wait(&readiness, now, until).contains(lines.len()) {
+            endpoints.iter().map(Endpoint::readiness).chain([commands.readiness()]).collect();
+        let until = endpoints.iter().map(Endpoint::due).min().unwrap_or(now).min(now + IDLE);
+        if wait(&readiness, now, until).contains(endpoints.len()) {
             for command in commands.read() {
-                match obey(&settings, &mut lines, clock::monotonic(), &command) {
+                match obey(&settings, &mut endpoints, clock::monotonic(), &command) {
                     Ok(()) => print_line("ok"),
                     Err(reason) => print_line(&format!("error: {reason}")),
                 }
@@ -191,26 +191,26 @@ fn motors_end(bus: &BusSettings) -> Option<&dyn MotorsEnd> {
 }
 
 /// Gives the motors the memories that were kept of them.
-fn restore(folder: Option<&Path>, lines: &mut [Line]) -> std::io::Result<Option<Store>> {
+fn restore(folder: Option<&Path>, endpoints: &mut [Endpoint]) -> std::io::Result<Option<Store>> {
     let Some(folder) = folder else { return Ok(None) };
     let store = Store::open(folder)?;
-    buses(lines).try_for_each(|bus| store.load(bus))?;
+    buses(endpoints).try_for_each(|bus| store.load(bus))?;
     Ok(Some(store))
 }
 
 /// The simulated buses.
-fn buses(lines: &mut [Line]) -> impl Iterator<Item = &mut SimulatedBus> {
-    lines.iter_mut().filter_map(Line::bus)
+fn buses(endpoints: &mut [Endpoint]) -> impl Iterator<Item = &mut SimulatedBus> {
+    endpoints.iter_mut().filter_map(Endpoint::bus)
 }
 
 /// A bus or an IMU on its way to other processes.
-enum Line {
+enum Endpoint {
     Can(Bridge),
     Serial(SerialPort),
     Imu(ImuPort),
 }
 
-impl Line {
+impl Endpoint {
     fn serve(&mut self, now: Instant) {
         match self {
             Self::Can(bridge) => bridge.serve(now),
@@ -262,8 +262,8 @@ impl Line {
 }
 
 /// The device of a serial bus or an IMU that is plugged in.
-fn print_device(line: &Line) {
-    if let Some((name, device)) = line.device() {
+fn print_device(endpoint: &Endpoint) {
+    if let Some((name, device)) = endpoint.device() {
         print_line(&format!("{name}: {}", device.display()));
     }
 }
@@ -273,8 +273,8 @@ fn print_line(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }
 
-fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure> {
-    let mut lines = Vec::new();
+fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Endpoint>, Failure> {
+    let mut endpoints = Vec::new();
     for (index, bus) in settings.buses.iter().enumerate() {
         let seed = arguments.seed.wrapping_add(index as u64);
         let (mut wire, mut motors) = buses::physics(settings, index);
@@ -284,26 +284,30 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
         if let Some(end) = motors_end(bus) {
             wire.wire_bitrate = arguments.wire_bitrate;
             let simulated = SimulatedBus::new(wire, motors, seed);
-            lines.push(Line::Can(Bridge::open(simulated, end)?));
+            endpoints.push(Endpoint::Can(Bridge::open(simulated, end)?));
         } else if let Some(device) = bus.kind.port() {
             let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
             let port = SerialPort::open(slave, link(arguments, device));
             let port = port.map_err(|error| Failure::Terminal { name: bus.name.clone(), error })?;
-            lines.push(Line::Serial(port));
+            endpoints.push(Endpoint::Serial(port));
         }
     }
-    open_imus(settings, arguments, &mut lines)?;
-    if lines.is_empty() { Err(Failure::NoBus) } else { Ok(lines) }
+    open_imus(settings, arguments, &mut endpoints)?;
+    if endpoints.is_empty() { Err(Failure::NoBus) } else { Ok(endpoints) }
 }
 
-fn open_imus(settings: &Settings, arguments: &Arguments, lines: &mut Vec<Line>) -> Result<(), Failure> {
+fn open_imus(
+    settings: &Settings,
+    arguments: &Arguments,
+    endpoints: &mut Vec<Endpoint>,
+) -> Result<(), Failure> {
     let start = clock::monotonic();
     for (index, imu) in settings.imus.iter().enumerate() {
         let seed = arguments.seed.wrapping_add(index as u64);
         let link = imu.source.serial().and_then(|line| link(arguments, &line.device));
-        let Some(port) = imus::twin(imu, start, link, seed) else { continue };
+        let Some(port) = imus::simulated_port(imu, start, link, seed) else { continue };
         let port = port.map_err(|error| Failure::Terminal { name: imu.name.clone(), error })?;
-        lines.push(Line::Imu(port));
+        endpoints.push(Endpoint::Imu(port));
     }
     Ok(())
 }
@@ -314,16 +318,21 @@ fn link(arguments: &Arguments, device: &str) -> Option<PathBuf> {
     arguments.link.as_ref().map(|folder| folder.join(file_name))
 }
 
-fn obey(settings: &Settings, lines: &mut [Line], now: Instant, command: &str) -> Result<(), FaultLineError> {
+fn obey(
+    settings: &Settings,
+    endpoints: &mut [Endpoint],
+    now: Instant,
+    command: &str,
+) -> Result<(), FaultLineError> {
     let verb = fault_line::read(command, settings)?;
-    for line in lines {
-        let device = line.device().map(|(_, device)| device.to_owned());
-        match line.inject(now, &verb) {
+    for endpoint in endpoints {
+        let device = endpoint.device().map(|(_, device)| device.to_owned());
+        match endpoint.inject(now, &verb) {
             Err(InjectError::NoSuchTarget) => continue,
             result => result?,
         }
-        if line.device().map(|(_, device)| device) != device.as_deref() {
-            print_device(line);
+        if endpoint.device().map(|(_, device)| device) != device.as_deref() {
+            print_device(endpoint);
         }
         return Ok(());
     }

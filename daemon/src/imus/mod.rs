@@ -19,7 +19,7 @@ mod writer;
 
 pub use external::ExternalImus;
 pub(crate) use line_limit::LineLimit;
-pub use port::twin;
+pub use port::simulated_port;
 pub use reader::Reader;
 use serial::SerialImu;
 pub use simulated::{SimulatedImus, World};

@@ -1,4 +1,4 @@
-//! The simulated twin of an IMU on a serial line, for a daemon in another process.
+//! The simulated IMU of a serial line, for a daemon in another process.
 
 use motord_bus::{Duration, Instant};
 use motord_protocol::imu::SerialProtocol;
@@ -14,7 +14,7 @@ const NOISE: f64 = 0.002;
 /// # Errors
 ///
 /// The kernel provides no pseudo terminal, or the link cannot be created.
-pub fn twin(
+pub fn simulated_port(
     imu: &ImuSettings,
     start: Instant,
     link: Option<PathBuf>,

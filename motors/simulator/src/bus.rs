@@ -4,7 +4,7 @@ use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
 use crate::imu_node::ImuNode;
 use crate::length::frame_time;
-use crate::motor::{Impairment, Motor, Reply};
+use crate::motor::{DelayedReply, Impairment, Motor};
 use crate::random::Random;
 use crate::record::{Direction, Record, Recorded};
 use crate::settings::{BusSettings, Medium, MotorSettings};
@@ -445,7 +445,7 @@ impl SimulatedBus {
     }
 
     /// Lets a motor's answer contend for the wire, changed by the motor's faults.
-    fn answer(&mut self, index: usize, at: Instant, reply: Reply) {
+    fn answer(&mut self, index: usize, at: Instant, reply: DelayedReply) {
         let motor = &self.motors[index];
         let impairment = *motor.impairment();
         let (latency, jitter) = (motor.settings().reply_latency, motor.settings().reply_jitter);

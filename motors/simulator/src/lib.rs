@@ -43,6 +43,7 @@ mod bridge;
 mod bus;
 mod contention;
 mod dialect;
+mod drives;
 mod fault;
 mod imu;
 #[cfg(feature = "bridge")]
@@ -67,7 +68,6 @@ mod shared;
 mod store;
 #[cfg(feature = "bridge")]
 mod terminal;
-mod twin;
 mod wire;
 
 #[cfg(feature = "bridge")]

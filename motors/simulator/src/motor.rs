@@ -8,10 +8,10 @@ mod registers;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::dialect::{Dialect, is_classic_command};
+use crate::drives::Drive;
 use crate::fault::{Fault, InjectError};
 use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::shaft::Shaft;
-use crate::twin::Twin;
 use crate::wire::{POSITION, Scale, State, VELOCITY};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;
@@ -66,7 +66,7 @@ pub struct Motor {
     origin: f64,
     mode: Mode,
     fault: u32,
-    twin: &'static Twin,
+    drive: &'static Drive,
     supply: f64,
     time: Instant,
     control_until: Instant,
@@ -109,7 +109,7 @@ struct Slow {
 
 /// An answer, and the time that the drive needs for it in addition to its latency.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reply {
+pub(crate) struct DelayedReply {
     pub(crate) frame: Frame,
     pub(crate) after: Duration,
 }
@@ -124,7 +124,7 @@ impl Motor {
             origin: 0.0,
             mode: Mode::Stopped,
             fault: 0,
-            twin: Twin::of(settings.vendor),
+            drive: Drive::of(settings.vendor),
             supply: settings.supply_voltage,
             time: Instant::ZERO,
             control_until: Instant::FAR_FUTURE,
@@ -302,7 +302,7 @@ impl Motor {
             return;
         }
         let conditions = self.conditions();
-        if (self.twin.raise)(self.fault, conditions) != self.fault {
+        if (self.drive.raise)(self.fault, conditions) != self.fault {
             self.raise(conditions);
         }
     }
@@ -329,7 +329,7 @@ impl Motor {
     }
 
     /// Receives `frame` from the wire at `at`, and returns the answer, if there is one.
-    pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
+    pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<DelayedReply> {
         let is_register = is_classic_command(frame) && self.is_register_request(frame);
         let is_command = self.dialect().is_formed(frame) && self.commands().matches(frame.id());
         if !(is_register || is_command) || !self.listens(at) {
@@ -343,7 +343,7 @@ impl Motor {
             Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
-        Some(Reply { frame, after })
+        Some(DelayedReply { frame, after })
     }
 
     /// Returns the protocol that it speaks now.
@@ -424,11 +424,11 @@ impl Motor {
     fn conditions(&self) -> u32 {
         let above = |value: f64, item| value > f64::from(self.configuration.int(item));
         let below = |value: f64, item| value < f64::from(self.configuration.int(item));
-        let [over_voltage, under_voltage, over_temperature] = self.twin.conditions;
+        let [over_voltage, under_voltage, over_temperature] = self.drive.conditions;
         let mut fault = 0;
         let mut raise = |number, holds: bool| {
             if holds {
-                fault = (self.twin.raise)(fault, number);
+                fault = (self.drive.raise)(fault, number);
             }
         };
         raise(over_voltage, above(self.supply, int::OVER_VOLTAGE));
@@ -438,7 +438,7 @@ impl Motor {
     }
 
     fn raise(&mut self, number: u32) {
-        self.fault = (self.twin.raise)(self.fault, number);
+        self.fault = (self.drive.raise)(self.fault, number);
         if self.fault != 0 && self.mode != Mode::Firmware {
             self.mode = Mode::Fault;
             self.end_control();

@@ -114,16 +114,16 @@ fn queue_has_set_length_and_refuses_rest() {
 
 #[test]
 fn identical_motors_of_one_id_appear_as_one() {
-    let twin = MotorSettings { name: "twin".into(), ..motor(1) };
-    let mut bus = bus(vec![motor(1), twin]);
+    let duplicate = MotorSettings { name: "twin".into(), ..motor(1) };
+    let mut bus = bus(vec![motor(1), duplicate]);
     bus.send(at(0), &[to(1, NEUTRAL)]);
     assert_eq!(received(&mut bus, at(2000)).len(), 1);
 }
 
 #[test]
 fn different_motors_of_one_id_collide() {
-    let twin = MotorSettings { name: "twin".into(), initial_position: 1.0, ..motor(1) };
-    let mut bus = bus(vec![motor(1), twin]);
+    let duplicate = MotorSettings { name: "twin".into(), initial_position: 1.0, ..motor(1) };
+    let mut bus = bus(vec![motor(1), duplicate]);
     bus.send(at(0), &[to(1, NEUTRAL)]);
     let arrivals = received(&mut bus, at(2000));
     assert!(matches!(arrivals[0].content, Content::Error(_)), "{arrivals:?}");

@@ -2,7 +2,7 @@
 //!
 //! The codec, the drive, the configuration and `motorctl frame` read the table [`PROFILES`]. They
 //! contain no vendor-specific code. To add a vendor, write a file like `steadywin.rs` and list it
-//! in [`PROFILES`]. Add a twin to the simulator and golden frames to `tests/golden/`.
+//! in [`PROFILES`]. Add a drive to the simulator and golden frames to `tests/golden/`.
 //!
 //! All vendors share one frame layout, "the common frame". A command has position 16, velocity 12,
 //! kp 12, kd 12 and torque 12 bits, big endian ([`ControlCodes`](crate::mit::ControlCodes)). A

@@ -76,19 +76,19 @@ fn scan_finds_every_motor_and_moves_none() {
 
 #[test]
 fn two_motors_with_one_id_are_detected() {
-    let twin = |host_id, initial_position| {
+    let motor = |host_id, initial_position| {
         let name = format!("m{host_id:x}");
         MotorSettings { name, host_id, initial_position, ..motor("", 1, Dialect::Mit) }
     };
     let ids = Scan { ids: 1..=2, ..Scan::default() };
-    let apart = bus(Medium::Can, vec![twin(0x101, 0.1), twin(0x102, 0.2)]);
+    let apart = bus(Medium::Can, vec![motor(0x101, 0.1), motor(0x102, 0.2)]);
     let mut over_can = link(&apart, Medium::Can);
     let report = scan(&mut over_can, &ids, &mut |_| true).unwrap();
     assert_eq!(report.found.len(), 2);
     let refused = identify(&mut over_can, 1).unwrap_err();
     assert!(refused.to_string().contains("several motors"), "{refused}");
 
-    let mut same = [twin(0x101, 0.1), twin(0x101, 0.2)];
+    let mut same = [motor(0x101, 0.1), motor(0x101, 0.2)];
     same[1].name = "other".into();
     let report = scan(&mut link(&bus(Medium::Can, same.into()), Medium::Can), &ids, &mut |_| true).unwrap();
     assert_eq!(report.collisions, [1]);

@@ -6,7 +6,7 @@
 
 use super::Motor;
 use super::configuration::int;
-use crate::twin::Asked;
+use crate::drives::Asked;
 use motord_bus::{Frame, FrameId, Instant};
 
 /// Id of every request.

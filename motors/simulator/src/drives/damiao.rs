@@ -4,12 +4,12 @@
 //! and above a fault). The lower four bits are those of the id. The last two bytes are the
 //! temperatures of transistors and rotor. A drive in fault is disabled and keeps answering.
 
-use super::drive::{Answer, Status, Twin};
+use super::drive::{Answer, Drive, Status};
 use crate::wire::{Control, MitCommand};
 use motord_bus::Frame;
 
-pub(super) const TWIN: Twin =
-    Twin { name: "damiao", decode, answer, answers_in_fault: |_| true, conditions: [0x8, 0x9, 0xC], raise };
+pub(super) const DRIVE: Drive =
+    Drive { name: "damiao", decode, answer, answers_in_fault: |_| true, conditions: [0x8, 0x9, 0xC], raise };
 
 /// Decodes a payload. Every special command begins with seven bytes 0xFF. SteadyWin's fault request
 /// is a control frame here.

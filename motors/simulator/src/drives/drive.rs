@@ -6,7 +6,7 @@ use motord_bus::{Frame, FrameId};
 
 /// The differences of one vendor's drive from those of others.
 #[derive(Debug)]
-pub(crate) struct Twin {
+pub(crate) struct Drive {
     /// The vendor's name in [`MotorSettings::vendor`](crate::MotorSettings::vendor).
     pub(super) name: &'static str,
     /// Decodes a payload as the motor does; `None` for one that the motor ignores.

@@ -1,10 +1,10 @@
 //! SteadyWin's SDC101, SDC102 and SDC103 drivers (MIT document 1.1 and 1.2, GIM document table 9).
 
-use super::drive::{Answer, Asked, Twin, bits};
+use super::drive::{Answer, Asked, Drive, bits};
 use crate::wire::MitCommand;
 use motord_bus::Frame;
 
-pub(super) const TWIN: Twin = Twin {
+pub(super) const DRIVE: Drive = Drive {
     name: "steadywin",
     decode: MitCommand::decode,
     answer,

@@ -5,12 +5,12 @@
 //! has mode (2 bits), fault and warning above 12 bits of temperature. The answer to a fault request is the id, 32 bits of faults with the low byte first, and zeros. The drive answers
 //! a clear with its state.
 
-use super::drive::{Answer, Asked, Status, Twin, bits};
+use super::drive::{Answer, Asked, Drive, Status, bits};
 use crate::settings::RobStrideFirmware;
 use crate::wire::MitCommand;
 use motord_bus::Frame;
 
-pub(super) const TWIN: Twin = Twin {
+pub(super) const DRIVE: Drive = Drive {
     name: "robstride",
     decode: MitCommand::decode,
     answer,

@@ -2,28 +2,28 @@
 //!
 //! Each is written from its vendor's sources, without the host's codec or its profiles, so that one
 //! error cannot hide in both. Both are tested with the same golden frames. To add a vendor, write a
-//! file like [`steadywin`]'s, and add a line to [`TWINS`].
+//! file like [`steadywin`]'s, and add a line to [`DRIVES`].
 
 mod damiao;
 mod drive;
 mod robstride;
 mod steadywin;
 
-pub(crate) use drive::{Answer, Asked, Status, Twin};
+pub(crate) use drive::{Answer, Asked, Drive, Status};
 
 /// All supported vendors.
-const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN, &robstride::TWIN];
+const DRIVES: &[&Drive] = &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE];
 
-impl Twin {
-    /// Returns the twin of `vendor`.
+impl Drive {
+    /// Returns the drive of `vendor`.
     ///
     /// # Panics
     ///
     /// When there is no such vendor. The author of the settings must notice it before a robot is
     /// tested with them.
     pub(crate) fn of(vendor: &str) -> &'static Self {
-        let twin = TWINS.iter().find(|twin| twin.name == vendor);
-        twin.unwrap_or_else(|| panic!("no simulated drive of the vendor {vendor}"))
+        let drive = DRIVES.iter().find(|drive| drive.name == vendor);
+        drive.unwrap_or_else(|| panic!("no simulated drive of the vendor {vendor}"))
     }
 }
 
@@ -38,9 +38,9 @@ mod tests {
         "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";
 
     /// Returns the golden frames of the host's profile of this vendor, which were computed by hand.
-    fn golden(twin: &Twin) -> Vec<Vec<String>> {
+    fn golden(drive: &Drive) -> Vec<Vec<String>> {
         let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../protocol/tests/golden");
-        let text = std::fs::read_to_string(format!("{directory}/{}.csv", twin.name)).unwrap();
+        let text = std::fs::read_to_string(format!("{directory}/{}.csv", drive.name)).unwrap();
         let (header, rows) = text.split_once('\n').unwrap();
         assert_eq!(header, HEADER);
         rows.lines().map(|row| row.split(',').map(|column| column.trim().to_owned()).collect()).collect()
@@ -64,10 +64,10 @@ mod tests {
     }
 
     #[test]
-    fn golden_commands_mean_to_twin_as_sourced() {
-        for twin in TWINS {
-            for row in golden(twin).iter().filter(|row| row[0] == "to-motor") {
-                let command = (twin.decode)(&unhex(&row[3])).unwrap();
+    fn golden_commands_mean_to_drive_as_sourced() {
+        for drive in DRIVES {
+            for row in golden(drive).iter().filter(|row| row[0] == "to-motor") {
+                let command = (drive.decode)(&unhex(&row[3])).unwrap();
                 assert!(is_kind(command, &row[1]), "{row:?}: {command:?}");
             }
         }
@@ -75,8 +75,8 @@ mod tests {
 
     #[test]
     fn every_golden_state_is_sent_as_those_bytes() {
-        for twin in TWINS {
-            for row in golden(twin).iter().filter(|row| row[1] == "state" && row[11].is_empty()) {
+        for drive in DRIVES {
+            for row in golden(drive).iter().filter(|row| row[1] == "state" && row[11].is_empty()) {
                 let bytes = unhex(&row[3]);
                 let code = |high: u8, low: u8| u16::from_be_bytes([high, low]);
                 let state = State {
@@ -90,8 +90,8 @@ mod tests {
                 let temperatures = [second.unwrap_or(first), first];
                 let id = row[4].parse().unwrap();
                 let (status, firmware) = match bytes.get(6).map(|byte| byte >> 4) {
-                    Some(0x8) if twin.name == "robstride" => (Status::On, RobStrideFirmware::Manual2026),
-                    Some(0x2) if twin.name == "robstride" => (Status::Fault, RobStrideFirmware::Manual2026),
+                    Some(0x8) if drive.name == "robstride" => (Status::On, RobStrideFirmware::Manual2026),
+                    Some(0x2) if drive.name == "robstride" => (Status::Fault, RobStrideFirmware::Manual2026),
                     _ if bytes[0] == id => (Status::Off, RobStrideFirmware::Manual2025),
                     _ => (Status::On, RobStrideFirmware::Manual2025),
                 };
@@ -106,15 +106,15 @@ mod tests {
                     firmware,
                     filler: [0; 8],
                 };
-                assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");
+                assert_eq!((drive.answer)(&answer).payload(), bytes, "{row:?}");
             }
         }
     }
 
     #[test]
     fn every_golden_fault_is_sent_as_those_bytes() {
-        for twin in TWINS {
-            for row in golden(twin).iter().filter(|row| row[1] == "fault") {
+        for drive in DRIVES {
+            for row in golden(drive).iter().filter(|row| row[1] == "fault") {
                 let bytes = unhex(&row[3]);
                 let number = bytes[1..5].iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
                 let state = State { position: 0, velocity: 0, torque: 0 };
@@ -130,7 +130,7 @@ mod tests {
                     firmware: RobStrideFirmware::Manual2026,
                     filler: [0; 8],
                 };
-                assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");
+                assert_eq!((drive.answer)(&answer).payload(), bytes, "{row:?}");
             }
         }
     }
