@@ -4,7 +4,7 @@ use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::{self, caught, raised};
 use crate::interpreter::{unused, without_lock};
 use crate::motion::Begun;
-use crate::state::{Clock, Order, State};
+use crate::state::{Clock, StateLayout, State};
 use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -21,7 +21,7 @@ const CHANGE: Duration = Duration::from_secs(60);
 pub(crate) struct Claim {
     client: Arc<Client>,
     owned: Mutex<Owned>,
-    order: Arc<Order>,
+    order: Arc<StateLayout>,
     /// The place in the claim of each entry of `order`.
     slots: Vec<usize>,
     group: String,
@@ -63,7 +63,7 @@ impl Claim {
             None => (0..known.len()).collect(),
             Some(names) => slots(claim.group(), &known, names)?,
         };
-        let order = Order {
+        let order = StateLayout {
             joints: slots.iter().map(|slot| claim.joints()[*slot]).collect(),
             names: slots.iter().map(|slot| known[*slot].to_owned()).collect(),
             imus: client.description().imus.iter().map(|imu| imu.name.clone()).collect(),

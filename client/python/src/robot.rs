@@ -4,7 +4,7 @@ use crate::arrays::{Names, duration};
 use crate::claim::Claim;
 use crate::errors::{caught, raised};
 use crate::interpreter::{probe, without_lock};
-use crate::state::{Clock, Order, State};
+use crate::state::{Clock, StateLayout, State};
 use motord_client::{
     Client, ImuPublisher as ClientPublisher, ImuSample, emergency_stop, emergency_stop_in, named_telemetry,
 };
@@ -53,12 +53,12 @@ fn parsed<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound
 
 impl Robot {
     /// The joints of `names`; all joints of the robot without names.
-    fn order(&self, names: Option<Names>) -> PyResult<Arc<Order>> {
+    fn order(&self, names: Option<Names>) -> PyResult<Arc<StateLayout>> {
         let robot = self.client.description();
         let all = || robot.joints.iter().map(|joint| joint.name.clone()).collect();
         let names: Vec<String> = names.map_or_else(all, |names| names.0);
         let index = |name: &String| self.client.joint_named(name).map_err(|error| raised(&error));
-        Ok(Arc::new(Order {
+        Ok(Arc::new(StateLayout {
             joints: names.iter().map(index).collect::<PyResult<_>>()?,
             names,
             imus: robot.imus.iter().map(|imu| imu.name.clone()).collect(),

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// The names of the entries of states.
 #[derive(Debug)]
-pub(crate) struct Order {
+pub(crate) struct StateLayout {
     /// Indices of the joints in the robot.
     pub(crate) joints: Vec<usize>,
     /// Their names.
@@ -29,7 +29,7 @@ pub(crate) struct Order {
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct State {
     pub(crate) state: ClientState,
-    pub(crate) order: Arc<Order>,
+    pub(crate) order: Arc<StateLayout>,
     pub(crate) clock: Clock,
 }
 

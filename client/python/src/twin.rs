@@ -3,7 +3,7 @@
 use crate::arrays::{JOINTS_MAX, duration, setpoints};
 use crate::errors::{caught, raised, refused};
 use crate::interpreter::unused;
-use crate::state::{Clock, Order, State};
+use crate::state::{Clock, StateLayout, State};
 use motord_client::{Error as ClientError, Operation, State as ClientState};
 use motord_shared::JointSetpoint;
 use motord_shared::description::RobotDescription;
@@ -130,7 +130,7 @@ impl Engine {
     /// The names of the joints at these places of a group.
     fn names(&self, group: usize, places: &[usize]) -> PyResult<Vec<&str>> {
         let members = self.description.groups.get(group).map_or(&[][..], |group| &group.joints);
-        let name = |place: &usize| Some(&*self.description.joints.get(*members.get(*place)?)?.name);
+        let name = |slot: &usize| Some(&*self.description.joints.get(*members.get(*slot)?)?.name);
         let names = places.iter().map(name).collect::<Option<_>>();
         names.ok_or_else(|| PyValueError::new_err("no such joint in the group"))
     }
@@ -194,7 +194,7 @@ impl Engine {
     fn state(&self, names: Vec<String>, joints: Vec<usize>, group: Option<usize>) -> PyResult<State> {
         let imus = self.description.imus.iter().map(|imu| imu.name.clone()).collect();
         let state = ClientState::from(self.twin()?.state());
-        let order = Arc::new(Order { joints, names, imus, has_samples: self.has_samples, group });
+        let order = Arc::new(StateLayout { joints, names, imus, has_samples: self.has_samples, group });
         Ok(State { state, order, clock: Clock::Virtual(self.clock.clone()) })
     }
 
@@ -218,7 +218,7 @@ impl Engine {
         let names = self.names(group, &places)?;
         let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], hold, &names)?;
         let mut joints = [JointSetpoint::default(); JOINTS_MAX];
-        for (at, place) in places.into_iter().enumerate() {
+        for (at, slot) in places.into_iter().enumerate() {
             let setpoint = JointSetpoint {
                 position: q[at],
                 velocity: dq[at],
@@ -227,7 +227,7 @@ impl Engine {
                 torque: tau[at],
                 ..JointSetpoint::default()
             };
-            *joints.get_mut(place).ok_or_else(|| PyValueError::new_err("no such place"))? = setpoint;
+            *joints.get_mut(slot).ok_or_else(|| PyValueError::new_err("no such place"))? = setpoint;
         }
         let horizon = duration("horizon", horizon)?;
         let most = self.description.setpoint_horizon_max;

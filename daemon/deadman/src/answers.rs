@@ -41,7 +41,7 @@ struct Ear {
 }
 
 /// A line whose motors are asked after their stop.
-struct Line {
+struct AskedLine {
     settings: BusSettings,
     nodes: Nodes,
     commanded: Vec<Commanded>,
@@ -52,7 +52,7 @@ struct Line {
 /// An answer on a line names its receiver, and not the motor: each motor is commanded to stop once more, one after another.
 pub(crate) struct Answers {
     ears: Vec<Ear>,
-    lines: Vec<Line>,
+    lines: Vec<AskedLine>,
     unchecked: Vec<String>,
 }
 
@@ -67,7 +67,7 @@ impl Answers {
             let commanded = commanded(settings, index);
             if bus.is_line() {
                 let nodes = nodes(settings, index, LINE_TIMEOUT);
-                answers.lines.push(Line { settings: bus.clone(), nodes, commanded });
+                answers.lines.push(AskedLine { settings: bus.clone(), nodes, commanded });
                 continue;
             }
             match bus.kind.address().and_then(&mut *listen) {
@@ -99,7 +99,7 @@ impl Answers {
     }
 
     fn open_lines(&mut self) {
-        for Line { settings, nodes, commanded } in self.lines.drain(..) {
+        for AskedLine { settings, nodes, commanded } in self.lines.drain(..) {
             match settings.kind.hardware().map(|hardware| hardware.open(&nodes, None)) {
                 Some(Ok(opened)) => self.ears.push(Ear::new(settings.device(), opened.bus, commanded)),
                 outcome => {

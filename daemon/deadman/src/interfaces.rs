@@ -14,7 +14,7 @@ pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, Inte
 
 /// One interface, opened.
 pub struct Interface {
-    line: Line,
+    line: InterfaceOutlet,
     frames: BusFrames,
 }
 
@@ -31,7 +31,7 @@ impl Interface {
             Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
             None => open(&frames.interface, 2 * count as u32)?,
         };
-        let line = Line {
+        let line = InterfaceOutlet {
             name: frames.interface.clone(),
             kind: frames.kind(),
             outlet: Some(outlet),
@@ -54,7 +54,7 @@ pub(crate) fn holders_of(kind: Option<&BusKind>, thorough: bool) -> [Option<Hold
 }
 
 /// The way to the motors of one interface.
-struct Line {
+struct InterfaceOutlet {
     name: String,
     /// `None` for a name that no bus can have.
     kind: Option<BusKind>,
@@ -64,7 +64,7 @@ struct Line {
     accepted: bool,
 }
 
-impl Outlet for Line {
+impl Outlet for InterfaceOutlet {
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         let refusal = self.outlet.as_mut()?.send_round(now, frames);
         self.accepted |= refusal.is_none();
@@ -89,7 +89,7 @@ pub struct Locked {
 
 /// Interfaces with the [`Stopper`] of their motors.
 pub struct Interfaces {
-    lines: Vec<Line>,
+    lines: Vec<InterfaceOutlet>,
     stopper: Stopper,
 }
 
@@ -174,7 +174,7 @@ impl Interfaces {
     /// Returns what was done since the stopper began, for the log. Allocates.
     #[must_use]
     pub fn outcome(&self) -> String {
-        let names = |of: fn(&Line) -> bool| {
+        let names = |of: fn(&InterfaceOutlet) -> bool| {
             let names: Vec<_> =
                 self.lines.iter().filter(|line| of(line)).map(|line| line.name.as_str()).collect();
             (!names.is_empty()).then(|| names.join(", "))

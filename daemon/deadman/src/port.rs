@@ -58,7 +58,7 @@ impl Port {
         let (rounds, taken) = sync_channel(1);
         let (ends, ended) = channel();
         let is_sound = Arc::new(AtomicBool::new(true));
-        let mut line = Line { device: device.to_owned(), baud, sender: None, logged: false };
+        let mut line = PortThread { device: device.to_owned(), baud, sender: None, logged: false };
         let sound = Arc::clone(&is_sound);
         let serve = move || {
             line.serve(&taken, &sound);
@@ -93,7 +93,7 @@ impl Drop for Port {
 }
 
 /// The thread's end: the port itself.
-struct Line {
+struct PortThread {
     device: String,
     baud: u32,
     sender: Option<SerialSender>,
@@ -101,7 +101,7 @@ struct Line {
     logged: bool,
 }
 
-impl Line {
+impl PortThread {
     /// Sends the rounds until the caller's end is dropped.
     fn serve(&mut self, rounds: &Receiver<Round>, is_sound: &AtomicBool) {
         self.find();

@@ -25,14 +25,14 @@ const TURN: Duration = Duration::from_millis(1);
 type Outcome = (FaultVerb, Result<(), InjectError>);
 
 /// A simulated bus.
-enum Wire {
+enum BusModel {
     /// Its motors turn by themselves.
     Alone(Box<SimulatedBus>),
     /// A plant moves them. No other thread uses it, so that nothing waits for its locks.
     Coupled(SharedBus, PlantBus),
 }
 
-impl Wire {
+impl BusModel {
     fn with<T>(&mut self, act: impl FnOnce(&mut SimulatedBus) -> T) -> T {
         match self {
             Self::Alone(bus) => act(bus),
@@ -51,7 +51,7 @@ impl Wire {
 /// A simulated bus that takes faults from another thread.
 pub struct InjectedBus {
     name: String,
-    wire: Wire,
+    wire: BusModel,
     verbs: Consumer<FaultVerb>,
     outcomes: Producer<Outcome>,
     unplugged: bool,
@@ -95,8 +95,8 @@ impl Bus for InjectedBus {
 
     fn readiness(&self) -> Readiness<'_> {
         match &self.wire {
-            Wire::Alone(bus) => bus.readiness(),
-            Wire::Coupled(_, bus) => bus.readiness(),
+            BusModel::Alone(bus) => bus.readiness(),
+            BusModel::Coupled(_, bus) => bus.readiness(),
         }
     }
 }
@@ -109,7 +109,7 @@ struct Injector {
 
 impl Injector {
     /// The bus `name` with this wire, and the end that gives it faults. Allocates.
-    fn of(name: &str, wire: Wire) -> (InjectedBus, Self) {
+    fn of(name: &str, wire: BusModel) -> (InjectedBus, Self) {
         let (verbs, taken) = RingBuffer::new(1);
         let (returned, outcomes) = RingBuffer::new(1);
         let name = name.to_owned();
@@ -149,7 +149,7 @@ impl Injectors {
         let wires = seeds
             .iter()
             .enumerate()
-            .map(|(index, seed)| Wire::Alone(simulate(settings, index, *seed).into()));
+            .map(|(index, seed)| BusModel::Alone(simulate(settings, index, *seed).into()));
         Some(Self::of(settings, wires))
     }
 
@@ -167,11 +167,11 @@ impl Injectors {
         let (shared, coupled) = coupled(settings, |bus| seeds[bus], mechanics)?;
         Ok(Self::of(
             settings,
-            shared.into_iter().zip(coupled).map(|(shared, bus)| Wire::Coupled(shared, bus)),
+            shared.into_iter().zip(coupled).map(|(shared, bus)| BusModel::Coupled(shared, bus)),
         ))
     }
 
-    fn of(settings: &Settings, wires: impl Iterator<Item = Wire>) -> (Vec<Box<dyn Bus>>, Self) {
+    fn of(settings: &Settings, wires: impl Iterator<Item = BusModel>) -> (Vec<Box<dyn Bus>>, Self) {
         let (mut buses, mut injectors) = (Vec::<Box<dyn Bus>>::new(), Vec::new());
         for (bus, wire) in settings.buses.iter().zip(wires) {
             let (bus, injector) = Injector::of(&bus.name, wire);
@@ -221,11 +221,11 @@ mod tests {
 
     /// The first bus.
     fn one(settings: &Settings) -> (InjectedBus, Injector) {
-        Injector::of(&settings.buses[0].name, Wire::Alone(simulate(settings, 0, 0).into()))
+        Injector::of(&settings.buses[0].name, BusModel::Alone(simulate(settings, 0, 0).into()))
     }
 
     #[test]
-    fn configuration_with_real_bus_takes_no_faults() {
+    fn configuration_with_real_bus_accepts_no_faults() {
         assert!(Injectors::open(&settings("quadruped.toml")).is_none());
         assert!(Injectors::open(&settings("quadruped-simulated.toml")).is_some());
     }

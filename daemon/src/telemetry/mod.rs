@@ -66,7 +66,7 @@ pub struct Housekeeping {
 }
 
 /// Everything that the telemetry thread owns.
-pub struct Recorder {
+pub struct TelemetryLoop {
     events: Consumer<(u64, Event)>,
     counters: Arc<Counters>,
     answers: Answers,
@@ -81,7 +81,7 @@ pub struct Recorder {
     housekeeping: Housekeeping,
 }
 
-impl Recorder {
+impl TelemetryLoop {
     /// Takes the ends of the cycle and of the ipc thread. The metrics go to `outputs`.
     #[must_use]
     pub fn new(

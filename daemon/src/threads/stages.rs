@@ -22,7 +22,7 @@ use crate::plant::{Plant, PlantError};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::programs::Programs;
-use crate::telemetry::{self, Answers, Housekeeping, Recorder};
+use crate::telemetry::{self, Answers, Housekeeping, TelemetryLoop};
 use motord_bus::{Duration, Monotonic, clock};
 use motord_core::control::ImuReading;
 use motord_core::cycle::{Cycle, EmergencyStops, Ends, Supply, assemble};
@@ -168,10 +168,10 @@ impl Served {
         let config = ConfigWatch::new(config, Arc::clone(counters));
         let housekeeping = Housekeeping { directory, config, buses: BusWatch::new(settings, broken) };
         let answers = (answers, ipc.thread.thread().clone());
-        let mut recorder = Recorder::new(settings, observed, answers, housekeeping, outputs);
+        let mut telemetry_loop = TelemetryLoop::new(settings, observed, answers, housekeeping, outputs);
         let instance = Arc::clone(lock);
         let telemetry = starter.start("telemetry", move |orders| {
-            recorder.run(DeadClients::open(&instance), || orders.are(Orders::END));
+            telemetry_loop.run(DeadClients::open(&instance), || orders.are(Orders::END));
         })?;
         Ok(Observed { starter, cycle, claims, stops, unplanted, ipc, telemetry, lost })
     }

@@ -10,7 +10,7 @@ const WIDEST: f64 = 50e-6;
 
 /// The wire between the computer and the motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wire {
+pub struct BusTiming {
     /// The longest time of a frame, s.
     pub frame: f64,
     /// Other motors on the bus.
@@ -32,7 +32,7 @@ pub struct Delay {
 
 impl Delay {
     /// Returns the bounds from the stamps; `None` without samples.
-    pub(crate) fn of(samples: &[Sample], wire: Wire) -> Option<Self> {
+    pub(crate) fn of(samples: &[Sample], wire: BusTiming) -> Option<Self> {
         let mut times: Vec<f64> =
             samples.iter().map(|sample| sample.latency).filter(|time| *time > 0.0).collect();
         times.sort_by(f64::total_cmp);

@@ -1,6 +1,6 @@
 //! The fit: weighted least squares over the windows, with intervals from leaving out blocks of time.
 
-use crate::delay::{Delay, Wire};
+use crate::delay::{BusTiming, Delay};
 use crate::interval::{Value, Why};
 use crate::law::Torque;
 use crate::model::Model;
@@ -104,7 +104,7 @@ impl core::fmt::Display for Note {
 
 /// Identifies a joint by what was recorded, in the order of time. Allocates; the time is proportional to the number of samples.
 #[must_use]
-pub fn identify(samples: &[Sample], wire: Wire) -> Identified {
+pub fn identify(samples: &[Sample], wire: BusTiming) -> Identified {
     let delay = Delay::of(samples, wire);
     let positions = || samples.iter().map(|sample| sample.position);
     let [low, high] =

@@ -26,7 +26,7 @@ mod stiction;
 mod terms;
 mod windows;
 
-pub use delay::{Delay, Wire};
+pub use delay::{BusTiming, Delay};
 pub use excitation::{Command, Limits, Plan, PlanError, Shape, Stage};
 pub use fit::{Identified, Note, identify};
 pub use interval::{Value, Why};

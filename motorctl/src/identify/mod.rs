@@ -19,7 +19,7 @@ use crate::identify::report::{Report, outcome};
 use crate::identify::session::Session;
 use motord_client::{Client, Error, JointDescription, RobotDescription};
 use motord_direct::Confirm;
-use motord_identify::{Identified, Plan, Shape, Wire, identify};
+use motord_identify::{BusTiming, Identified, Plan, Shape, identify};
 use motord_terminal::{Interrupt, within};
 use std::io;
 use std::path::PathBuf;
@@ -99,7 +99,7 @@ fn excite(
     session: &mut Session,
     arguments: &Arguments,
     interrupt: &Interrupt,
-    wire: Wire,
+    wire: BusTiming,
 ) -> Result<(Identified, Losses), Failure> {
     let printer = Printer::start(arguments.json)?;
     let moved = session.start().and_then(|()| session.follow(interrupt, &printer));
@@ -139,12 +139,12 @@ fn warning(joint: &JointDescription, plan: &Plan) -> String {
 }
 
 /// The wire of the joint's motor. An interface has a name, a serial line a path.
-fn wire(robot: &RobotDescription, joint: &JointDescription) -> Wire {
+fn wire(robot: &RobotDescription, joint: &JointDescription) -> BusTiming {
     let bus = robot.buses.iter().position(|bus| *bus == joint.bus);
     let frame = bus.and_then(|bus| robot.frame_times.get(bus).copied()).unwrap_or(0.0);
     let device = bus.and_then(|bus| robot.devices.get(bus)).map_or("", String::as_str);
     let on_bus = robot.joints.iter().filter(|other| other.bus == joint.bus).count();
-    Wire { frame, others: on_bus.saturating_sub(1), is_can: frame > 0.0 && !device.starts_with('/') }
+    BusTiming { frame, others: on_bus.saturating_sub(1), is_can: frame > 0.0 && !device.starts_with('/') }
 }
 
 #[cfg(test)]
@@ -165,7 +165,7 @@ mod tests {
             frame_times: vec![1e-3, 135e-6],
             ..RobotDescription::default()
         };
-        assert_eq!(wire(&robot, &robot.joints[0]), Wire { frame: 1e-3, others: 0, is_can: false });
-        assert_eq!(wire(&robot, &robot.joints[1]), Wire { frame: 135e-6, others: 1, is_can: true });
+        assert_eq!(wire(&robot, &robot.joints[0]), BusTiming { frame: 1e-3, others: 0, is_can: false });
+        assert_eq!(wire(&robot, &robot.joints[1]), BusTiming { frame: 135e-6, others: 1, is_can: true });
     }
 }

@@ -60,8 +60,8 @@ pub(crate) fn run(arguments: &ReplayArguments) -> Result<(), Failure> {
         let Replay { picture, view, .. } = &mut replay;
         screen.terminal.draw(|frame| draw::draw(frame, picture, view, &Notice::default()))?;
         let mut message = events.recv_timeout(pause).ok();
-        while let Some(news_now) = message {
-            match news_now {
+        while let Some(event) = message {
+            match event {
                 Event::Key(key) if !replay.press(&key) => return Ok(()),
                 Event::Ended(reason) => return Err(std::io::Error::other(reason).into()),
                 _ => {}

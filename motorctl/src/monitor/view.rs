@@ -35,7 +35,7 @@ pub(super) enum Page {
 
 /// The order of the joints.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) enum Order {
+pub(super) enum SortOrder {
     /// Faulty and offline motors first, then the order of the configuration.
     #[default]
     Trouble,
@@ -55,7 +55,7 @@ pub(super) enum Order {
     Age,
 }
 
-impl Order {
+impl SortOrder {
     const ALL: [Self; 8] = [
         Self::Trouble,
         Self::Configuration,
@@ -103,7 +103,7 @@ pub(super) struct View {
     /// The page that is shown.
     pub(super) page: Page,
     /// The order of the joints.
-    pub(super) order: Order,
+    pub(super) order: SortOrder,
     /// A part of the names of joints, buses or modes that are shown.
     pub(super) filter: String,
     /// True while the filter is typed.
@@ -165,7 +165,7 @@ impl View {
                 Page::Latencies | Page::Help => Page::Joints,
             }),
             KeyCode::Char('s') => self.order = self.order.next(1),
-            KeyCode::Char('S') => self.order = self.order.next(Order::ALL.len() - 1),
+            KeyCode::Char('S') => self.order = self.order.next(SortOrder::ALL.len() - 1),
             KeyCode::Char('g') => self.group = self.next_group(),
             KeyCode::Char('/') => {
                 self.show(Page::Joints);

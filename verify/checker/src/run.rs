@@ -31,13 +31,13 @@ mod reported;
 mod slope;
 mod stop;
 
-use crate::protocol::codec::Order;
+use crate::protocol::codec::DecodedCommand;
 use crate::protocol::ranges::Ranges;
 use crate::robot::{Limits, Motor, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
 use motord_bus::{Duration, Frame, Instant};
-use received::Received;
+use received::ReceivedCommand;
 pub use reply::Reply;
 use reported::Velocities;
 use slope::Slopes;
@@ -314,7 +314,7 @@ impl Checker {
             }
             None => {
                 let motor = self.robot.register_reader(bus, &frame);
-                (motor.expect("frames go to motors"), Order::GetRegister)
+                (motor.expect("frames go to motors"), DecodedCommand::GetRegister)
             }
         };
         cycle.frames[bus] += 1;
@@ -323,7 +323,7 @@ impl Checker {
         let before = &cycle.received[motor];
         let first = before.is_none() || order.is_question();
         assert!(first, "I5: {order:?} after {before:?} for {}", motors[motor].name);
-        let received = Received::of(order, motor, [&cycle.before, &cycle.state]);
+        let received = ReceivedCommand::of(order, motor, [&cycle.before, &cycle.state]);
         cycle.received[motor].get_or_insert(received);
         self.check_values(cycle, motor, order);
         self.check_order(cycle, motor, received);
@@ -340,17 +340,17 @@ impl Checker {
         assert!(!started || before.mode == Mode::Starting, "I1: active without a start");
     }
 
-    fn check_order(&mut self, cycle: &Cycle, motor: usize, received: Received) {
+    fn check_order(&mut self, cycle: &Cycle, motor: usize, received: ReceivedCommand) {
         let order = received.order;
         let excluded =
             [&cycle.before, &cycle.state].iter().all(|state| state.joints[motor].mode == Mode::Excluded);
-        let rests = matches!(order, Order::Stop | Order::GetIndicator);
+        let rests = matches!(order, DecodedCommand::Stop | DecodedCommand::GetIndicator);
         assert!(!excluded || rests, "I4: {order:?} to an excluded motor");
         let group = self.robot.groups.iter().position(|group| group.motors.contains(&motor));
         let group = group.expect("every motor is in a group");
         match order {
-            Order::Stop | Order::GetFault | Order::GetIndicator => {}
-            Order::GetRegister => {
+            DecodedCommand::Stop | DecodedCommand::GetFault | DecodedCommand::GetIndicator => {}
+            DecodedCommand::GetRegister => {
                 let stopped = |state: &Rc<State>| {
                     !matches!(state.joints[motor].mode, Mode::Starting | Mode::Active | Mode::Damping)
                 };
@@ -359,20 +359,23 @@ impl Checker {
                     "I4: {order:?} to a motor that moves"
                 );
             }
-            Order::Start => {
+            DecodedCommand::Start => {
                 let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
                 assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);
             }
-            Order::SetZero => {
+            DecodedCommand::SetZero => {
                 assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
                 self.zeros[motor] -= 1;
             }
-            Order::ClearFault => {
+            DecodedCommand::ClearFault => {
                 let asked = cycle.begun <= self.clears[motor] && cycle.touches(group, Phase::Disarmed);
                 assert!(asked, "I1: clear fault");
             }
-            Order::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
-            Order::Impedance { .. } | Order::Torque(_) | Order::Speed(_) | Order::Position(_) => {
+            DecodedCommand::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
+            DecodedCommand::Impedance { .. }
+            | DecodedCommand::Torque(_)
+            | DecodedCommand::Speed(_)
+            | DecodedCommand::Position(_) => {
                 assert!(!cycle.is(group, Phase::Disarmed), "I4: {order:?} to a stopped motor");
                 if !received.is_safe && !self.holds(cycle, group, motor, order) {
                     check_motion(self.robot.setpoint_timeout, cycle, group);
@@ -383,7 +386,7 @@ impl Checker {
 
     /// Returns `true` when the command holds a motor of a group that holds after its owner is late
     /// or lost.
-    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: Order) -> bool {
+    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: DecodedCommand) -> bool {
         let causes = [Cause::None, Cause::SetpointTimeout, Cause::OwnerLost];
         self.robot.groups[group].safe_stop == SafeStop::Hold
             && causes.contains(&cycle.before.groups[group].cause)
@@ -392,11 +395,11 @@ impl Checker {
     }
 
     /// Checks the limits of every value, and of its slope while the motor follows setpoints.
-    fn check_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+    fn check_values(&mut self, cycle: &Cycle, motor: usize, order: DecodedCommand) {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
-        let (Some(ranges), Order::Impedance { position, kp, kd, torque, .. }) =
+        let (Some(ranges), DecodedCommand::Impedance { position, kp, kd, torque, .. }) =
             (protocol.codec().ranges(), order)
         else {
             return self.check_native(cycle, motor, order);
@@ -427,7 +430,7 @@ impl Checker {
         if self.robot.motors[motor].has_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
     }
 
-    fn check_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+    fn check_native(&mut self, cycle: &Cycle, motor: usize, order: DecodedCommand) {
         let (limits, time) = (&self.robot.motors[motor].limits, self.time(motor, cycle));
         let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let [_, now] = joints;
@@ -436,16 +439,16 @@ impl Checker {
         native::check_value(order, limits, active && !now.slews);
         match order {
             _ if order.is_question() => {}
-            Order::Torque(_) | Order::Speed(_) | Order::Position(_) if active => {
+            DecodedCommand::Torque(_) | DecodedCommand::Speed(_) | DecodedCommand::Position(_) if active => {
                 let fast = f64::from(now.applied_velocity);
-                let is_wrong = matches!(order, Order::Torque(_)) && is_wrong_lease(fast);
+                let is_wrong = matches!(order, DecodedCommand::Torque(_)) && is_wrong_lease(fast);
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
                 let settings = &self.robot.motors[motor];
                 let turn = (settings.turn * self.robot.period).as_secs_f64();
                 let turn = settings.has_turns().then_some(turn);
                 self.last[motor].check(order, (time, turn), limits, joints);
             }
-            Order::Speed(_) if both(Mode::Damping) => {
+            DecodedCommand::Speed(_) if both(Mode::Damping) => {
                 // A line may lose frames that were sent.
                 let has_turns = self.robot.motors[motor].has_turns();
                 let applied = if has_turns { f64::from(joints[0].applied_velocity) } else { 0.0 };
@@ -504,8 +507,13 @@ fn check_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges)
 
 /// Checks the velocity and the torque of an impedance, and its total torque at the last state: the
 /// published one, or a newer one.
-fn check_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
-    let Order::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
+fn check_impedance(
+    order: DecodedCommand,
+    limits: &Limits,
+    states: impl Iterator<Item = [f64; 2]>,
+    codes: &Ranges,
+) {
+    let DecodedCommand::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
     assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
     assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
@@ -546,8 +554,10 @@ fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f
 }
 
 /// Returns `true` when the command holds the motor at one of these positions, rad.
-fn is_held(motor: &Motor, order: Order, held: [f64; 2]) -> bool {
-    let (Order::Impedance { position, neutral: true, .. } | Order::Position(position)) = order else {
+fn is_held(motor: &Motor, order: DecodedCommand, held: [f64; 2]) -> bool {
+    let (DecodedCommand::Impedance { position, neutral: true, .. } | DecodedCommand::Position(position)) =
+        order
+    else {
         return false;
     };
     held.iter().any(|held| (position - held).abs() < motor.protocol.position_code().max(HELD))

@@ -1,7 +1,7 @@
 //! Facts of the vendors' MIT motors, written from the vendors' documents (docs/motors.md). To add a
 //! vendor, add a row to [`VENDORS`].
 
-use crate::protocol::mit::Reply;
+use crate::protocol::mit::ReplyFormat;
 
 /// The facts of one vendor that a check needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub struct Vendor {
     /// (docs/configuration.md).
     pub reply_offset: u16,
     /// The form of its replies.
-    pub reply: Reply,
+    pub reply: ReplyFormat,
     /// The simulator's command that raises an over-voltage, by the vendor's number.
     pub over_voltage: &'static str,
     /// The simulator's command that raises an over-current, by the vendor's number.
@@ -28,7 +28,7 @@ pub const VENDORS: &[Vendor] = &[
         name: "steadywin",
         models: "GIM",
         reply_offset: 0x100,
-        reply: Reply::STEADYWIN,
+        reply: ReplyFormat::STEADYWIN,
         over_voltage: "fault 0x02",
         over_current: "fault 0x40",
     },
@@ -38,7 +38,7 @@ pub const VENDORS: &[Vendor] = &[
         name: "damiao",
         models: "DM-",
         reply_offset: 0x10,
-        reply: Reply { id_mask: 0x0F, length: 8, report: None, registers: true },
+        reply: ReplyFormat { id_mask: 0x0F, length: 8, report: None, registers: true },
         over_voltage: "fault 0x08",
         over_current: "fault 0x0A",
     },
@@ -48,7 +48,7 @@ pub const VENDORS: &[Vendor] = &[
         name: "robstride",
         models: "RS",
         reply_offset: 0x40,
-        reply: Reply { id_mask: 0xFF, length: 8, report: Some(4), registers: false },
+        reply: ReplyFormat { id_mask: 0xFF, length: 8, report: Some(4), registers: false },
         over_voltage: "fault 0x08",
         over_current: "fault 0x10000",
     },

@@ -6,7 +6,7 @@
 
 use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
 use motord_checker::protocol::Protocol;
-use motord_checker::protocol::mit::{Mit, Reply};
+use motord_checker::protocol::mit::{Mit, ReplyFormat};
 use motord_checker::protocol::ranges::Ranges;
 use motord_checker::robot::{Group, Limits, Motor, Robot, SafeStop};
 use motord_checker::run::{self, BusFault, Checker, Command, MotorFault, Request};
@@ -41,7 +41,7 @@ fn native(command: u8, value: f32) -> u64 {
 }
 
 /// Returns MIT with replies of this form.
-fn mit(reply: Reply) -> Protocol {
+fn mit(reply: ReplyFormat) -> Protocol {
     Protocol::Mit(Mit { ranges: Ranges::steadywin(20.0), reply })
 }
 
@@ -97,7 +97,7 @@ struct Next {
 
 impl Script {
     fn new() -> Self {
-        Self::of(robot(mit(Reply::STEADYWIN)))
+        Self::of(robot(mit(ReplyFormat::STEADYWIN)))
     }
 
     fn of(robot: Robot) -> Self {
@@ -292,7 +292,7 @@ fn i1_commands_that_nobody_asked_for() {
 #[test]
 fn i1_question_misread_as_command_is_refused() {
     refuses("I1: a question", || {
-        let reply = Reply { report: None, ..Reply::STEADYWIN };
+        let reply = ReplyFormat { report: None, ..ReplyFormat::STEADYWIN };
         Script::of(robot(mit(reply))).cycle(Phase::Disarmed, Mode::Idle, GET_FAULT);
     });
 }

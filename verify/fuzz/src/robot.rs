@@ -55,7 +55,7 @@ fn settings(text: &str) -> Settings {
 
 /// A bus between the cycle and the target.
 #[derive(Debug, Default)]
-struct Wire {
+struct TargetBus {
     sent: Vec<Frame>,
     arriving: VecDeque<Content>,
     /// The reply of a motor at rest; `None` when it must be silent.
@@ -63,15 +63,15 @@ struct Wire {
 }
 
 #[derive(Debug, Clone, Default)]
-struct SharedWire(Arc<Mutex<Wire>>);
+struct SharedTargetBus(Arc<Mutex<TargetBus>>);
 
-impl SharedWire {
-    fn lock(&self) -> MutexGuard<'_, Wire> {
+impl SharedTargetBus {
+    fn lock(&self) -> MutexGuard<'_, TargetBus> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Bus for SharedWire {
+impl Bus for SharedTargetBus {
     fn send(&mut self, _: Instant, frames: &[Frame]) -> Accepted {
         let mut wire = self.lock();
         wire.sent.extend(frames);
@@ -160,13 +160,13 @@ pub(crate) struct Robot {
     cycle: Cycle,
     pub(crate) client: LocalClient,
     clock: VirtualClock,
-    wires: Vec<SharedWire>,
+    wires: Vec<SharedTargetBus>,
     tick: Tick,
 }
 
 impl Robot {
     pub(crate) fn new(settings: &'static Settings) -> Self {
-        let wires: Vec<SharedWire> = settings.buses.iter().map(|_| SharedWire::default()).collect();
+        let wires: Vec<SharedTargetBus> = settings.buses.iter().map(|_| SharedTargetBus::default()).collect();
         let buses = wires.iter().map(|wire| Box::new(wire.clone()) as Box<dyn Bus>).collect();
         let clock = VirtualClock::new(BEGIN);
         let (cycle, ends) = assemble(settings, buses, clock.clone(), 7);

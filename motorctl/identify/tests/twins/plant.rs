@@ -1,7 +1,7 @@
 //! Joints with hidden mechanics, which only the tests know.
 
 use motord_configuration::Machine;
-use motord_identify::Wire;
+use motord_identify::BusTiming;
 use motord_twin::{Mechanics, Options, Twin};
 use std::path::Path;
 use std::time::Duration;
@@ -248,8 +248,8 @@ impl Hidden {
         Twin::new(loaded.settings, options, Some(Box::new(joint)), None).unwrap()
     }
 
-    pub(crate) fn wire(&self, twin: &Twin) -> Wire {
+    pub(crate) fn wire(&self, twin: &Twin) -> BusTiming {
         let frame = motord_configuration::describe(twin.settings(), 0).frame_times[0];
-        Wire { frame, others: self.others, is_can: true }
+        BusTiming { frame, others: self.others, is_can: true }
     }
 }

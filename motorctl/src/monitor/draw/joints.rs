@@ -1,7 +1,7 @@
 //! The joints, one in a row.
 
 use super::super::picture::Reading;
-use super::super::view::{Order, View};
+use super::super::view::{SortOrder, View};
 use super::text::{ALARM, WARNING, bold, dim, flowed, left, right};
 use crate::joint_report::JointReport;
 use motord_client::MotorMode;
@@ -36,7 +36,7 @@ pub(super) fn table(
     if columns.is_wide {
         heading.push_span(bold(" notes"));
     }
-    if view.order != Order::Trouble {
+    if view.order != SortOrder::Trouble {
         heading.push_span(dim(format!("  by {}", view.order.name())));
     }
     let mut rows: Vec<Line<'static>> = shown.iter().map(|joint| columns.row(joint)).collect();
@@ -52,25 +52,25 @@ fn passes(joint: &JointReport, filter: &str) -> bool {
     texts.any(|text| text.contains(filter))
 }
 
-fn sort(joints: &mut [&JointReport], order: Order) {
+fn sort(joints: &mut [&JointReport], order: SortOrder) {
     let largest_first = |value: fn(&JointReport) -> f64| {
         move |a: &&JointReport, b: &&JointReport| value(b).total_cmp(&value(a))
     };
     match order {
-        Order::Trouble => joints.sort_by_key(|joint| trouble(joint)),
-        Order::Configuration => {}
-        Order::Name => joints.sort_by(|a, b| a.name.cmp(&b.name)),
-        Order::Position => joints.sort_by(largest_first(|joint| {
+        SortOrder::Trouble => joints.sort_by_key(|joint| trouble(joint)),
+        SortOrder::Configuration => {}
+        SortOrder::Name => joints.sort_by(|a, b| a.name.cmp(&b.name)),
+        SortOrder::Position => joints.sort_by(largest_first(|joint| {
             fraction(joint).map_or(-1.0, |fraction| (2.0 * fraction - 1.0).abs())
         })),
-        Order::Velocity => joints.sort_by(largest_first(|joint| {
+        SortOrder::Velocity => joints.sort_by(largest_first(|joint| {
             joint.velocity_rad_s.map_or(-1.0, |speed| f64::from(speed.abs()))
         })),
-        Order::Torque => joints.sort_by(largest_first(|joint| torque_part(joint).unwrap_or(-1.0))),
-        Order::Temperature => {
+        SortOrder::Torque => joints.sort_by(largest_first(|joint| torque_part(joint).unwrap_or(-1.0))),
+        SortOrder::Temperature => {
             joints.sort_by(largest_first(|joint| joint.temperature_celsius.map_or(-1e9, f64::from)));
         }
-        Order::Age => joints.sort_by_key(|joint| std::cmp::Reverse(joint.age_cycles)),
+        SortOrder::Age => joints.sort_by_key(|joint| std::cmp::Reverse(joint.age_cycles)),
     }
 }
 

@@ -9,7 +9,7 @@ mod svg;
 use super::draw;
 use super::picture::{Loss, Picture, Reading};
 use super::request::Notice;
-use super::view::{Order, Page, View};
+use super::view::{Page, SortOrder, View};
 use motord_client::{GroupDescription, RobotDescription, Telemetry};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -94,7 +94,7 @@ fn a_filter_and_an_order_choose_the_rows() {
     };
     let mut view = View { filter: "knee".to_owned(), ..View::default() };
     assert_eq!(rows(&mut view), ["fl-knee", "fr-knee", "rl-knee", "rr-knee"]);
-    let mut view = View { filter: "rear-left".to_owned(), order: Order::Torque, ..View::default() };
+    let mut view = View { filter: "rear-left".to_owned(), order: SortOrder::Torque, ..View::default() };
     assert_eq!(rows(&mut view), ["rl-knee", "rl-thigh", "rl-hip"]);
 }
 

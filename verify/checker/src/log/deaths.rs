@@ -16,7 +16,7 @@ const TROT: Duration = Duration::from_millis(30);
 
 /// The commands that one motor has received.
 #[derive(Debug, Clone, Copy, Default)]
-struct Received {
+struct MotorProgress {
     /// It has received a command to move, at any time.
     moved: bool,
     /// It was damped since the last mark.
@@ -41,7 +41,7 @@ pub struct Deaths<'a> {
     limits: &'a Limits,
     /// The current death, and its time.
     death: Option<(String, Duration)>,
-    motors: Vec<Received>,
+    motors: Vec<MotorProgress>,
     buses: BTreeMap<&'a str, Carried>,
     due: BTreeMap<String, usize>,
     repetitions: BTreeMap<String, usize>,
@@ -59,7 +59,7 @@ impl<'a> Deaths<'a> {
             wiring,
             limits,
             death: None,
-            motors: vec![Received::default(); wiring.motors.len()],
+            motors: vec![MotorProgress::default(); wiring.motors.len()],
             buses,
             due: BTreeMap::new(),
             repetitions: BTreeMap::new(),

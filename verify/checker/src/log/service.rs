@@ -11,7 +11,7 @@ use crate::robot::Wiring;
 
 /// The commands that one motor has received since the last mark.
 #[derive(Debug, Clone, Default)]
-struct Received {
+struct MotorCommands {
     word: String,
     motions: usize,
 }
@@ -22,7 +22,7 @@ pub struct Service<'a> {
     wiring: &'a Wiring,
     mark: String,
     marks: usize,
-    motors: Vec<Received>,
+    motors: Vec<MotorCommands>,
     seen: Vec<bool>,
     frames: usize,
 }
@@ -36,7 +36,7 @@ impl<'a> Service<'a> {
             wiring,
             mark: String::new(),
             marks: 0,
-            motors: vec![Received::default(); motors],
+            motors: vec![MotorCommands::default(); motors],
             seen: vec![false; motors],
             frames: 0,
         }
@@ -45,7 +45,7 @@ impl<'a> Service<'a> {
     fn close(&mut self, verdict: &mut Verdict) {
         let (mark, number) = (&self.mark, self.marks);
         let seen = self.wiring.motors.iter().zip(&self.motors).zip(&self.seen).filter(|(_, seen)| **seen);
-        for ((motor, Received { word, motions }), _) in seen {
+        for ((motor, MotorCommands { word, motions }), _) in seen {
             let address = motor.address();
             verdict.demand(is_asked(mark, word), || {
                 format!("{address} heard \"{word}\" after mark {number} {mark}")
@@ -55,7 +55,7 @@ impl<'a> Service<'a> {
                 format!("{address} received {motions} commands to move after mark {number} {mark}")
             });
         }
-        self.motors.fill(Received::default());
+        self.motors.fill(MotorCommands::default());
     }
 }
 

@@ -6,7 +6,7 @@ use motord_bus::Frame;
 /// The meaning of the frames of one protocol.
 pub(crate) trait Codec {
     /// Decodes a command to a motor, motor side.
-    fn order(&self, frame: &Frame) -> Order;
+    fn order(&self, frame: &Frame) -> DecodedCommand;
 
     /// Decodes a reply of motor `id`, motor side. `None` when it does not contain the motion.
     fn reported(&self, frame: &Frame, id: u8) -> Option<Reported>;
@@ -34,7 +34,7 @@ pub(crate) trait Codec {
 
 /// A command to a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Order {
+pub(crate) enum DecodedCommand {
     Start,
     Stop,
     SetZero,
@@ -63,7 +63,7 @@ pub(crate) enum Order {
     Other(u8),
 }
 
-impl Order {
+impl DecodedCommand {
     /// Returns the command to the joint of a motor with this direction and this offset, rad, from that to the motor.
     pub(crate) fn on_joint(self, direction: f64, offset: f64) -> Self {
         match self {

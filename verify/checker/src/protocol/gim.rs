@@ -3,7 +3,7 @@
 //! Source: SteadyWin GIM document 2.2. Floats and the position of a reply have the low byte first,
 //! the speed of a reply does not.
 
-use super::codec::{Codec, Order, Reported, eight_bytes};
+use super::codec::{Codec, DecodedCommand, Reported, eight_bytes};
 use super::mit;
 use super::ranges::Ranges;
 use motord_bus::Frame;
@@ -82,17 +82,17 @@ pub fn reported(payload: &[u8]) -> Option<Reported> {
 pub(super) struct Native;
 
 impl Codec for Native {
-    fn order(&self, frame: &Frame) -> Order {
+    fn order(&self, frame: &Frame) -> DecodedCommand {
         match Meaning::of(eight_bytes(frame)) {
-            Meaning::Start => Order::Start,
-            Meaning::Stop => Order::Stop,
-            Meaning::GetFault => Order::GetFault,
-            Meaning::ClearFault => Order::ClearFault,
-            Meaning::GetIndicator => Order::GetIndicator,
-            Meaning::Torque(torque) => Order::Torque(torque),
-            Meaning::Speed(velocity) => Order::Speed(velocity),
-            Meaning::Position(position) => Order::Position(position),
-            Meaning::Other(command) => Order::Other(command),
+            Meaning::Start => DecodedCommand::Start,
+            Meaning::Stop => DecodedCommand::Stop,
+            Meaning::GetFault => DecodedCommand::GetFault,
+            Meaning::ClearFault => DecodedCommand::ClearFault,
+            Meaning::GetIndicator => DecodedCommand::GetIndicator,
+            Meaning::Torque(torque) => DecodedCommand::Torque(torque),
+            Meaning::Speed(velocity) => DecodedCommand::Speed(velocity),
+            Meaning::Position(position) => DecodedCommand::Position(position),
+            Meaning::Other(command) => DecodedCommand::Other(command),
         }
     }
 

@@ -1,9 +1,9 @@
 //! Frames of the MIT protocol, as a motor decodes them.
 //!
 //! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and other lengths and ids
-//! of a reply ([`Reply`]).
+//! of a reply ([`ReplyFormat`]).
 
-use super::codec::{Codec, Order, Reported, eight_bytes};
+use super::codec::{Codec, DecodedCommand, Reported, eight_bytes};
 use super::ranges::Ranges;
 use motord_bus::Frame;
 use serde::Deserialize;
@@ -14,19 +14,19 @@ pub struct Mit {
     /// The ranges of its codes.
     pub ranges: Ranges,
     /// The form of its replies.
-    pub reply: Reply,
+    pub reply: ReplyFormat,
 }
 
 impl Codec for Mit {
-    fn order(&self, frame: &Frame) -> Order {
+    fn order(&self, frame: &Frame) -> DecodedCommand {
         match Meaning::of(eight_bytes(frame), &self.ranges) {
-            Meaning::Start => Order::Start,
-            Meaning::Stop => Order::Stop,
-            Meaning::SetZero => Order::SetZero,
-            Meaning::GetFault => Order::GetFault,
-            Meaning::ClearFault => Order::ClearFault,
+            Meaning::Start => DecodedCommand::Start,
+            Meaning::Stop => DecodedCommand::Stop,
+            Meaning::SetZero => DecodedCommand::SetZero,
+            Meaning::GetFault => DecodedCommand::GetFault,
+            Meaning::ClearFault => DecodedCommand::ClearFault,
             Meaning::Control { position, velocity, kp, kd, torque, neutral } => {
-                Order::Impedance { position, velocity, kp, kd, torque, neutral }
+                DecodedCommand::Impedance { position, velocity, kp, kd, torque, neutral }
             }
         }
     }
@@ -55,7 +55,7 @@ impl Codec for Mit {
 /// The form of a motor's replies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Reply {
+pub struct ReplyFormat {
     /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code.
     #[serde(rename = "id-mask")]
     pub id_mask: u8,
@@ -70,7 +70,7 @@ pub struct Reply {
     pub registers: bool,
 }
 
-impl Reply {
+impl ReplyFormat {
     /// SteadyWin: the whole first byte is the id, and a reply has six bytes (MIT document 1.1).
     pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3), registers: false };
 

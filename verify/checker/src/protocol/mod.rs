@@ -6,7 +6,7 @@ pub mod mit;
 pub mod ranges;
 
 use codec::Codec;
-use mit::{Mit, Reply};
+use mit::{Mit, ReplyFormat};
 use ranges::Ranges;
 
 /// The protocol that a motor speaks.
@@ -25,7 +25,7 @@ impl Protocol {
     ///
     /// When the checker has no codec for the protocol: the frames of its motors could not be checked.
     #[must_use]
-    pub fn named(name: &str, ranges: Ranges, reply: Reply) -> Self {
+    pub fn named(name: &str, ranges: Ranges, reply: ReplyFormat) -> Self {
         match name {
             "mit" => Self::Mit(Mit { ranges, reply }),
             "gim" => Self::Native,

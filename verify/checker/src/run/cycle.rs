@@ -1,7 +1,7 @@
 //! The record of one cycle from outside. Its frames belong to it, however late they are on the
 //! wire.
 
-use super::received::Received;
+use super::received::ReceivedCommand;
 use crate::state::{Phase, State};
 use motord_bus::Instant;
 use std::rc::Rc;
@@ -29,7 +29,7 @@ pub(super) struct Cycle {
     pub(super) well: Vec<bool>,
     /// By motor: its command in this cycle. A fault request counts as one when the motor received
     /// nothing else.
-    pub(super) received: Vec<Option<Received>>,
+    pub(super) received: Vec<Option<ReceivedCommand>>,
     /// Number of frames by bus.
     pub(super) frames: Vec<usize>,
 }

@@ -1,6 +1,6 @@
 //! The effect of a command to one motor, in any protocol.
 
-use crate::protocol::codec::Order;
+use crate::protocol::codec::DecodedCommand;
 use crate::state::{Joint, State};
 
 /// Margins for single precision: share by which a braking speed may exceed that of the joint, and
@@ -9,8 +9,8 @@ const MARGIN: f64 = 1e-3;
 
 /// A command that a motor received, classified by the known state of its joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Received {
-    pub(super) order: Order,
+pub(super) struct ReceivedCommand {
+    pub(super) order: DecodedCommand,
     /// It brakes, and may also hold the joint.
     pub(super) brakes: bool,
     /// It pulls the joint to a position.
@@ -19,19 +19,23 @@ pub(super) struct Received {
     pub(super) is_safe: bool,
 }
 
-impl Received {
+impl ReceivedCommand {
     /// Classifies `order`, which the motor with this index received between these states.
-    pub(super) fn of(order: Order, index: usize, states: [&State; 2]) -> Self {
+    pub(super) fn of(order: DecodedCommand, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
         let (brakes, pulls, is_safe) = match order {
-            Order::Stop | Order::GetFault | Order::ClearFault | Order::GetIndicator | Order::GetRegister => {
-                (false, false, true)
+            DecodedCommand::Stop
+            | DecodedCommand::GetFault
+            | DecodedCommand::ClearFault
+            | DecodedCommand::GetIndicator
+            | DecodedCommand::GetRegister => (false, false, true),
+            DecodedCommand::Start | DecodedCommand::SetZero | DecodedCommand::Other(_) => {
+                (false, false, false)
             }
-            Order::Start | Order::SetZero | Order::Other(_) => (false, false, false),
-            Order::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
-            Order::Position(_) => (true, true, false),
-            Order::Torque(torque) => (false, false, torque.abs() <= MARGIN),
-            Order::Speed(speed) => {
+            DecodedCommand::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
+            DecodedCommand::Position(_) => (true, true, false),
+            DecodedCommand::Torque(torque) => (false, false, torque.abs() <= MARGIN),
+            DecodedCommand::Speed(speed) => {
                 let brakes = joints.iter().any(|joint| brakes(speed, joint));
                 (brakes, false, brakes)
             }
@@ -41,7 +45,7 @@ impl Received {
 
     /// Returns `true` for a fault request, which replaces a command to a motor that does not reply.
     pub(super) fn is_fault_request(&self) -> bool {
-        self.order == Order::GetFault
+        self.order == DecodedCommand::GetFault
     }
 }
 

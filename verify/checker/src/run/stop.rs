@@ -2,7 +2,7 @@
 //! commands keeps its last one.
 
 use super::cycle::Cycle;
-use super::received::Received;
+use super::received::ReceivedCommand;
 use crate::robot::{Motor, Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
 use std::collections::VecDeque;
@@ -127,7 +127,7 @@ fn check_motor<'a>(
         return;
     }
     // The requests to a motor that takes turns have separate turns.
-    let counts = |received: &Received| !has_turns || !received.order.is_question();
+    let counts = |received: &ReceivedCommand| !has_turns || !received.order.is_question();
     let now = cycle.received[motor].filter(counts);
     let before = past.rev().find_map(|cycle| cycle.received[motor].filter(counts));
     if !cycle.is(group, Phase::Damping) {
@@ -142,10 +142,10 @@ fn check_motor<'a>(
     }
 }
 
-fn is(received: Option<Received>, so: impl FnOnce(Received) -> bool) -> bool {
+fn is(received: Option<ReceivedCommand>, so: impl FnOnce(ReceivedCommand) -> bool) -> bool {
     received.is_some_and(so)
 }
 
-fn is_fault_request(received: Option<Received>) -> bool {
+fn is_fault_request(received: Option<ReceivedCommand>) -> bool {
     is(received, |received| received.is_fault_request())
 }
