@@ -46,7 +46,7 @@ fn late_bus_receives_full_sequence_at_full_rate() {
 }
 
 #[test]
-fn jammed_bus_is_owed_the_remaining_rounds() {
+fn jammed_bus_gets_the_remaining_rounds() {
     let was_taken = |at| !(20..3000).contains(&at);
     let given = given(5000, was_taken);
     let (late, first): (Vec<_>, Vec<_>) =

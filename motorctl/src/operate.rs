@@ -239,7 +239,7 @@ mod tests {
     use motord_client::JointLimits;
 
     #[test]
-    fn a_new_zero_is_told_against_the_limits() {
+    fn new_zero_is_reported_against_the_limits() {
         let limits = JointLimits { position: [-2.7, -0.5], ..JointLimits::default() };
         let knee =
             |zero| JointDescription { name: "knee".into(), zero, limits, ..JointDescription::default() };

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn each_place_of_a_line_has_its_names() {
+    fn each_position_of_a_line_has_its_names() {
         for (line, kind) in [
             ("enable ", Some(Kind::Groups)),
             ("release le", Some(Kind::Groups)),

@@ -195,7 +195,7 @@ mod tests {
 
     /// A thread found an object. Before it takes it, another one removes it, and a third one stores an object in the slot.
     #[test]
-    fn second_free_takes_no_later_object() {
+    fn second_free_spares_later_object() {
         let table = Table::new(Kind::Claim);
         let first = table.insert('a').unwrap();
         let found = Number::of_handle(first, Kind::Claim).unwrap();

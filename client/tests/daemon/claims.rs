@@ -46,7 +46,7 @@ fn setpoints_continue_while_waiting_for_the_group() {
 }
 
 #[test]
-fn starting_group_asks_for_patience_not_enable() {
+fn starting_group_asks_to_wait_not_enable() {
     let directory = directory();
     let _daemon = Running::start(directory.path(), 1);
     let client = connect(&directory);

@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn repetition_takes_a_second_and_many_samples() {
+    fn repetition_needs_a_second_and_many_samples() {
         assert_eq!(samples(2, |_| ImuSample::LEVEL), Some(500));
         assert_eq!(samples(100, |_| ImuSample::LEVEL), Some(100));
         let turned = |number: u64| ImuSample { orientation: [number as f32; 4], ..ImuSample::LEVEL };

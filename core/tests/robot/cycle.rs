@@ -280,7 +280,7 @@ fn late_states_after_stall_are_no_faults() {
 /// Goal: the answers that were pending for longer than any reply is expected to take are late, not those of a second motor.
 /// Method: the answers are so long behind that no miss is remembered; then all of them arrive beside the timely ones.
 #[test]
-fn burst_of_owed_answers_is_no_duplicate() {
+fn burst_of_pending_answers_is_no_duplicate() {
     for delay in [7, 9, 60, 120] {
         let mut robot = Robot::new(robot::three_motors(), delay);
         let joints = robot.activate();

@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn stalled_heartbeat_is_noticed_within_fifth_of_patience() {
+    fn stalled_heartbeat_is_noticed_within_fifth_of_timeout() {
         let mut story = Story::begin();
         story.beats = false;
         // The last beat was a millisecond before.
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn heartbeat_is_checked_five_times_per_patience() {
+    fn heartbeat_is_checked_five_times_per_timeout() {
         let mut story = Story::begin();
         let first = story.switch.due();
         story.pass(1);

@@ -71,14 +71,14 @@ mod tests {
     }
 
     #[test]
-    fn counter_tells_missing_samples_also_when_it_wraps() {
+    fn counter_finds_missing_samples_across_its_wrap() {
         let samples = [65_534, 65_535, 0, 3, 4].map(counted);
         assert_eq!(missing(100.0, &samples), [0, 0, 0, 2, 0]);
     }
 
     /// A clock of 1 ms alternates between 2 and 3 ms at 400 Hz.
     #[test]
-    fn clock_tells_missing_samples_despite_its_resolution() {
+    fn clock_finds_missing_samples_despite_its_resolution() {
         let samples = [0, 2, 5, 7, 15, u32::MAX].map(timed);
         assert_eq!(missing(400.0, &samples), [0, 0, 0, 0, 2, 0]);
     }

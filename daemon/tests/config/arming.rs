@@ -96,7 +96,7 @@ fn a_motor_of_another_vendor_is_marked() {
 }
 
 #[test]
-fn silent_motor_is_judged_by_the_lock() {
+fn silent_motor_is_checked_by_the_lock() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("robot.toml");
     let elbow = ReportedMotor {

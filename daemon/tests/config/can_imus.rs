@@ -45,7 +45,7 @@ fn can_imus_have_vendor_ids_by_default() {
 }
 
 #[test]
-fn place_of_can_imu_is_checked() {
+fn location_of_can_imu_is_checked() {
     for (imu, expected) in [
         ("type = 'hipnuc-can'", "imu.bus: is missing; name the [[bus]] the IMU is on"),
         (

@@ -164,7 +164,7 @@ fn slip_of_form_proposes_the_line() {
 }
 
 #[test]
-fn table_in_a_wrong_place_is_named() {
+fn misplaced_table_is_named() {
     let limits = "[motor.limits]\nposition-rad = [-1.0, 1.0]\n\n[[motor]]";
     let tables = ROBOT.find("[daemon]").expect("it has one");
     let first = format!("rate-hz = 500\n{}", &ROBOT[tables..]);

@@ -30,7 +30,7 @@ mod tests {
     use std::cell::RefCell;
 
     #[test]
-    fn interface_comes_up_although_change_failed() {
+    fn interface_is_set_up_although_change_failed() {
         let changes =
             ["ip link set can0 down", "ethtool -C can0 rx-usecs 0", "ip link set can0 up"].map(Change::run);
         let findings = [

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dropped_child_is_gone() {
+    fn dropped_child_has_exited() {
         let child = bare("sleep", &["60"]);
         let pid = Pid::from_raw(child.process.id().cast_signed());
         drop(child);

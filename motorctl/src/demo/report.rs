@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_joint_judges_the_tracking() {
+    fn worst_joint_decides_the_tracking() {
         let report = DemoReport::new(&description(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
         assert!((report.tracking_rms_rad - 0.06).abs() < 1e-6);
         assert!(matches!(report.shortfalls(&description())[..], [Shortfall::Tracking { .. }]));

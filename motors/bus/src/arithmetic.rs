@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_on_rs485_takes_130_microseconds() {
+    fn frame_on_rs485_lasts_130_microseconds() {
         assert_eq!(wire_time(SERIAL_FRAME_BITS, 921_600), Duration::from_nanos(130_209));
     }
 }

@@ -372,7 +372,7 @@ pub fn bus_that_is_down_reports_and_recovers(fixture: &mut dyn Fixture) {
 }
 
 /// An unplugged bus refuses with that reason, each time.
-pub fn a_bus_that_is_gone_says_so(fixture: &mut dyn Fixture) {
+pub fn unplugged_bus_is_reported(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Gone);
     fixture.pass(SETTLED);
     let _error = receive(fixture);

@@ -533,7 +533,7 @@ mod tests {
     }
 
     #[test]
-    fn frame_takes_72_bytes_and_prints_as_candump() {
+    fn frame_has_72_bytes_and_prints_as_candump() {
         assert_eq!(size_of::<Frame>(), 72);
         let id = FrameId::new(0x7FF).unwrap();
         assert_eq!(FrameId::new(0x800), None);

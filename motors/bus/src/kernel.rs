@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn full_queue_takes_part_without_blocking() {
+    fn full_queue_accepts_part_without_blocking() {
         let (near, _far) = UnixDatagram::pair().unwrap();
         let mut outgoing = Batch::new(64, 16);
         let refused = (0..100).find_map(|_| outgoing.send(near.as_fd(), 64).err());

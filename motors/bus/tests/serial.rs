@@ -296,6 +296,6 @@ impl Fixture for Pty {
 motord_bus::conformance! {
     []
     mod pty = Pty::new;
-    a_bus_that_is_gone_says_so,
+    unplugged_bus_is_reported,
     a_running_bus_allocates_nothing,
 }

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn value_takes_nearest_code_around_midpoints() {
+    fn value_rounds_to_nearest_code_around_midpoints() {
         for field in every_field() {
             for code in 0..field.code_max() {
                 let midpoint = field.decode(code) + field.step() / 2.0;
@@ -181,7 +181,7 @@ mod tests {
 
     /// 250 N·m/rad is half way between two codes, and its product with the codes of one unit is rounded down.
     #[test]
-    fn exact_midpoint_takes_the_upper_code() {
+    fn exact_midpoint_rounds_to_the_upper_code() {
         let [_, _, kp, kd, _] = every_field();
         assert_eq!((kp.encode(250.0), kp.encode(f64::from(249.999_98_f32))), (Some(2048), Some(2047)));
         assert_eq!((kd.encode(2.5), kd.encode(f64::from(2.499_999_8_f32))), (Some(2048), Some(2047)));
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn excess_takes_end_codes_and_nonfinite_none() {
+    fn excess_has_end_codes_and_nonfinite_none() {
         for field in every_field() {
             assert_eq!(field.encode(f64::MAX), Some(field.code_max()));
             assert_eq!(field.encode(f64::MIN), Some(0));

@@ -552,7 +552,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_verb_says_what_is_expected() {
+    fn error_of_invalid_verb_names_expected() {
         let expected = |text| VerbError::Argument { expected: text };
         let cases = [
             ("", VerbError::Words { received: 0 }),

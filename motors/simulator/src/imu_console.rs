@@ -210,7 +210,7 @@ mod tests {
     /// By hand: FF+C0+04+20+10+01+90 = 0x284, so the checksum is 0x7C; the answer has 0xC1, so 0x7B. 350 Hz is
     /// nearer to 400 than to 200.
     #[test]
-    fn xsens_takes_the_nearest_rate() {
+    fn xsens_uses_the_nearest_rate() {
         let mut device = console(ImuVendor::Xsens);
         assert_eq!(device.take(&[0xFA, 0xFF, 0x30, 0, 0xD1]), [0xFA, 0xFF, 0x31, 0, 0xD0]);
         let set = [0xFA, 0xFF, 0xC0, 4, 0x20, 0x10, 0x01, 0x90, 0x7C];

@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_may_come_in_pieces_and_glued() {
+    fn requests_may_arrive_in_pieces_and_glued() {
         let mut slave = slave();
         let mut out = Vec::new();
         slave.transact(Instant::ZERO, &GET_VERSION[..5], &mut out);

@@ -66,7 +66,7 @@ motord_bus::conformance! {
     []
     mod conforms = Simulated::new;
     bus_that_is_down_reports_and_recovers,
-    a_bus_that_is_gone_says_so,
+    unplugged_bus_is_reported,
     a_flood_fills_an_inbox_and_no_more,
     a_stalled_bus_refuses_at_once_and_forgets,
     a_stamp_is_the_time_of_arrival,

@@ -126,7 +126,7 @@ fn every_room_for_vendors_names_one() {
 }
 
 #[test]
-fn an_import_the_wrong_way_is_seen() {
+fn import_against_the_layers_is_found() {
     let control = [("control/mod.rs", "use crate::drive::Drive;"), ("drive/mod.rs", "")];
     assert_eq!(rooms(control.into_iter())["control"], BTreeSet::from(["drive".to_owned()]));
 }

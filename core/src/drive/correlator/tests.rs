@@ -183,7 +183,7 @@ fn every_payload_in_every_state_matches_the_table() {
 }
 
 #[test]
-fn new_request_leaves_the_open_one_owed() {
+fn new_request_leaves_the_open_one_pending() {
     let open = asked(Correlator::new(FASTEST), State, SENT);
     assert_eq!((open.pending, open.is_open()), (0, true));
     let in_time = asked(open, State, SENT + LATEST_REPLY);

@@ -374,7 +374,7 @@ mod tests {
         }
 
         #[test]
-        fn glued_frames_come_out_in_order_and_whole(
+        fn glued_frames_are_decoded_in_order_and_whole(
             frames in prop::collection::vec((any::<u8>(), any::<[u8; 8]>(), prop::option::of(0..=8_usize)), 0..8),
         ) {
             let mut decoder = Decoder::new();

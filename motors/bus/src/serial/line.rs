@@ -374,7 +374,7 @@ mod tests {
 
     /// Goal: a motor that is always one turn late never keeps a neighbour from receiving commands.
     #[test]
-    fn always_late_motor_takes_alternate_turns_only() {
+    fn always_late_motor_answers_alternate_turns_only() {
         let mut line = line_of(&[1, 2, 3].map(|id| (id, HOST)));
         let mut replies = 0;
         for round in 0..20 {

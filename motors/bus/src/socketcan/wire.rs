@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_survives_the_way_through_the_kernel() {
+    fn frame_survives_passing_through_the_kernel() {
         for len in 0..=8 {
             let frame = Frame::new(FrameId::new(0x101).unwrap(), &[0xA5; 8][..len]).unwrap();
             assert_eq!(decode(encode(&frame)), Content::Frame(frame));

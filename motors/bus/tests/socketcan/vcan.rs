@@ -108,7 +108,7 @@ motord_bus::conformance! {
     [ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
     mod conforms = Vcan::new;
     bus_that_is_down_reports_and_recovers,
-    a_bus_that_is_gone_says_so,
+    unplugged_bus_is_reported,
     a_flood_fills_an_inbox_and_no_more,
     a_running_bus_allocates_nothing,
     a_stalled_bus_refuses_at_once_and_forgets,
