@@ -3,7 +3,8 @@
 //! The body's frame has x forward, y left and z up, as in ROS (REP 103). The world's z points up; its x is where the
 //! sensor's heading is zero.
 
-use motord_bus::Duration;
+use crate::sensor::SensorFrames;
+use motord_bus::{Duration, FrameId};
 use motord_protocol::imu::{CanDevice, Quaternion, Sample, SerialProtocol};
 
 /// `[[imu]]`.
@@ -34,6 +35,20 @@ pub enum ImuSource {
     Can(ImuCan),
     /// Published by another process.
     External,
+}
+
+impl ImuSettings {
+    /// Returns its frames; `None` for one that is not on a CAN bus. Allocates.
+    #[must_use]
+    pub fn frames(&self) -> Option<SensorFrames> {
+        let can = self.source.can()?;
+        let frame = |(id, bytes)| Some((FrameId::new(id)?, bytes));
+        let mut requests: Vec<_> = can.device.frames().filter_map(frame).collect();
+        let asked = if can.device.protocol().is_asked() { requests.len() / 2 } else { 0 };
+        let samples = requests.split_off(asked);
+        let sent_ids = can.device.sent_ids().filter_map(FrameId::new).collect();
+        Some(SensorFrames { bus: can.bus, rate_hz: self.rate_hz, requests, samples, sent_ids })
+    }
 }
 
 impl ImuSource {

@@ -1,6 +1,7 @@
-//! The load that IMUs are for their CAN buses.
+//! The load that sensors are for their CAN buses.
 
-use crate::imu::{ImuCan, ImuSettings, ImuSource};
+use crate::imu::ImuSettings;
+use crate::sensor::SensorFrames;
 use crate::settings::{MotorSettings, Settings};
 use motord_bus::FrameId;
 use motord_bus::arithmetic::{IdWidth, expected_bits, unstuffed_bits, utilisation, worst_case_bits};
@@ -20,25 +21,30 @@ impl ImuLoad {
     /// Returns the load of an IMU; `None` for one that is not on a CAN bus.
     #[must_use]
     pub fn of(settings: &Settings, imu: &ImuSettings) -> Option<Self> {
-        let can = imu.source.can()?;
-        let bitrate = settings.buses.get(can.bus)?.kind.bitrate();
+        let SensorFrames { bus, rate_hz, requests, samples, .. } = imu.frames()?;
+        let bitrate = settings.buses.get(bus)?.kind.bitrate();
+        let frames = || requests.iter().chain(&samples);
+        let bits = frames().map(|frame| bits_of(frame, worst_case_bits)).sum();
         Some(Self {
-            bus: can.bus,
-            frames_per_second: can.device.frames().count() as f64 * imu.rate_hz,
-            utilisation: utilisation(bits(can, worst_case_bits), imu.rate_hz, bitrate),
+            bus,
+            frames_per_second: frames().count() as f64 * rate_hz,
+            utilisation: utilisation(bits, rate_hz, bitrate),
         })
     }
 }
 
-/// Returns the bits of the frames of a sample.
-fn bits(can: &ImuCan, bits: fn(IdWidth, u32) -> u32) -> u32 {
-    can.device.frames().map(|(_, bytes)| bits(IdWidth::Standard, bytes)).sum()
+/// Returns the bits of a frame with ids of this width and this number of bytes.
+type Bits = fn(IdWidth, u32) -> u32;
+
+/// Returns the bits of a frame with this id and this number of bytes.
+fn bits_of((id, bytes): &(FrameId, u32), bits: Bits) -> u32 {
+    bits(if id.is_extended() { IdWidth::Extended } else { IdWidth::Standard }, *bytes)
 }
 
-/// The frames of the IMUs of one CAN bus, for its plan.
+/// The frames of the sensors of one CAN bus, for its plan.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct ImuFrames {
-    /// Bits of requests and replies in a cycle that asks each IMU, every stuffing bit included.
+pub(crate) struct SensorLoad {
+    /// Bits of requests and replies in a cycle that asks each sensor, every stuffing bit included.
     pub(crate) asked_worst: u32,
     /// The same without stuffing bits.
     pub(crate) asked_unstuffed: u32,
@@ -52,47 +58,44 @@ pub(crate) struct ImuFrames {
     pub(crate) blocking: u32,
 }
 
-impl ImuFrames {
-    /// Returns the frames of the IMUs of `bus`.
+impl SensorLoad {
+    /// Returns the frames of the sensors of `bus`.
     pub(crate) fn of(settings: &Settings, bus: usize) -> Self {
-        let mut frames = Self::default();
-        let imus = settings.imus.iter().filter_map(|imu| match &imu.source {
-            ImuSource::Can(can) if can.bus == bus => Some((imu.rate_hz, can)),
-            _ => None,
-        });
+        let mut load = Self::default();
         let mut unasked = Vec::new();
-        for (rate_hz, can) in imus {
-            let (worst, unstuffed) = (bits(can, worst_case_bits), bits(can, unstuffed_bits));
-            if can.device.protocol().is_asked() {
-                frames.asked_worst += worst;
-                frames.asked_unstuffed += unstuffed;
-                let expected = |bytes| expected_bits(IdWidth::Standard, bytes);
-                let lengths: Vec<_> = can.device.frames().map(|(_, bytes)| expected(bytes)).collect();
-                let (requests, replies) = lengths.split_at(lengths.len() / 2);
-                frames.asked.extend(requests.iter().zip(replies).map(|(request, reply)| [*request, *reply]));
+        for SensorFrames { rate_hz, requests, samples, .. } in settings.sensors(bus) {
+            let frames = || requests.iter().chain(&samples);
+            let sum = |bits: Bits| frames().map(|frame| bits_of(frame, bits)).sum::<u32>();
+            let (worst, unstuffed) = (sum(worst_case_bits), sum(unstuffed_bits));
+            if requests.is_empty() {
+                load.sent_worst += f64::from(worst) * rate_hz;
+                load.sent_unstuffed += f64::from(unstuffed) * rate_hz;
+                unasked.extend(samples);
             } else {
-                frames.sent_worst += f64::from(worst) * rate_hz;
-                frames.sent_unstuffed += f64::from(unstuffed) * rate_hz;
-                unasked.extend(can.device.frames());
+                load.asked_worst += worst;
+                load.asked_unstuffed += unstuffed;
+                let expected = |frame| bits_of(frame, expected_bits);
+                let pairs = requests.iter().zip(&samples);
+                load.asked.extend(pairs.map(|(request, sample)| [expected(request), expected(sample)]));
             }
         }
-        frames.blocking = blocking(settings, bus, &unasked);
-        frames
+        load.blocking = blocking(settings, bus, &unasked);
+        load
     }
 }
 
 /// Returns the expected bits by which `frames`, sent at any time, delay the last reply of a cycle at most. A frame with a lower
 /// id than a motor's wins the bus each time. Frames with a higher id delay it only if they are already on the wire: one before
 /// the commands, and one more on a bus with a single motor, while it prepares its reply.
-fn blocking(settings: &Settings, bus: usize, frames: &[(u16, u32)]) -> u32 {
+fn blocking(settings: &Settings, bus: usize, frames: &[(FrameId, u32)]) -> u32 {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
     let last = motors()
         .map(MotorSettings::addresses)
         .flat_map(|ids| [ids.commands.highest(), ids.replies.highest()])
         .max();
     let Some(last) = last else { return 0 };
-    let is_urgent = |frame: &&(u16, u32)| FrameId::new(frame.0).is_some_and(|id| id < last);
-    let bits = |frame: &(u16, u32)| expected_bits(IdWidth::Standard, frame.1);
+    let is_urgent = |frame: &&(FrameId, u32)| frame.0 < last;
+    let bits = |frame: &(FrameId, u32)| bits_of(frame, expected_bits);
     let urgent: u32 = frames.iter().filter(is_urgent).map(bits).sum();
     let gaps = if motors().count() == 1 { 2 } else { 1 };
     let others = frames.iter().filter(|frame| !is_urgent(frame)).map(bits);

@@ -6,6 +6,7 @@
 //! - [`imu`]: IMUs, and their mounts on the body.
 //! - [`imu_load`]: the load of IMUs on CAN buses.
 //! - [`nodes`]: the motors and sensors of a bus, for its transport.
+//! - [`sensor`]: the frames of a sensor on a CAN bus.
 //!
 //! Values only: no socket, no thread, no file and no clock.
 
@@ -16,4 +17,5 @@ pub mod imu;
 pub mod imu_load;
 pub mod nodes;
 pub mod plan;
+pub mod sensor;
 pub mod settings;

@@ -12,7 +12,7 @@
 use motord_bus::Duration;
 use motord_bus::arithmetic::{FdBits, FrameLength, SERIAL_FRAME_BITS, utilisation, wire_time};
 
-use crate::imu_load::ImuFrames;
+use crate::imu_load::SensorLoad;
 use crate::settings::{MotorSettings, Settings};
 
 /// Time of the host in a reply time: from the time stamp of the commands to their first bit, and
@@ -78,34 +78,34 @@ impl BusPlan {
         let turns: Vec<_> = motors.enumerate().map(turn).collect();
         let cycle = &settings.cycle;
         let deadline = cycle.reply_deadline.as_secs_f64() / cycle.period.as_secs_f64();
-        Self::of_turns(&turns, bitrate, cycle.rate_hz, deadline).with_imus(
-            &ImuFrames::of(settings, bus),
+        Self::of_turns(&turns, bitrate, cycle.rate_hz, deadline).with_sensors(
+            &SensorLoad::of(settings, bus),
             &turns,
             (bitrate, cycle.rate_hz, deadline),
         )
     }
 
-    /// Adds the frames of IMUs. The cycle that asks them is the fullest; frames without a request are spread over all.
-    fn with_imus(
+    /// Adds the frames of sensors. The cycle that asks them is the fullest; frames without a request are spread over all.
+    fn with_sensors(
         self,
-        imus: &ImuFrames,
+        sensors: &SensorLoad,
         turns: &[(u32, TransactionBits)],
         (bitrate, rate_hz, deadline): (u32, f64, f64),
     ) -> Self {
-        if *imus == ImuFrames::default() {
+        if *sensors == SensorLoad::default() {
             return self;
         }
         let part = |asked: u32, sent: f64| utilisation(asked, rate_hz, bitrate) + sent / f64::from(bitrate);
-        let worst = part(imus.asked_worst, imus.sent_worst);
+        let worst = part(sensors.asked_worst, sensors.sent_worst);
         let cycles = turns.iter().map(|(cycle, _)| *cycle).chain([0]);
         let last_reply =
-            cycles.map(|cycle| last_reply(turns, cycle, bitrate, imus)).max().unwrap_or_default();
+            cycles.map(|cycle| last_reply(turns, cycle, bitrate, sensors)).max().unwrap_or_default();
         let rate_hz_max =
             if last_reply.is_zero() { f64::INFINITY } else { deadline / last_reply.as_secs_f64() };
         Self {
             worst_case_utilisation: self.worst_case_utilisation + worst,
             unstuffed_utilisation: self.unstuffed_utilisation
-                + part(imus.asked_unstuffed, imus.sent_unstuffed),
+                + part(sensors.asked_unstuffed, sensors.sent_unstuffed),
             fault_poll_utilisation: self.fault_poll_utilisation + worst,
             imu_time: last_reply.saturating_sub(self.last_reply),
             last_reply,
@@ -125,7 +125,7 @@ impl BusPlan {
         let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
         let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
-        let none = ImuFrames::default();
+        let none = SensorLoad::default();
         let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate, &none)).max();
         let last_reply = last_reply.unwrap_or_default();
         Self {
@@ -168,11 +168,11 @@ impl BusPlan {
 
 /// When the last reply to the commands of `cycle` is expected. The commands occupy the bus first, one after the other; then the
 /// replies, each when its motor has it ready. Requests to IMUs follow the commands. Zero for a cycle without a request.
-fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: &ImuFrames) -> Duration {
+fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, sensors: &SensorLoad) -> Duration {
     let asked = turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
     let motors = asked.map(|transaction| (transaction.command, transaction.reply, transaction.answering));
-    let sensors = imus.asked.iter().map(|[request, reply]| (*request, *reply, ANSWERING_TIME));
-    let requests: Vec<_> = motors.chain(sensors).collect();
+    let asked = sensors.asked.iter().map(|[request, reply]| (*request, *reply, ANSWERING_TIME));
+    let requests: Vec<_> = motors.chain(asked).collect();
     if requests.is_empty() {
         return Duration::ZERO;
     }
@@ -182,7 +182,7 @@ fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, imus: 
         received += wire_time(request, bitrate);
         free = free.max(received + answering) + wire_time(reply, bitrate);
     }
-    free + wire_time(imus.blocking, bitrate)
+    free + wire_time(sensors.blocking, bitrate)
 }
 
 /// Bits of a command and its reply, and the time between them.

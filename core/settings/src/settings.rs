@@ -1,6 +1,7 @@
 //! The checked configuration: every value present, in range, and in the units of the code.
 
 use crate::imu::ImuSettings;
+use crate::sensor::SensorFrames;
 use core::num::NonZero;
 use motord_bus::arithmetic::FrameLength;
 use motord_bus::transport::BusKind;
@@ -43,10 +44,16 @@ impl Settings {
         motors + usize::from(polls && self.buses[bus].is_line())
     }
 
-    /// Returns whether a bus has an IMU.
+    /// Returns the frames of the sensors of a CAN bus, of every kind. Allocates.
+    pub fn sensors(&self, bus: usize) -> impl Iterator<Item = SensorFrames> {
+        let sensors = self.imus.iter().filter_map(ImuSettings::frames);
+        sensors.filter(move |sensor| sensor.bus == bus)
+    }
+
+    /// Returns whether a bus has a sensor. Allocates.
     #[must_use]
-    pub fn has_imu(&self, bus: usize) -> bool {
-        self.imus.iter().filter_map(|imu| imu.source.can()).any(|can| can.bus == bus)
+    pub fn has_sensor(&self, bus: usize) -> bool {
+        self.sensors(bus).next().is_some()
     }
 
     /// Returns the cycle, below `every`, of the turn number `turn` of a bus. The turns are spread

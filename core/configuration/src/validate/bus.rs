@@ -184,7 +184,7 @@ fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
 pub(super) fn check_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
         if plan.motors == 0 {
-            if !settings.has_imu(bus) {
+            if !settings.has_sensor(bus) {
                 findings.warn(*at, Wrong::EmptyBus);
             }
         } else if settings.buses[bus].is_line() {
