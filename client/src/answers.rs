@@ -5,7 +5,8 @@ use crate::link::Connection;
 use motord_ports::clock;
 use std::time::{Duration, Instant};
 
-/// Time in which each motor must answer after a confirmed stop, and the same in cycles: lost replies must not look like a lost motor.
+/// Time in which each motor must answer after a confirmed stop, and the same in cycles: lost
+/// replies must not look like a lost motor.
 const ANSWERS_MIN: Duration = Duration::from_millis(300);
 const ANSWERS_CYCLES: u32 = 5;
 
@@ -25,8 +26,9 @@ impl Connection {
         if joints.is_empty() { Ok(()) } else { Err(Error::MotorsOffline { joints }) }
     }
 
-    /// Returns the joints of the group with this index, or of all groups, whose motors do not answer after this call, within
-    /// `timeout`, without excluded joints. Returns as soon as all have answered. Takes no state from a thread that waits for one.
+    /// Returns the joints of the group with this index, or of all groups, whose motors do not
+    /// answer after this call, within `timeout`, without excluded joints. Returns as soon as all
+    /// have answered. Takes no state from a thread that waits for one.
     ///
     /// # Errors
     /// [`Error::NotRunning`], [`Error::Silent`] and [`Error::Timeout`] when no state arrives.
@@ -52,7 +54,8 @@ impl Connection {
         }
     }
 
-    /// Returns the joints whose motors have not answered after `asked_ns`, by the newest state; `None` for a state of before.
+    /// Returns the joints whose motors have not answered after `asked_ns`, by the newest state;
+    /// `None` for a state of before.
     fn offline_since(&self, asked_ns: u64, group: Option<usize>) -> Result<Option<Vec<String>>, Error> {
         let view = self.poll()?;
         let Some(state) = view.newest.as_ref().filter(|state| state.publish_ns() > asked_ns) else {

@@ -37,8 +37,8 @@ pub struct Claim {
     sent: Sent,
     /// The group was starting or active when this claim last sent.
     follows: bool,
-    /// The lateness that stopped the group, as it was when the claim noticed the stop. `None` until this claim has enabled the group: a
-    /// stop from before is not its own.
+    /// The lateness that stopped the group, as it was when the claim noticed the stop. `None` until
+    /// this claim has enabled the group: a stop from before is not its own.
     lateness: Option<OnceLock<Option<Lateness>>>,
     released: bool,
 }
@@ -168,12 +168,14 @@ impl Claim {
         Ok(())
     }
 
-    /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position, velocity and torque linearly
-    /// from the present command to the setpoint within this time after it was sent, inside all limits. Zero, the initial
-    /// value, applies setpoints immediately. The setpoint timeout begins at the end of the horizon.
+    /// Sets the horizon of the setpoints that are sent from now on: the daemon moves position,
+    /// velocity and torque linearly from the present command to the setpoint within this time after
+    /// it was sent, inside all limits. Zero, the initial value, applies setpoints immediately. The
+    /// setpoint timeout begins at the end of the horizon.
     ///
-    /// For a controller slower than the cycle, such as a policy at 50 Hz: for even motion, set the horizon to its
-    /// period plus the largest lateness of its setpoints. Setpoints sent while the group is not active have none.
+    /// For a controller slower than the cycle, such as a policy at 50 Hz: for even motion, set the
+    /// horizon to its period plus the largest lateness of its setpoints. Setpoints sent while the
+    /// group is not active have none.
     ///
     /// # Errors
     /// [`Error::HorizonTooLong`]; the horizon stays as it was.
@@ -189,8 +191,8 @@ impl Claim {
     /// nothing changed: the daemon stops a group when its owner sends nothing for the setpoint
     /// timeout.
     ///
-    /// After a stop of the active group the setpoints are sent nevertheless: they keep a claim that the
-    /// stop did not end, until a person has reset the group. The daemon does not follow them.
+    /// After a stop of the active group the setpoints are sent nevertheless: they keep a claim that
+    /// the stop did not end, until a person has reset the group. The daemon does not follow them.
     ///
     /// # Errors
     /// [`Error::NotSet`] naming a joint without a setpoint; those of [`send`](Self::send).
@@ -213,12 +215,12 @@ impl Claim {
     /// accepted it.
     ///
     /// # Errors
-    /// [`Error::SetpointCount`]; [`Error::BadSetpoint`] naming a joint with a value that is not finite
-    /// or a negative gain: then nothing is stored or sent. [`Error::Stopped`] with each call after a stop
-    /// of the group that this claim had started, until a reset; [`Error::ClaimLost`].
-    /// [`Error::Restarted`] with each call after a restart; [`Error::NotRunning`] or [`Error::Silent`]
-    /// when no states arrive. The setpoints may have been sent nevertheless; the daemon does not use
-    /// them.
+    /// [`Error::SetpointCount`]; [`Error::BadSetpoint`] naming a joint with a value that is not
+    /// finite or a negative gain: then nothing is stored or sent. [`Error::Stopped`] with each call
+    /// after a stop of the group that this claim had started, until a reset; [`Error::ClaimLost`].
+    /// [`Error::Restarted`] with each call after a restart; [`Error::NotRunning`] or
+    /// [`Error::Silent`] when no states arrive. The setpoints may have been sent nevertheless; the
+    /// daemon does not use them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         self.link.check_process()?;
         let (expected, received) = (self.members.joints.len(), setpoints.len());
@@ -238,8 +240,8 @@ impl Claim {
     /// [`Phase::Active`].
     ///
     /// # Errors
-    /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`],
-    /// [`Error::NoAnswer`].
+    /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`],
+    /// [`Error::Silent`], [`Error::NoAnswer`].
     pub fn enable(&mut self) -> Result<(), Error> {
         // The daemon reads requests and setpoints at different times of a cycle: it could read the
         // request first.
@@ -263,8 +265,9 @@ impl Claim {
     /// [`disable`](Self::disable) and before [`reset`](Self::reset) with [`Phase::Disarmed`].
     /// States published before the call do not count.
     ///
-    /// With [`Phase::Active`] the last setpoints have the longest [horizon](Self::set_horizon), so that
-    /// the loop of a slow controller may begin a period later: see [`keep_for`](Self::keep_for).
+    /// With [`Phase::Active`] the last setpoints have the longest [horizon](Self::set_horizon), so
+    /// that the loop of a slow controller may begin a period later: see
+    /// [`keep_for`](Self::keep_for).
     ///
     /// # Errors
     /// [`Error::Stopped`] immediately when the group is stopped while it should start;
@@ -287,10 +290,11 @@ impl Claim {
         Ok(())
     }
 
-    /// Sends the last setpoints again if the daemon would stop the group for their age within `time`. They get the horizon
-    /// that `time` needs, as far as `setpoint-horizon-max-ms` permits. Call it before a pause, such as the one between a
-    /// loop in every cycle and the first state of a slow loop: a controller that hangs in the pause is stopped as much later.
-    /// Does nothing while the group does not follow this claim.
+    /// Sends the last setpoints again if the daemon would stop the group for their age within
+    /// `time`. They get the horizon that `time` needs, as far as `setpoint-horizon-max-ms` permits.
+    /// Call it before a pause, such as the one between a loop in every cycle and the first state of
+    /// a slow loop: a controller that hangs in the pause is stopped as much later. Does nothing
+    /// while the group does not follow this claim.
     ///
     /// # Errors
     /// [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
@@ -359,8 +363,8 @@ impl Claim {
         sent.map_err(|error| Error::of_service(error, self.link.instance()))
     }
 
-    /// Fails once the newest state shows that the daemon does not follow the setpoints of this claim any more. Does not allocate
-    /// while it succeeds.
+    /// Fails once the newest state shows that the daemon does not follow the setpoints of this
+    /// claim any more. Does not allocate while it succeeds.
     fn check_stop(&mut self) -> Result<(), Error> {
         let Some(group) = self.link.try_group(self.members.index, self.members.since) else { return Ok(()) };
         if group.lease != Some(self.members.lease) {
@@ -376,8 +380,8 @@ impl Claim {
         }
     }
 
-    /// Returns the reason why `group` does not belong to this claim any more: a stop, which a new claim does not end, or another
-    /// owner.
+    /// Returns the reason why `group` does not belong to this claim any more: a stop, which a new
+    /// claim does not end, or another owner.
     pub(crate) fn end(&self, group: &Group) -> Error {
         if self.follows && group.latched {
             self.stopped(group)

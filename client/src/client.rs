@@ -20,7 +20,8 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// The timer of [`Client::wait_cycles`] ends this long before the state is due. Timers are less late on most computers.
+/// The timer of [`Client::wait_cycles`] ends this long before the state is due. Timers are less
+/// late on most computers.
 const EARLY_MAX: Duration = Duration::from_micros(200);
 /// With short cycles it ends at most a cycle divided by this number before.
 const EARLY_SHARE: u32 = 4;
@@ -87,8 +88,9 @@ impl Client {
         Ok(Self { robot: Mutex::new(Arc::clone(&first)), first, link: Arc::new(link) })
     }
 
-    /// Checks that the calling process created this client. Every call that needs the daemon does so
-    /// first. Neither allocates nor makes a system call, except before Linux 4.14, which needs one.
+    /// Checks that the calling process created this client. Every call that needs the daemon does
+    /// so first. Neither allocates nor makes a system call, except before Linux 4.14, which needs
+    /// one.
     ///
     /// # Errors
     /// [`Error::Forked`]: see [forks](crate#forks).
@@ -187,10 +189,11 @@ impl Client {
         })
     }
 
-    /// Sleeps until the state of a cycle whose number is a multiple of `n` arrives. Returns the state
-    /// of a later cycle if the daemon missed that one, or if a still newer state arrived before this
-    /// thread ran: [`State::cycle`] returns its number. The next call waits for the next multiple. The
-    /// first call returns the next state. For a controller at an `n`th of the daemon's rate.
+    /// Sleeps until the state of a cycle whose number is a multiple of `n` arrives. Returns the
+    /// state of a later cycle if the daemon missed that one, or if a still newer state arrived
+    /// before this thread ran: [`State::cycle`] returns its number. The next call waits for the
+    /// next multiple. The first call returns the next state. For a controller at an `n`th of the
+    /// daemon's rate.
     ///
     /// The call sleeps on a timer until the state is nearly due, so that other cycles do not wake
     /// it, and then as [`wait`](Self::wait) does. `timeout` must be longer than `n` cycles.
@@ -235,13 +238,14 @@ impl Client {
         }
     }
 
-    /// Returns a file descriptor that becomes readable with each state, for an event loop (`poll`, `epoll`, `select`). Read the
-    /// state with [`newest`](Self::newest) and close nothing. The descriptor belongs to the client, and survives a restart of the
-    /// daemon.
+    /// Returns a file descriptor that becomes readable with each state, for an event loop (`poll`,
+    /// `epoll`, `select`). Read the state with [`newest`](Self::newest) and close nothing. The
+    /// descriptor belongs to the client, and survives a restart of the daemon.
     ///
-    /// The first call opens it and takes milliseconds. From then on each call that returns a state makes one or two further
-    /// system calls, and the daemon makes one in each cycle. The descriptor may be readable without a new state, and an ended
-    /// daemon leaves it unreadable: use a timeout, after which [`wait`](Self::wait) returns the reason.
+    /// The first call opens it and takes milliseconds. From then on each call that returns a state
+    /// makes one or two further system calls, and the daemon makes one in each cycle. The
+    /// descriptor may be readable without a new state, and an ended daemon leaves it unreadable:
+    /// use a timeout, after which [`wait`](Self::wait) returns the reason.
     ///
     /// # Errors
     /// [`Error::Service`] when every slot is taken or no file descriptor is free.
@@ -295,8 +299,8 @@ impl Client {
     /// Starts the motors of `group`, as an operator: its owner must be sending setpoints.
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`], [`Error::Refused`] with the reason, and those of every request: [`Error::Restarted`],
-    /// [`Error::NotRunning`], [`Error::NoAnswer`].
+    /// [`Error::UnknownGroup`], [`Error::Refused`] with the reason, and those of every request:
+    /// [`Error::Restarted`], [`Error::NotRunning`], [`Error::NoAnswer`].
     pub fn enable(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::Enable, group)
     }
@@ -330,13 +334,14 @@ impl Client {
         self.link.wait_for(index, phase, timeout, || self.ready(&robot))
     }
 
-    /// Returns the joints of `group`, or of all groups, whose motors do not answer after this call, within `timeout`. After a stop
-    /// these motors may not have received it: cut their power. Excluded joints are not among them. Returns as soon as all
-    /// have answered. Takes no state from a thread that waits for one.
+    /// Returns the joints of `group`, or of all groups, whose motors do not answer after this call,
+    /// within `timeout`. After a stop these motors may not have received it: cut their power.
+    /// Excluded joints are not among them. Returns as soon as all have answered. Takes no state
+    /// from a thread that waits for one.
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`]; without states [`Error::NotRunning`], [`Error::Silent`], [`Error::Timeout`];
-    /// [`Error::Restarted`].
+    /// [`Error::UnknownGroup`]; without states [`Error::NotRunning`], [`Error::Silent`],
+    /// [`Error::Timeout`]; [`Error::Restarted`].
     pub fn offline_joints(&self, group: Option<&str>, timeout: Duration) -> Result<Vec<String>, Error> {
         let robot = self.description();
         let index = group.map(|group| group_of(&robot, group)).transpose()?;
@@ -358,12 +363,12 @@ impl Client {
     /// connection. The function [`emergency_stop`](crate::emergency_stop) needs no connection. In a
     /// forked process it works too, over a connection of its own.
     ///
-    /// After the confirmation it checks that each motor answers, for 0.3 s at most, and takes no state
-    /// from a thread that waits for one.
+    /// After the confirmation it checks that each motor answers, for 0.3 s at most, and takes no
+    /// state from a thread that waits for one.
     ///
     /// # Errors
-    /// Those of [`emergency_stop`](crate::emergency_stop): the stop is unconfirmed, or motors may not
-    /// have received it, as [`Error::MotorsOffline`] with their names.
+    /// Those of [`emergency_stop`](crate::emergency_stop): the stop is unconfirmed, or motors may
+    /// not have received it, as [`Error::MotorsOffline`] with their names.
     pub fn emergency_stop(&self) -> Result<(), Error> {
         if self.check_process().is_err() {
             return stop_and_check(self.link.instance());
@@ -385,15 +390,18 @@ impl Client {
         }
     }
 
-    /// Damps and stops every motor, from a signal handler too: async-signal-safe. It allocates nothing, takes no lock, keeps
-    /// `errno`, and uses the stack and system calls of the list in signal-safety(7) only. It needs one free file descriptor.
-    /// Usually takes a cycle or two, at most 0.2 s.
+    /// Damps and stops every motor, from a signal handler too: async-signal-safe. It allocates
+    /// nothing, takes no lock, keeps `errno`, and uses the stack and system calls of the list in
+    /// signal-safety(7) only. It needs one free file descriptor. Usually takes a cycle or two, at
+    /// most 0.2 s.
     ///
-    /// It sends the request through the daemon's socket for emergency stops alone. [`emergency_stop`](Self::emergency_stop) has a
-    /// second path, over which it stops a robot whose socket fails.
+    /// It sends the request through the daemon's socket for emergency stops alone.
+    /// [`emergency_stop`](Self::emergency_stop) has a second path, over which it stops a robot
+    /// whose socket fails.
     ///
-    /// `Ok` means that the daemon sent the commands. Whether each motor received them is not known: a motor without power or
-    /// bus does not answer. After the handler [`offline_joints`](Self::offline_joints) names these motors.
+    /// `Ok` means that the daemon sent the commands. Whether each motor received them is not known:
+    /// a motor without power or bus does not answer. After the handler
+    /// [`offline_joints`](Self::offline_joints) names these motors.
     ///
     /// # Errors
     /// The stop is unconfirmed, and motors may still move.

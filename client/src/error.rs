@@ -112,7 +112,8 @@ pub enum Error {
         /// The IMU.
         imu: String,
     },
-    /// The time of the sample of an IMU is of another clock, or too old: the daemon would reject the sample.
+    /// The time of the sample of an IMU is of another clock, or too old: the daemon would reject
+    /// the sample.
     #[error("the sample of IMU {imu} is not sent: its time is {}", of_other_clock(*offset_ns, *clock))]
     SampleTime {
         /// The IMU.
@@ -174,8 +175,8 @@ pub enum Error {
     /// The [`Slot`](crate::Slot) belongs to another claim, whose joints may differ: query it again.
     #[error("the slot belongs to another claim: query it again after each claim")]
     OtherClaim,
-    /// The claim no longer owns its group, and no stop that it caused is latched: the owner of a group
-    /// at rest sent nothing for a second, or another process released the group. Claim again.
+    /// The claim no longer owns its group, and no stop that it caused is latched: the owner of a
+    /// group at rest sent nothing for a second, or another process released the group. Claim again.
     #[error(
         "group {group} no longer belongs to this claim: its owner sent no setpoint for too long, or another process \
          released it; claim it again"
@@ -406,8 +407,8 @@ impl Error {
         Self::Version { service: part.name(), client: env!("CARGO_PKG_VERSION"), daemon }
     }
 
-    /// Returns the error for a reply that refuses `operation`. `position` returns that of a joint of `robot`, rad, by index; a
-    /// joint outside its limits is reported with it.
+    /// Returns the error for a reply that refuses `operation`. `position` returns that of a joint
+    /// of `robot`, rad, by index; a joint outside its limits is reported with it.
     #[must_use]
     pub fn refusal(
         operation: Operation,

@@ -17,9 +17,9 @@ impl State {
     /// Returns the group of `claim` in this state. Does not allocate.
     ///
     /// # Errors
-    /// [`Error::Restarted`] when claim and state belong to different daemons; [`Error::Stopped`] when a
-    /// stop of the active group ended the claim; [`Error::ClaimLost`] when another process did;
-    /// [`Error::NotUnderstood`] when the state lacks a joint of the group.
+    /// [`Error::Restarted`] when claim and state belong to different daemons; [`Error::Stopped`]
+    /// when a stop of the active group ended the claim; [`Error::ClaimLost`] when another process
+    /// did; [`Error::NotUnderstood`] when the state lacks a joint of the group.
     pub fn of(&self, claim: &Claim) -> Result<GroupView<'_>, Error> {
         let members = Arc::clone(claim.members());
         if self.boot_id() != members.boot_id {

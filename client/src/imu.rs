@@ -19,16 +19,18 @@ pub struct Imu {
     pub fresh: bool,
     /// At least one sample was received since the daemon started.
     pub valid: bool,
-    /// No sample for longer than `lost-after-ms`, or the device is disconnected. True until the first sample.
+    /// No sample for longer than `lost-after-ms`, or the device is disconnected. True until the
+    /// first sample.
     pub lost: bool,
     /// Samples received since the daemon started.
     pub sequence: u64,
     /// Samples that the device took and motord did not receive, modulo 2³².
     pub missing: u32,
-    /// Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion; modulo 2³².
+    /// Samples rejected: damaged, not finite, or with an orientation that is no unit quaternion;
+    /// modulo 2³².
     pub rejected: u32,
-    /// Time when the sample was received, or measured by the publisher of an external IMU, ns of `CLOCK_MONOTONIC`; 0 before
-    /// the first.
+    /// Time when the sample was received, or measured by the publisher of an external IMU, ns of
+    /// `CLOCK_MONOTONIC`; 0 before the first.
     pub receive_ns: u64,
     /// Bits of the [`ImuContradiction`]s; see [`contradictions`](Self::contradictions).
     pub contradiction_bits: u32,
@@ -37,14 +39,15 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// Returns the orientation of the body in the world: a unit quaternion w, x, y, z. `None` before the first sample.
+    /// Returns the orientation of the body in the world: a unit quaternion w, x, y, z. `None`
+    /// before the first sample.
     #[must_use]
     pub fn orientation(&self) -> Option<[f32; 4]> {
         self.known(self.orientation)
     }
 
-    /// Returns roll, pitch and yaw of the body, rad: turns about x, y and z of the world, in this order. Pitch is positive
-    /// with the nose down. `None` before the first sample.
+    /// Returns roll, pitch and yaw of the body, rad: turns about x, y and z of the world, in this
+    /// order. Pitch is positive with the nose down. `None` before the first sample.
     #[must_use]
     pub fn roll_pitch_yaw(&self) -> Option<[f32; 3]> {
         let [w, x, y, z] = self.orientation()?.map(f64::from);
@@ -57,28 +60,31 @@ impl Imu {
         Some(angles.map(|angle| angle as f32))
     }
 
-    /// Returns the direction of gravity in the frame of the body, a unit vector: 0, 0, -1 for a level body. Policies observe
-    /// it as projected gravity. `None` before the first sample.
+    /// Returns the direction of gravity in the frame of the body, a unit vector: 0, 0, -1 for a
+    /// level body. Policies observe it as projected gravity. `None` before the first sample.
     #[must_use]
     pub fn projected_gravity(&self) -> Option<[f32; 3]> {
         let [w, x, y, z] = self.orientation()?;
         Some([2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0])
     }
 
-    /// Returns the angular velocity of the body, in its frame, rad/s. `None` before the first sample.
+    /// Returns the angular velocity of the body, in its frame, rad/s. `None` before the first
+    /// sample.
     #[must_use]
     pub fn angular_velocity(&self) -> Option<[f32; 3]> {
         self.known(self.angular_velocity)
     }
 
-    /// Returns the specific force on the body, in its frame, m/s²: at rest 9.81 upwards. `None` before the first sample.
+    /// Returns the specific force on the body, in its frame, m/s²: at rest 9.81 upwards. `None`
+    /// before the first sample.
     #[must_use]
     pub fn acceleration(&self) -> Option<[f32; 3]> {
         self.known(self.acceleration)
     }
 
-    /// Returns the conventions in which orientation and acceleration would agree about gravity. None while they agree within 10°
-    /// and 10 %, and until the body rested for 2 s for the first time. The finding stands until a rest in which both agree.
+    /// Returns the conventions in which orientation and acceleration would agree about gravity.
+    /// None while they agree within 10° and 10 %, and until the body rested for 2 s for the first
+    /// time. The finding stands until a rest in which both agree.
     pub fn contradictions(&self) -> impl Iterator<Item = ImuContradiction> + use<> {
         ImuContradiction::of_bits(self.contradiction_bits)
     }
@@ -89,7 +95,8 @@ impl Imu {
         self.age_at(clock::now_ns())
     }
 
-    /// Returns the time from the sample to `time_ns`, ns of `CLOCK_MONOTONIC`. `None` before the first sample.
+    /// Returns the time from the sample to `time_ns`, ns of `CLOCK_MONOTONIC`. `None` before the
+    /// first sample.
     #[must_use]
     pub fn age_at(&self, time_ns: u64) -> Option<Duration> {
         self.valid.then(|| Duration::from_nanos(time_ns.saturating_sub(self.receive_ns)))

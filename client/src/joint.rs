@@ -51,7 +51,8 @@ macro_rules! define {
     ) => {
         /// One joint after a cycle.
         ///
-        /// A mode is `None` for a code that this client does not know. A quantity is `None` when the motor does not report it.
+        /// A mode is `None` for a code that this client does not know. A quantity is `None` when
+        /// the motor does not report it.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct Joint {
             $($measured: f32,)+
@@ -104,7 +105,8 @@ impl Joint {
         self.age_at(clock::now_ns())
     }
 
-    /// Returns the time from the motor's last reply to `time_ns`, ns of `CLOCK_MONOTONIC`. `None` before its first.
+    /// Returns the time from the motor's last reply to `time_ns`, ns of `CLOCK_MONOTONIC`. `None`
+    /// before its first.
     #[must_use]
     pub fn age_at(&self, time_ns: u64) -> Option<Duration> {
         (self.receive_ns > 0).then(|| Duration::from_nanos(time_ns.saturating_sub(self.receive_ns)))

@@ -40,7 +40,8 @@ pub enum Stop {
         joint: Option<String>,
         /// Id of the process that requested the stop, if any.
         pid: Option<u32>,
-        /// How late the caller was, if the cause is `setpoint-timeout` and the stop ended its claim.
+        /// How late the caller was, if the cause is `setpoint-timeout` and the stop ended its
+        /// claim.
         lateness: Option<Lateness>,
     },
     /// The group was stopped for a cause that this client does not know.
@@ -110,7 +111,8 @@ impl Sent {
         (Duration::from_nanos(end_ns) + timeout).saturating_sub(Duration::from_nanos(now_ns))
     }
 
-    /// Returns the lateness at `now_ns`: of a message that is missing, or of the last one. `None` when neither is late.
+    /// Returns the lateness at `now_ns`: of a message that is missing, or of the last one. `None`
+    /// when neither is late.
     pub(crate) fn lateness(&self, now_ns: u64, timeout: Duration) -> Option<Lateness> {
         let open = (now_ns.saturating_sub(self.at_ns), self.horizon_ns);
         let of = |(gap_ns, horizon_ns): (u64, u32)| {

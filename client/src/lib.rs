@@ -3,10 +3,10 @@
 //! # Start
 //!
 //! The daemon runs, and knows each joint by name.
-//! `motord run --config config/quadruped-simulated.toml` simulates a robot: the instance `demo` with
-//! the group `legs`.
-//! Positions are in rad, velocities in rad/s, torques in N·m, stiffness in N·m/rad, damping in
-//! N·m·s/rad, on the joint's side of the gear. This is `client/examples/start.rs`:
+//! `motord run --config config/quadruped-simulated.toml` simulates a robot: the instance `demo`
+//! with the group `legs`. Positions are in rad, velocities in rad/s, torques in N·m, stiffness in
+//! N·m/rad, damping in N·m·s/rad, on the joint's side of the gear. This is
+//! `client/examples/start.rs`:
 //!
 //! ```no_run
 #![doc = include_str!("../examples/start.rs")]

@@ -248,7 +248,8 @@ impl Connection {
         view.newest.as_ref().filter(|state| state.cycle() > since)?.group(index)
     }
 
-    /// Returns an IMU of the newest state, taken or not. Returns `None` also while another thread holds the view.
+    /// Returns an IMU of the newest state, taken or not. Returns `None` also while another thread
+    /// holds the view.
     pub(crate) fn try_imu(&self, index: usize) -> Option<Imu> {
         self.try_view()?.newest.as_ref()?.imu(index)
     }
@@ -375,8 +376,8 @@ impl Connection {
         if self.is_dead() { Error::not_running(&self.instance) } else { Error::Silent { silent_for } }
     }
 
-    /// Returns `true` if the daemon is known to be dead. Its process id proves nothing: daemon or client
-    /// may be in a container.
+    /// Returns `true` if the daemon is known to be dead. Its process id proves nothing: daemon or
+    /// client may be in a container.
     fn is_dead(&self) -> bool {
         liveness::is_dead(&self.instance)
     }
@@ -482,7 +483,8 @@ impl Connection {
         ForkGuard::open(|| ports.setpoint_port()).map_err(|error| Error::of_service(error, &self.instance))
     }
 
-    /// Checks that the calling process opened this connection. Allocates nothing, and makes no system call.
+    /// Checks that the calling process opened this connection. Allocates nothing, and makes no
+    /// system call.
     pub(crate) fn check_process(&self) -> Result<(), Error> {
         self.ports.get()?;
         Ok(())

@@ -95,7 +95,8 @@ impl Members {
         }
     }
 
-    /// Returns the name of the joint with this index in the description, if it belongs to the group.
+    /// Returns the name of the joint with this index in the description, if it belongs to the
+    /// group.
     pub(crate) fn name_of(&self, joint: usize) -> Option<String> {
         let index = self.joints.iter().position(|&own| own == joint)?;
         self.names.get(index).cloned()

@@ -20,7 +20,8 @@ const NORM: core::ops::RangeInclusive<f32> = 0.99..=1.01;
 /// A measurement of an IMU, in the frame of the sensor: the daemon applies `mount-rpy-deg`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuSample {
-    /// Orientation of the sensor in the world, whose z points up: a unit quaternion w, x, y, z, within 1 %.
+    /// Orientation of the sensor in the world, whose z points up: a unit quaternion w, x, y, z,
+    /// within 1 %.
     pub orientation: [f32; 4],
     /// Angular velocity, rad/s.
     pub angular_velocity: [f32; 3],
@@ -28,14 +29,15 @@ pub struct ImuSample {
     pub acceleration: [f32; 3],
     /// Temperature of the sensor, °C.
     pub temperature: Option<f32>,
-    /// Time of the measurement, ns of `CLOCK_MONOTONIC`; 0 for now. It must increase, and may not be older than
-    /// `lost-after-ms`.
+    /// Time of the measurement, ns of `CLOCK_MONOTONIC`; 0 for now. It must increase, and may not
+    /// be older than `lost-after-ms`.
     pub time_ns: u64,
 }
 
 /// Publishes the samples of an external IMU. It survives a restart of the daemon.
 ///
-/// The daemon uses the samples of one publisher. Another one may begin when none of them was used for `lost-after-ms`.
+/// The daemon uses the samples of one publisher. Another one may begin when none of them was used
+/// for `lost-after-ms`.
 #[derive(Debug)]
 pub struct ImuPublisher {
     link: Arc<Connection>,
@@ -61,10 +63,12 @@ impl ImuPublisher {
     /// Sends a sample. Does not wait. Allocates nothing after the first samples.
     ///
     /// # Errors
-    /// [`Error::BadSample`]; [`Error::SampleTime`] for a time of another clock: more than 1 ms after now, or older than
-    /// `lost-after-ms` for the tenth time in a row; [`Error::OtherPublisher`] while the daemon uses the samples of another process: this one was
-    /// sent, and rejected; [`Error::UnknownImu`] or [`Error::NotExternal`] when the daemon was started again with another
-    /// configuration; [`Error::NotRunning`] or [`Error::Silent`] without a daemon: later samples arrive once it runs again.
+    /// [`Error::BadSample`]; [`Error::SampleTime`] for a time of another clock: more than 1 ms
+    /// after now, or older than `lost-after-ms` for the tenth time in a row;
+    /// [`Error::OtherPublisher`] while the daemon uses the samples of another process: this one was
+    /// sent, and rejected; [`Error::UnknownImu`] or [`Error::NotExternal`] when the daemon was
+    /// started again with another configuration; [`Error::NotRunning`] or [`Error::Silent`] without
+    /// a daemon: later samples arrive once it runs again.
     pub fn send(&mut self, sample: &ImuSample) -> Result<(), Error> {
         if !is_sound(sample) {
             return Err(Error::BadSample { imu: self.name.clone() });
@@ -148,7 +152,8 @@ fn external(robot: &RobotDescription, name: &str) -> Result<(u32, u64), Error> {
     Ok((index as u32, (robot.imus[index].lost_after * 1e9) as u64))
 }
 
-/// Returns the process id in the bits 63..32 and a random number: the standard library's seed for hash maps is random.
+/// Returns the process id in the bits 63..32 and a random number: the standard library's seed for
+/// hash maps is random.
 fn number() -> u64 {
     let random = RandomState::new().build_hasher().finish() & u64::from(u32::MAX);
     u64::from(std::process::id()) << 32 | random

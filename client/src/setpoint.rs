@@ -2,8 +2,8 @@
 
 use motord_shared::{JointSetpoint, Rejection, SetpointMode};
 
-/// The setpoint of a joint in one cycle. The motor's torque is `kp · (position - p) + kd · (velocity - v) + torque`,
-/// within the limits of the joint.
+/// The setpoint of a joint in one cycle. The motor's torque is
+/// `kp · (position - p) + kd · (velocity - v) + torque`, within the limits of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// rad.

@@ -55,7 +55,8 @@ impl From<&StateMessage> for State {
 }
 
 impl State {
-    /// Returns the message as the daemon wrote it, with unchecked codes: for programs that compare or store states.
+    /// Returns the message as the daemon wrote it, with unchecked codes: for programs that compare
+    /// or store states.
     #[must_use]
     pub fn message(&self) -> &StateMessage {
         &self.message
@@ -68,14 +69,15 @@ impl State {
         self.message.cycle
     }
 
-    /// Returns the tick with the cycle's number, ns of `CLOCK_MONOTONIC`: two states are as many periods apart as their cycles.
+    /// Returns the tick with the cycle's number, ns of `CLOCK_MONOTONIC`: two states are as many
+    /// periods apart as their cycles.
     #[must_use]
     pub fn tick_ns(&self) -> u64 {
         self.message.tick_ns
     }
 
-    /// Returns [`tick_ns`](Self::tick_ns) since the zero of `CLOCK_MONOTONIC`, for the time between two
-    /// states.
+    /// Returns [`tick_ns`](Self::tick_ns) since the zero of `CLOCK_MONOTONIC`, for the time between
+    /// two states.
     #[must_use]
     pub fn time(&self) -> Duration {
         Duration::from_nanos(self.message.tick_ns)
@@ -160,7 +162,8 @@ impl State {
         self.message.imus().iter().map(Imu::from)
     }
 
-    /// Returns the IMU with this index in the description; [`Client::imu`](crate::Client::imu) returns the index of a name.
+    /// Returns the IMU with this index in the description; [`Client::imu`](crate::Client::imu)
+    /// returns the index of a name.
     #[must_use]
     pub fn imu(&self, index: usize) -> Option<Imu> {
         self.message.imus().get(index).map(Imu::from)
@@ -265,11 +268,11 @@ pub struct Group {
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began.
     pub setpoint_age: Option<Duration>,
-    /// Mean time between two setpoint messages of the owner. While `setpoint-timeout` is latched, that
-    /// of the owner that was stopped. `None` when unknown.
+    /// Mean time between two setpoint messages of the owner. While `setpoint-timeout` is latched,
+    /// that of the owner that was stopped. `None` when unknown.
     pub setpoint_period: Option<Duration>,
-    /// [Horizon](crate::Claim::set_horizon) of the setpoint in use. While `setpoint-timeout` is latched, that of the last
-    /// one. `None` without one.
+    /// [Horizon](crate::Claim::set_horizon) of the setpoint in use. While `setpoint-timeout` is
+    /// latched, that of the last one. `None` without one.
     pub setpoint_horizon: Option<Duration>,
     /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1
     /// for a timely setpoint. `None` when unknown.
@@ -304,7 +307,8 @@ pub struct Bus {
     pub unexpected_id: u32,
     /// Replies without a request.
     pub duplicate: u32,
-    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
+    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor
+    /// that are no valid reply.
     pub malformed: u32,
     /// Error frames.
     pub errors: u32,

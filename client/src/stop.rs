@@ -28,14 +28,15 @@ const POLL: Duration = Duration::from_millis(1);
 ///
 /// # Errors
 /// Motors may still move, so cut the power. The stop is unconfirmed: [`Error::NotRunning`],
-/// [`Error::Permission`], [`Error::NotStopped`], and those of an invalid name or directory. Or it is
-/// confirmed, and motors may not have received it: [`Error::MotorsOffline`] names them,
+/// [`Error::Permission`], [`Error::NotStopped`], and those of an invalid name or directory. Or it
+/// is confirmed, and motors may not have received it: [`Error::MotorsOffline`] names them,
 /// [`Error::MotorsUnchecked`] has the reason why that is not known.
 pub fn emergency_stop(instance: &str) -> Result<(), Error> {
     stop_and_check(&Instance::find(instance).map_err(Error::of_instance)?)
 }
 
-/// Damps and stops every motor of `instance` in the runtime directory `runtime`, as [`emergency_stop`] does.
+/// Damps and stops every motor of `instance` in the runtime directory `runtime`, as
+/// [`emergency_stop`] does.
 ///
 /// # Errors
 /// Those of [`emergency_stop`].
@@ -43,7 +44,8 @@ pub fn emergency_stop_in(runtime: &Path, instance: &str) -> Result<(), Error> {
     stop_and_check(&Instance::below(runtime, instance).map_err(Error::of_instance)?)
 }
 
-/// Damps and stops every motor of `instance`, and checks that each one answers, over connections of its own.
+/// Damps and stops every motor of `instance`, and checks that each one answers, over connections of
+/// its own.
 pub(crate) fn stop_and_check(instance: &Instance) -> Result<(), Error> {
     stop(instance)?;
     // As below: damaged files may block a thread.
@@ -60,18 +62,21 @@ pub(crate) fn stop_and_check(instance: &Instance) -> Result<(), Error> {
 /// The outcome of [`emergency_stop_all`].
 #[derive(Debug)]
 pub struct AllStopped {
-    /// The daemons of this user, of root and of the service, with the error if the stop of one is unconfirmed.
+    /// The daemons of this user, of root and of the service, with the error if the stop of one is
+    /// unconfirmed.
     pub daemons: Vec<(RunningInstance, Result<(), Error>)>,
-    /// Processes of other users to which the request was sent. They may be daemons. Their answers do not count, and nothing in
-    /// their directories was opened.
+    /// Processes of other users to which the request was sent. They may be daemons. Their answers
+    /// do not count, and nothing in their directories was opened.
     pub foreign: Vec<RunningInstance>,
-    /// Other processes that did not get the request, or whose directories were not checked in time, with the reason. Only with
-    /// [`StopError::System`] one may be a daemon of this user, of root or of the service.
+    /// Other processes that did not get the request, or whose directories were not checked in time,
+    /// with the reason. Only with [`StopError::System`] one may be a daemon of this user, of root
+    /// or of the service.
     pub unreached: Vec<(RunningInstance, StopError)>,
 }
 
-/// Damps and stops every motor of every daemon of this computer, all at once. Usually takes a cycle or two, at most little more than a
-/// second, however many daemons do not answer. Whether the motors answer is not checked.
+/// Damps and stops every motor of every daemon of this computer, all at once. Usually takes a cycle
+/// or two, at most little more than a second, however many daemons do not answer. Whether the
+/// motors answer is not checked.
 #[must_use]
 pub fn emergency_stop_all() -> AllStopped {
     let AllStops { trusted, foreign, unreached } = running::stop_all(SOCKET_TIMEOUT);

@@ -4,8 +4,8 @@ use motord_shared::description::{RobotDescription, Telemetry};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Returns the object that `motorctl latency --json` prints: [`Telemetry`] with the names of the joints, IMUs and groups, without their
-/// owners and stops.
+/// Returns the object that `motorctl latency --json` prints: [`Telemetry`] with the names of the
+/// joints, IMUs and groups, without their owners and stops.
 #[must_use]
 pub fn named_telemetry(robot: &RobotDescription, telemetry: &Telemetry) -> impl Serialize + use<> {
     let mut object = json!(telemetry);

@@ -32,8 +32,8 @@ impl View {
         Some(state.clone())
     }
 
-    /// Returns the time until the next `n`th cycle should be published, zero when it is late. `None`
-    /// before the first state.
+    /// Returns the time until the next `n`th cycle should be published, zero when it is late.
+    /// `None` before the first state.
     pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<Duration> {
         let newest = self.newest.as_ref()?;
         let cycles = u32::try_from(self.due(n).saturating_sub(newest.cycle())).unwrap_or(u32::MAX);

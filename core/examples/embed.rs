@@ -1,4 +1,5 @@
-//! The real cycle in another program: a leg of three motors on virtual time, whose shafts this program moves.
+//! The real cycle in another program: a leg of three motors on virtual time, whose shafts this
+//! program moves.
 //!
 //! ```text
 //! cargo run -p motord-core --example embed
@@ -16,7 +17,8 @@ use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus,
 
 const JOINTS: [&str; 3] = ["hip", "thigh", "knee"];
 
-/// Three pendulums. A physics engine would set the joint torques here, make its step, and read the joints.
+/// Three pendulums. A physics engine would set the joint torques here, make its step, and read the
+/// joints.
 struct Pendulums;
 
 impl Plant for Pendulums {
@@ -86,7 +88,8 @@ fn swing(time: f32) -> [JointSetpoint; 3] {
     })
 }
 
-/// The settings, with the defaults of a file. `motord_settings::settings` documents units and meaning of each value.
+/// The settings, with the defaults of a file. `motord_settings::settings` documents units and
+/// meaning of each value.
 fn settings() -> Settings {
     Settings {
         instance: "embedded".into(),

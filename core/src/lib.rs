@@ -1,4 +1,5 @@
-//! The robot's side of motord, over any [`Bus`](motord_bus::Bus) and any [`Clock`](motord_bus::Clock).
+//! The robot's side of motord, over any [`Bus`](motord_bus::Bus) and any
+//! [`Clock`](motord_bus::Clock).
 //!
 //! No socket, no thread, no file and no wall clock: time is an argument, and buses are a trait.
 //! The daemon runs this crate on the machine; tests and other programs run it on virtual time.

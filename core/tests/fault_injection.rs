@@ -179,8 +179,8 @@ fn no_fault_sends_forbidden_frames_or_prevents_arming() {
     );
 }
 
-/// Goal: a robot with healthy controllers is never stopped without a reason.
-/// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
+/// Goal: a robot with healthy controllers is never stopped without a reason. Method: an hour of
+/// twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
 #[test]
 #[ignore = "an hour of robot time takes a minute: run it with --release and --ignored"]
 fn an_hour_of_sane_control_is_never_stopped() {

@@ -144,7 +144,8 @@ fn stopper_serves_unjammed_bus_and_abandons_jammed_one() {
     }
 }
 
-/// The torque that a motor at rest makes from a control frame, by the law and the formulas of the MIT document, N·m.
+/// The torque that a motor at rest makes from a control frame, by the law and the formulas of the
+/// MIT document, N·m.
 fn torque_at_rest(frame: &Frame, ends: &Ends) -> f64 {
     let word = u64::from_be_bytes(*frame.payload().first_chunk().unwrap());
     let share = |shift: u32| (word >> shift & 0xFFF) as f64 / 4095.0;
@@ -152,8 +153,8 @@ fn torque_at_rest(frame: &Frame, ends: &Ends) -> f64 {
     share(12) * ends.kd * velocity + (2.0 * share(0) - 1.0) * ends.torque
 }
 
-/// Goal: damping without a cycle pushes no joint. Neither velocity nor torque has a code for zero. Method: the mean torque at rest of
-/// the frames of one stop, for each model.
+/// Goal: damping without a cycle pushes no joint. Neither velocity nor torque has a code for zero.
+/// Method: the mean torque at rest of the frames of one stop, for each model.
 #[test]
 fn damping_without_a_cycle_pushes_no_joint() {
     for model in PROFILES.iter().flat_map(|profile| profile.models) {

@@ -1,9 +1,11 @@
-//! Checks before the first cycle that the motors are the configured ones: by the lock file, and by what they report.
+//! Checks before the first cycle that the motors are the configured ones: by the lock file, and by
+//! what they report.
 //!
-//! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
-//! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).
-//! A motor that does not answer yet is offline, and is checked by the lock file only. The cycle reads registers itself, at a motor's
-//! first answer and after each silence (`core/src/control/motor/registers.rs`).
+//! A motor with another torque constant or gear ratio gives another torque than it is sent, and
+//! nothing on the wire shows that. A motor that differs is never enabled
+//! ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)). A motor that does not
+//! answer yet is offline, and is checked by the lock file only. The cycle reads registers itself,
+//! at a motor's first answer and after each silence (`core/src/control/motor/registers.rs`).
 
 use motord_bus::{Bus, Duration, Monotonic};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
@@ -11,15 +13,17 @@ use motord_protocol::commissioning::{Error, Link, Question, Survey, Wire, consta
 use motord_settings::settings::{MotorSettings, Settings};
 use std::path::Path;
 
-/// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
+/// A motor on a wire answers within a millisecond or so. One that is late is asked by
+/// `motorctl setup`, which waits longer.
 const TIMEOUT: Duration = Duration::from_millis(10);
 
 /// The buses, and the joints whose motors differ from their configuration.
 pub type Checked = (Vec<Box<dyn Bus>>, Vec<usize>);
 
-/// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
-/// difference with its cure. Returns the buses, and the indices of these motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
-/// read requests to native ones.
+/// Marks the motors that differ from the configuration, by the lock beside its `file` or by what
+/// they report. Logs each difference with its cure. Returns the buses, and the indices of these
+/// motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and read
+/// requests to native ones.
 ///
 /// # Errors
 ///
@@ -39,7 +43,8 @@ pub fn check(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Resu
     Ok((buses, mismatched))
 }
 
-/// The bus, and the differences that its motors tell. A simulated motor is made of the configuration, and not asked.
+/// The bus, and the differences that its motors tell. A simulated motor is made of the
+/// configuration, and not asked.
 fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus>, Vec<Finding>) {
     let kind = &settings.buses[index].kind;
     if kind.is_simulated() {

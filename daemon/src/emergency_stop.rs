@@ -6,10 +6,11 @@
 //!   └───────── confirmed ──────────┴──────── one word ◀──────┘
 //! ```
 //!
-//! A stop waits behind no other request, and needs nothing that clients can exhaust: no slot, no file, no descriptor that the
-//! other threads share. Until the cycle has it, this thread allocates and logs nothing for it, and opens only its connection.
-//! A process that may read, write and enter the runtime directory may stop the robot. Its permission bits decide; access
-//! control lists are ignored.
+//! A stop waits behind no other request, and needs nothing that clients can exhaust: no slot, no
+//! file, no descriptor that the other threads share. Until the cycle has it, this thread allocates
+//! and logs nothing for it, and opens only its connection. A process that may read, write and enter
+//! the runtime directory may stop the robot. Its permission bits decide; access control lists are
+//! ignored.
 
 use crate::telemetry::programs::Programs;
 use motord_bus::{Duration, Instant, clock};
@@ -36,9 +37,11 @@ use std::sync::Arc;
 const CALLERS_MAX: usize = 64;
 /// Most callers accepted in a turn.
 const CALLERS_PER_TURN: usize = 16;
-/// Least time from one turn to the next: a flood of callers must not take the processor from other threads.
+/// Least time from one turn to the next: a flood of callers must not take the processor from other
+/// threads.
 const TURN: Duration = Duration::from_millis(1);
-/// Period in which an idle thread checks whether the daemon ends. Each wake-up delays the threads below it.
+/// Period in which an idle thread checks whether the daemon ends. Each wake-up delays the threads
+/// below it.
 const IDLE: Duration = Duration::from_millis(250);
 /// Between two of the first tries to get the socket's name.
 const NAME_TURN: Duration = Duration::from_millis(50);
@@ -50,8 +53,8 @@ const POLL: Duration = Duration::from_micros(200);
 const SECOND: Duration = Duration::from_secs(1);
 const BACKLOG: i32 = 128;
 
-/// Serves the socket of `instance` until `ended` returns true, in a dedicated thread, which loses the descriptors of all other
-/// threads. No thread waits for it.
+/// Serves the socket of `instance` until `ended` returns true, in a dedicated thread, which loses
+/// the descriptors of all other threads. No thread waits for it.
 pub fn run(
     instance: &MotordInstance,
     stops: Arc<EmergencyStops>,
@@ -74,7 +77,8 @@ pub fn run(
     }
 }
 
-/// Returns the listening socket as soon as the system grants it. An exiting predecessor may hold the name, or any other process.
+/// Returns the listening socket as soon as the system grants it. An exiting predecessor may hold
+/// the name, or any other process.
 fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<OwnedFd> {
     let mut tries = 0_u32;
     while !ended() {
@@ -98,8 +102,8 @@ fn listen_for(instance: &MotordInstance) -> Result<OwnedFd, Errno> {
     let socket = stop_socket::open(SockFlag::SOCK_NONBLOCK)?;
     bind(socket.as_raw_fd(), &stop_socket::address(instance)?)?;
     listen(&socket, Backlog::new(BACKLOG)?)?;
-    // With a table of its own, this thread has descriptors for callers however many the other threads use. Where the kernel
-    // refuses, all threads share one.
+    // With a table of its own, this thread has descriptors for callers however many the other
+    // threads use. Where the kernel refuses, all threads share one.
     let _shared = keep_only(socket.as_fd());
     Ok(socket)
 }
@@ -112,13 +116,15 @@ struct Server {
     gate: Gate,
     stops: Arc<EmergencyStops>,
     programs: Programs,
-    /// Time of the last log line about a stop. `unlogged` counts the stops since then without a line.
+    /// Time of the last log line about a stop. `unlogged` counts the stops since then without a
+    /// line.
     logged: Option<Instant>,
     unlogged: u32,
 }
 
 impl Server {
-    /// Waits for callers, takes them in, and carries out what they ask for. Does not allocate before the cycle has the request.
+    /// Waits for callers, takes them in, and carries out what they ask for. Does not allocate
+    /// before the cycle has the request.
     fn turn(&mut self) {
         let begun = clock::monotonic();
         self.wait();
@@ -161,7 +167,8 @@ impl Server {
     /// Stops the robot for process `pid`, and waits until the cycle has.
     fn carry_out(&self, pid: u32) -> Result<(), StopError> {
         let request = self.stops.ask(pid);
-        // The program's name is there as long as the process waits for its answer; nothing depends on it.
+        // The program's name is there as long as the process waits for its answer; nothing depends
+        // on it.
         self.programs.note(pid);
         let end = clock::monotonic() + CYCLE_TIMEOUT;
         while !self.stops.is_done(request) {
@@ -195,7 +202,8 @@ impl Server {
     }
 }
 
-/// Returns the caller if it requests a stop. Closes the connection of one that does not, or has disconnected.
+/// Returns the caller if it requests a stop. Closes the connection of one that does not, or has
+/// disconnected.
 fn receive(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
     let mut message = [0; MESSAGE_BYTES_MAX];
     match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
@@ -233,7 +241,8 @@ impl Gate {
         }
     }
 
-    /// Returns the caller and its process if that may stop the robot. Otherwise refuses the request and closes the connection.
+    /// Returns the caller and its process if that may stop the robot. Otherwise refuses the request
+    /// and closes the connection.
     fn admit(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
         self.seen = stat(self.directory.as_c_str()).ok().or(self.seen);
         let peer = getsockopt(&caller, sockopt::PeerCredentials).ok()?;
@@ -247,7 +256,8 @@ impl Gate {
     }
 }
 
-/// Returns true if the kernel would let a process with these ids read, write and enter the directory.
+/// Returns true if the kernel would let a process with these ids read, write and enter the
+/// directory.
 fn may_enter(directory: &FileStat, uid: u32, gid: u32, groups: &[u32]) -> bool {
     const ALL: u32 = 0o7;
     let bits = if uid == directory.st_uid {

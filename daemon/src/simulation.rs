@@ -1,4 +1,5 @@
-//! The thread that takes faults for simulated buses from `motorctl sim`. Only a daemon without a real bus has it.
+//! The thread that takes faults for simulated buses from `motorctl sim`. Only a daemon without a
+//! real bus has it.
 
 use crate::buses::injection::Injectors;
 use motord_bus::Duration;

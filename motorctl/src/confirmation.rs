@@ -2,8 +2,8 @@
 
 use std::fmt::Display;
 
-/// Returns `done` as the outcome of a confirmed stop. `offline` are the joints that do not answer, or the reason why that was
-/// not checked.
+/// Returns `done` as the outcome of a confirmed stop. `offline` are the joints that do not answer,
+/// or the reason why that was not checked.
 ///
 /// # Errors
 ///

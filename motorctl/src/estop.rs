@@ -44,15 +44,17 @@ fn confirmed(stopped: Result<(), Error>) -> Result<(), Error> {
     }
 }
 
-/// Returns the only daemon that `instance` can mean, in another runtime directory. The default name means any. A process of another
-/// user is never meant: any user may take the name of a daemon, and confirm.
+/// Returns the only daemon that `instance` can mean, in another runtime directory. The default name
+/// means any. A process of another user is never meant: any user may take the name of a daemon, and
+/// confirm.
 fn elsewhere(instance: &str) -> Option<RunningInstance> {
     let mut meant: Vec<_> = running_instances();
     meant.retain(|running| instance == DEFAULT_INSTANCE || running.name == instance);
     if meant.len() == 1 { meant.pop() } else { None }
 }
 
-/// Stops every daemon of this computer, all at once. The motors of each are checked after all stops.
+/// Stops every daemon of this computer, all at once. The motors of each are checked after all
+/// stops.
 fn stop_all() -> Result<(), Failure> {
     raise_descriptors();
     let AllStopped { daemons, foreign: reached, unreached } = emergency_stop_all();
@@ -93,7 +95,8 @@ fn stop_all() -> Result<(), Failure> {
     }
 }
 
-/// Raises the limit of open files as far as permitted. With too few, the stop of all still tries one name after the other.
+/// Raises the limit of open files as far as permitted. With too few, the stop of all still tries
+/// one name after the other.
 fn raise_descriptors() {
     let Ok((_, hard)) = getrlimit(Resource::RLIMIT_NOFILE) else { return };
     let _refused = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
@@ -111,8 +114,8 @@ fn report_stop_of(running: &RunningInstance) -> Result<(), Failure> {
     report_stop(Some(&who), &line(running), Client::connect_in(runtime, name))
 }
 
-/// Prints the outcome of a confirmed stop; `motorctl` is the command for its daemon. The motors are checked only now: no wait may
-/// delay the stop.
+/// Prints the outcome of a confirmed stop; `motorctl` is the command for its daemon. The motors are
+/// checked only now: no wait may delay the stop.
 fn report_stop(who: Option<&str>, motorctl: &str, client: Result<Client, Error>) -> Result<(), Failure> {
     let client = match client {
         // Any user may take the name of the socket in a directory of their own, and confirm.
@@ -134,8 +137,9 @@ fn report_stop(who: Option<&str>, motorctl: &str, client: Result<Client, Error>)
     Ok(())
 }
 
-/// Returns what had stopped groups before, as a further part of a sentence; empty if nothing had. The emergency stop replaces
-/// their causes, and a person needs them to find the fault. Takes at most [`TIMEOUT`] and one request.
+/// Returns what had stopped groups before, as a further part of a sentence; empty if nothing had.
+/// The emergency stop replaces their causes, and a person needs them to find the fault. Takes at
+/// most [`TIMEOUT`] and one request.
 fn first_causes(client: &Client) -> String {
     let robot = client.description();
     let end = Instant::now() + TIMEOUT;
@@ -162,7 +166,8 @@ fn first_causes(client: &Client) -> String {
 mod tests {
     use super::*;
 
-    /// Any user may take the name of a socket for emergency stops in a directory of their own, and confirm.
+    /// Any user may take the name of a socket for emergency stops in a directory of their own, and
+    /// confirm.
     #[test]
     fn confirmation_of_no_daemon_is_none() {
         let directory = tempfile::tempdir().unwrap();

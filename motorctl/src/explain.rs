@@ -111,7 +111,8 @@ fn sections(file: &'static str) -> impl Iterator<Item = Explanation> {
     })
 }
 
-/// Markdown as text for a terminal: without marks for bold, each link as its words and its file, in lines of [`WIDTH`].
+/// Markdown as text for a terminal: without marks for bold, each link as its words and its file, in
+/// lines of [`WIDTH`].
 fn plain(markdown: &str) -> String {
     let paragraphs = markdown.replace("**", "");
     let paragraphs = paragraphs.split("\n\n").map(|paragraph| {

@@ -15,7 +15,8 @@ struct Entry {
     uid: u32,
     /// Its user is neither root, nor this one, nor that of the service. It may be no daemon.
     foreign: bool,
-    /// The line that shows its state. Empty if foreign: nothing in the directory of another user is to be opened.
+    /// The line that shows its state. Empty if foreign: nothing in the directory of another user is
+    /// to be opened.
     command: String,
 }
 
@@ -88,8 +89,9 @@ pub(crate) fn instead(verb: &str) -> Option<String> {
     }
 }
 
-/// Returns a text that names processes of other users, and those of them that did not get a stop; empty without one. Before an `estop`
-/// also how to end them. It has no command that would run as one of these users.
+/// Returns a text that names processes of other users, and those of them that did not get a stop;
+/// empty without one. Before an `estop` also how to end them. It has no command that would run as
+/// one of these users.
 pub(crate) fn foreign(verb: &str, reached: &[RunningInstance], unreached: &[RunningInstance]) -> String {
     let total = reached.len() + unreached.len();
     if total == 0 {
@@ -127,7 +129,8 @@ fn user(uid: u32) -> String {
     if uid == u32::MAX { "unknown".to_owned() } else { uid.to_string() }
 }
 
-/// Returns how to end a process. Its id counts only while a process of the same user has it: the process may have passed its socket on.
+/// Returns how to end a process. Its id counts only while a process of the same user has it: the
+/// process may have passed its socket on.
 fn remedy(other: &RunningInstance) -> String {
     let RunningInstance { pid, uid, .. } = *other;
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
@@ -138,7 +141,8 @@ fn remedy(other: &RunningInstance) -> String {
     "find it with `sudo ss -xap | grep motord-stop:`, and end it with `sudo kill`".to_owned()
 }
 
-/// Returns the beginning of the commands for `running`. Its words need no quotes: see [`Listeners::daemons`].
+/// Returns the beginning of the commands for `running`. Its words need no quotes: see
+/// [`Listeners::daemons`].
 pub(crate) fn line(running: &RunningInstance) -> String {
     let RunningInstance { name, runtime, .. } = running;
     let directory = match runtime.to_str() {

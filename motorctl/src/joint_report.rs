@@ -64,7 +64,8 @@ macro_rules! define {
             pub(crate) position_range_rad: [f32; 2],
             /// Largest torque that its limits allow.
             pub(crate) torque_max_nm: f32,
-            /// Its position is outside the positions that its setpoints may have: its group cannot be enabled.
+            /// Its position is outside the positions that its setpoints may have: its group cannot
+            /// be enabled.
             pub(crate) outside_limits: bool,
             /// The obstacle to its motion, and what helps; `null` when there is none.
             pub(crate) advice: Option<String>,

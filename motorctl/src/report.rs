@@ -48,15 +48,16 @@ pub(crate) struct GroupReport {
     pub(crate) owner: Option<ProcessReport>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
     pub(crate) setpoint_age_us: Option<f64>,
-    /// Mean time between two setpoint messages of the owner, or of the one that was stopped for `setpoint-timeout`; `null`
-    /// when not known.
+    /// Mean time between two setpoint messages of the owner, or of the one that was stopped for
+    /// `setpoint-timeout`; `null` when not known.
     pub(crate) setpoint_period_us: Option<f64>,
     /// Horizon of the setpoint in use; `null` without one.
     pub(crate) setpoint_horizon_us: Option<f64>,
     /// The period is more than half the timeout: the remedy.
     #[serde(skip)]
     pub(crate) slow_owner: Option<String>,
-    /// Cycles from the states that the setpoint in use answers to the cycle that first used it; `null` when not known.
+    /// Cycles from the states that the setpoint in use answers to the cycle that first used it;
+    /// `null` when not known.
     pub(crate) control_cycles: Option<u64>,
     pub(crate) accepted: u32,
     /// Accepted setpoint messages that missed the first cycle after the one that they answer.
@@ -114,13 +115,15 @@ impl FirstStopReport {
         }
     }
 
-    /// Returns the sentence of its cause, with the bus, the joint or the process that it comes from.
+    /// Returns the sentence of its cause, with the bus, the joint or the process that it comes
+    /// from.
     pub(crate) fn describe(&self) -> String {
         format!("{}{}", self.sentence, origin(&self.bus, &self.joint, &self.asked_by))
     }
 }
 
-/// Returns the bus, the joint or the process that caused a stop, in brackets after a space; otherwise an empty text.
+/// Returns the bus, the joint or the process that caused a stop, in brackets after a space;
+/// otherwise an empty text.
 fn origin(bus: &Option<String>, joint: &Option<String>, asked_by: &Option<ProcessReport>) -> String {
     let bus = bus.as_ref().map(|bus| format!("bus {bus}"));
     let origin =
@@ -165,7 +168,8 @@ impl StopReport {
         origin(&self.bus, &self.joint, &self.asked_by)
     }
 
-    /// Returns the sentence of the cause with its origin, and the first cause where this is another one.
+    /// Returns the sentence of the cause with its origin, and the first cause where this is another
+    /// one.
     pub(crate) fn reason(&self) -> String {
         let first = self.first.as_ref().map(|first| format!(" The first cause: {}", first.describe()));
         format!("{}{}{}", self.sentence, self.origin(), first.unwrap_or_default())
@@ -210,7 +214,8 @@ impl RobotReport {
         }
     }
 
-    /// Adds the names of the owners and of the programs that requested stops, and the stops before emergency stops.
+    /// Adds the names of the owners and of the programs that requested stops, and the stops before
+    /// emergency stops.
     pub(crate) fn add_history(&mut self, robot: &RobotDescription, telemetry: &Telemetry) {
         for (group, history) in self.groups.iter_mut().zip(&telemetry.groups) {
             // The history also has the previous owner.

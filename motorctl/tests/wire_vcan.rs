@@ -143,7 +143,8 @@ fn every_result_code_is_shown_over_can() {
     line::refuse_with_every_result_code(&knee());
 }
 
-/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its interface.
+/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the
+/// other on its interface.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn factory_reset_is_undone_over_can() {
@@ -267,7 +268,8 @@ fn hipnuc_on_can_is_set() {
     drop(held);
 }
 
-/// A HiPNUC sends its TPDOs at 100 Hz beside a motor. The bytes are those of a level device, by the vendor's manual.
+/// A HiPNUC sends its TPDOs at 100 Hz beside a motor. The bytes are those of a level device, by the
+/// vendor's manual.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn hipnuc_beside_a_motor_is_found() {

@@ -13,7 +13,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// More than the kernel gives to a process: the daemon may be in a container, where its id means another process or none.
+/// More than the kernel gives to a process: the daemon may be in a container, where its id means
+/// another process or none.
 const NO_PROCESS: u32 = 1 << 22 | 1;
 
 /// The daemon of a test: it serves the client, and records the received setpoints.
@@ -65,7 +66,8 @@ impl FakeDaemon {
         self.ports.notify().unwrap();
     }
 
-    /// As the daemon, takes the started group from an owner whose setpoints stayed away. The test decides when.
+    /// As the daemon, takes the started group from an owner whose setpoints stayed away. The test
+    /// decides when.
     fn advance_phase(&mut self) {
         let is_late = self.cause.load(Ordering::Relaxed) == Cause::SetpointTimeout.code();
         if is_late && self.phase != Phase::Disarmed {

@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// A child that waits for a lock of a thread that does not exist there ends after this number of seconds.
+/// A child that waits for a lock of a thread that does not exist there ends after this number of
+/// seconds.
 const HANGS_SECONDS: u32 = 20;
 /// Forks while another thread uses the same client.
 const FORKS: u32 = 20;
@@ -178,7 +179,8 @@ fn fork_beside_waiting_threads_hangs_no_child() {
     });
 }
 
-/// Runs the ignored test `body` in a process without a daemon: the daemon's threads would hold locks of iceoryx2 in a fork.
+/// Runs the ignored test `body` in a process without a daemon: the daemon's threads would hold
+/// locks of iceoryx2 in a fork.
 fn in_controller(body: &str) {
     let directory = directory();
     let mut daemon = spawn("killed_daemon", &directory, 1);

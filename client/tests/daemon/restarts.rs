@@ -42,7 +42,8 @@ fn spinning_controller_notices_restart_and_silence() {
     hears_of_a_restart_and_of_silence(|client| client.spin(TIMEOUT));
 }
 
-/// Goal: a client never concludes from the id of a process in another namespace that no motord runs.
+/// Goal: a client never concludes from the id of a process in another namespace that no motord
+/// runs.
 #[test]
 fn silent_daemon_in_container_is_not_dead() {
     let directory = directory();

@@ -55,7 +55,8 @@ fn setpoints_by_name_and_slot_reach_their_joints() {
     assert!(unknown.to_string().contains("hip, knee"), "{unknown}");
 }
 
-/// The daemon would reject the whole group, and stop it a setpoint timeout later for a cause that hides the mistake.
+/// The daemon would reject the whole group, and stop it a setpoint timeout later for a cause that
+/// hides the mistake.
 #[test]
 fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
     let directory = directory();

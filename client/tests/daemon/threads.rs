@@ -14,7 +14,8 @@ const _: () = {
     must_be_shared_by_threads::<Claim>();
 };
 
-/// A daemon that serves but publishes nothing, a client that has read its last state, and the client's claim.
+/// A daemon that serves but publishes nothing, a client that has read its last state, and the
+/// client's claim.
 fn silent_daemon(directory: &TempDir) -> (Running, Client, Claim) {
     let daemon = Running::start(directory.path(), 1);
     let client = connect(directory);

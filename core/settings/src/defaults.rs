@@ -1,7 +1,8 @@
 //! The settings of a robot whose configuration names only what has no default: its buses and
 //! motors. Cautious, and meant for a real robot.
 //!
-//! The configuration uses the same values: its test `omitted_keys_are_these_defaults` compares them.
+//! The configuration uses the same values: its test `omitted_keys_are_these_defaults` compares
+//! them.
 
 use crate::settings::{
     BeyondRange, BusSettings, CycleSettings, FaultPolicy, IpcMode, IpcSettings, LimitSettings, MARGIN,
@@ -25,8 +26,8 @@ pub const SETPOINT_TIMEOUT: Duration = Duration::from_millis(20);
 pub const DEADMAN_CYCLES: u32 = 2;
 /// Damping of a safe stop, N·m·s/rad.
 pub const DAMPING_KD: f64 = 2.0;
-/// A limit may be beyond what is usable by this fraction: the sum of a position limit and its offset
-/// is rounded to `f32`.
+/// A limit may be beyond what is usable by this fraction: the sum of a position limit and its
+/// offset is rounded to `f32`.
 pub const ROUNDING: f64 = 1e-5;
 /// Beyond these values a register holds no end of a code: rad, rad/s, N·m.
 const LARGEST_ENDS: [f64; REGISTERS_MAX] = [1000.0, 10_000.0, 10_000.0];
@@ -139,9 +140,9 @@ impl BusSettings {
 }
 
 impl MotorSettings {
-    /// Returns a motor on the first bus, which is a CAN bus, with the facts of its model. `None` for an
-    /// unknown model, a protocol that its vendor does not speak, and an id that its vendor does not
-    /// permit.
+    /// Returns a motor on the first bus, which is a CAN bus, with the facts of its model. `None`
+    /// for an unknown model, a protocol that its vendor does not speak, and an id that its vendor
+    /// does not permit.
     ///
     /// Larger limits need registers to match: a motor whose register reports a smaller end does not
     /// start.
@@ -195,7 +196,8 @@ impl WindingSettings {
 }
 
 impl RegisterRange {
-    /// Returns the ends of position, velocity and torque within which these limits are. No end is zero.
+    /// Returns the ends of position, velocity and torque within which these limits are. No end is
+    /// zero.
     fn beyond(limits: &LimitSettings) -> [Self; REGISTERS_MAX] {
         let reaches =
             [limits.position[0].abs().max(limits.position[1].abs()), limits.velocity, limits.torque];

@@ -12,7 +12,8 @@ use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Operation
 /// The lease that a request was granted, if it claims one.
 type Granted = Result<Option<Lease>, Refused>;
 
-/// The content of a request, without codes and sentinels of the wire. Indices of groups and joints are not checked yet.
+/// The content of a request, without codes and sentinels of the wire. Indices of groups and joints
+/// are not checked yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Request {
     Claim(usize),

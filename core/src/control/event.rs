@@ -19,7 +19,8 @@ pub enum Event {
         /// Its index.
         motor: usize,
     },
-    /// Frames with the command id of a motor arrive that motord did not send. Reported at most every 10 s.
+    /// Frames with the command id of a motor arrive that motord did not send. Reported at most
+    /// every 10 s.
     Foreign {
         /// Its index.
         motor: usize,
@@ -35,7 +36,8 @@ pub enum Event {
         /// The difference at its joint, mrad.
         milliradians: i32,
     },
-    /// All answers of a motor came too late by the same time, or a late motor answers in time again.
+    /// All answers of a motor came too late by the same time, or a late motor answers in time
+    /// again.
     Late {
         /// Its index.
         motor: usize,
@@ -127,7 +129,8 @@ pub enum Event {
         /// It is lost.
         is_lost: bool,
     },
-    /// A rest showed that orientation and acceleration of an IMU contradict each other, or agree again.
+    /// A rest showed that orientation and acceleration of an IMU contradict each other, or agree
+    /// again.
     Gravity {
         /// Its index.
         imu: usize,
@@ -145,7 +148,8 @@ pub enum Event {
     },
 }
 
-/// Least time between two events of lost frames of a bus, and longest time in which a loss explains a silent motor.
+/// Least time between two events of lost frames of a bus, and longest time in which a loss explains
+/// a silent motor.
 pub(super) const LOSS_TIME: Duration = Duration::from_secs(1);
 
 /// Frames that were lost before they could be read.

@@ -1,8 +1,9 @@
 //! Checks that orientation and acceleration of an IMU at rest agree about gravity.
 //!
-//! At rest the specific force is 9.81 m/s², and the orientation turns it onto z of the world. A driver with other conventions, such as a
-//! quaternion x, y, z, w or an acceleration in g, contradicts one of them in most poses. Each pose at rest excludes conventions
-//! that do not agree in it.
+//! At rest the specific force is 9.81 m/s², and the orientation turns it onto z of the world. A
+//! driver with other conventions, such as a quaternion x, y, z, w or an acceleration in g,
+//! contradicts one of them in most poses. Each pose at rest excludes conventions that do not agree
+//! in it.
 //!
 //! Real-time: nothing here allocates, blocks or calls the system; each call takes constant time.
 
@@ -17,7 +18,8 @@ use motord_shared::ImuContradiction::{
 const GRAVITY: f32 = 9.806_65;
 /// Length of a rest. With [`SETTLING`] of the filters a contradiction is reported within 2 s.
 const REST: Duration = Duration::from_millis(1700);
-/// Time constant of the filters of angular velocity and acceleration, which suppress noise and vibration, s.
+/// Time constant of the filters of angular velocity and acceleration, which suppress noise and
+/// vibration, s.
 const SETTLING: f32 = 0.04;
 /// Time until the filter of the acceleration follows a body that stopped.
 const SETTLED: Duration = Duration::from_millis(250);
@@ -35,8 +37,8 @@ const ANGLE_MAX: f32 = 0.174_533;
 const SIZE_MAX: f32 = 0.1;
 /// A contradiction ends at this part of the limits.
 const HYSTERESIS: f32 = 0.8;
-/// A convention agrees when its angle is at most this much larger than that of the best, rad, and at most this, rad: clearly less
-/// than the contradiction.
+/// A convention agrees when its angle is at most this much larger than that of the best, rad, and
+/// at most this, rad: clearly less than the contradiction.
 const BEST_MARGIN: f32 = 0.05;
 const CONVENTION_MAX: f32 = ANGLE_MAX / 2.0;
 /// Values beyond this count as this, rad/s and m/s²: filters and sums stay finite.
@@ -44,21 +46,22 @@ const VALUE_MAX: f32 = 1e4;
 /// A weaker acceleration has no direction, m/s².
 const WITHOUT_GRAVITY_MAX: f32 = 0.5;
 
-/// The conventions of quaternion and sign, the most frequent ones first. The quaternion in z down with a negated acceleration is left
-/// out: it is a turn of the axes.
+/// The conventions of quaternion and sign, the most frequent ones first. The quaternion in z down
+/// with a negated acceleration is left out: it is a turn of the axes.
 const CONVENTIONS: [u32; 14] = {
     let [x, i, n, d] = [QuaternionXyzw.bit(), QuaternionInverse.bit(), QuaternionNed.bit(), ZDown.bit()];
     [x, i, n, d, x | i, x | n, i | n, x | d, i | d, x | i | n, x | i | d, x | n | d, i | n | d, x | i | n | d]
 };
-/// Turns of the axes: three axes in any order, each in both directions, without mirrors. The first is none.
+/// Turns of the axes: three axes in any order, each in both directions, without mirrors. The first
+/// is none.
 const AXES: usize = 24;
 /// The conventions that may agree: those of [`CONVENTIONS`], then the turns.
 const CANDIDATES: usize = CONVENTIONS.len() + AXES - 1;
 
 /// The contradictions that name no convention.
 const UNKNOWN: u32 = Direction.bit() | Size.bit();
-/// Consecutive rests until one of [`UNKNOWN`] is reported of an IMU that agreed before. An elevator or a vehicle accelerates
-/// constantly for some seconds.
+/// Consecutive rests until one of [`UNKNOWN`] is reported of an IMU that agreed before. An elevator
+/// or a vehicle accelerates constantly for some seconds.
 const UNKNOWN_RESTS: u32 = 3;
 
 /// The contradictions of the size of the acceleration. The others are of directions.
@@ -75,7 +78,8 @@ pub(super) struct Finding {
     pub(super) acceleration: [f32; 3],
 }
 
-/// Compares the directions of gravity by orientation and acceleration, and the size of the acceleration, while an IMU is at rest.
+/// Compares the directions of gravity by orientation and acceleration, and the size of the
+/// acceleration, while an IMU is at rest.
 #[derive(Debug, Clone)]
 pub(super) struct GravityCheck {
     mount: Mount,
@@ -117,8 +121,8 @@ impl GravityCheck {
         self.contradictions
     }
 
-    /// Takes a sample in the frame of the body, measured at `at`. Returns the finding at the end of a rest that changes the
-    /// contradictions.
+    /// Takes a sample in the frame of the body, measured at `at`. Returns the finding at the end of
+    /// a rest that changes the contradictions.
     pub(super) fn receive(&mut self, sample: &ImuSample, at: Instant) -> Option<Finding> {
         let sample = &bounded(sample);
         let rest = match self.rest.filter(|rest| at.since(rest.last) <= GAP_MAX) {
@@ -248,7 +252,8 @@ fn bounded(sample: &ImuSample) -> ImuSample {
     }
 }
 
-/// Returns the candidates, by bit, in which orientation and acceleration of a sensor agree. Bounded by [`CANDIDATES`].
+/// Returns the candidates, by bit, in which orientation and acceleration of a sensor agree. Bounded
+/// by [`CANDIDATES`].
 fn agreeing(sensor: &ImuSample) -> u64 {
     let mut angles = [0.0_f32; CANDIDATES];
     let (conventions, turns) = angles.split_at_mut(CONVENTIONS.len());

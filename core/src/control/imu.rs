@@ -73,7 +73,8 @@ impl Imu {
         }
     }
 
-    /// Takes what its reader knows. Returns what a rest showed, if the contradictions change. Constant time.
+    /// Takes what its reader knows. Returns what a rest showed, if the contradictions change.
+    /// Constant time.
     fn receive(&mut self, reading: &ImuReading) -> Option<Finding> {
         let is_new = reading.sequence != self.reading.sequence;
         self.reading = *reading;
@@ -159,7 +160,8 @@ impl Imus {
     }
 }
 
-/// Checks by the tick of the cycle, not by its beginning: the samples that arrive while a cycle is late are taken at its end.
+/// Checks by the tick of the cycle, not by its beginning: the samples that arrive while a cycle is
+/// late are taken at its end.
 fn check_loss(index: usize, imu: &mut Imu, cx: &mut Context) {
     if imu.check_loss(cx.wake.scheduled) {
         cx.push(Event::Imu { imu: index, is_lost: imu.is_lost });

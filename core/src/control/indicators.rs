@@ -11,7 +11,8 @@ use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 /// Lowest rate of polls.
 const SLOWEST_HZ: f64 = 0.01;
 
-/// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where none is asked for.
+/// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where
+/// none is asked for.
 #[derive(Debug)]
 pub(super) struct Indicators {
     motors: Vec<IndicatorPoll>,

@@ -122,8 +122,8 @@ impl Control {
         }
     }
 
-    /// Offers a setpoint message. A message with an error is counted by its reason, and nothing of it is used. Does not
-    /// allocate; bounded by the joints of a message.
+    /// Offers a setpoint message. A message with an error is counted by its reason, and nothing of
+    /// it is used. Does not allocate; bounded by the joints of a message.
     pub fn offer(&mut self, message: &SetpointMessage, now: Instant) {
         let Self { groups, context, .. } = self;
         let group = Lease::from_raw(message.lease).and_then(|lease| groups.get_mut(lease.group()));
@@ -138,15 +138,15 @@ impl Control {
         self.groups[group].motors[slot].is_mismatched = true;
     }
 
-    /// Returns the ends of the codes that the motor of `joint` reported: position, rad, velocity, rad/s, torque, N·m. `None`
-    /// until they are read, and where the motor does not report them.
+    /// Returns the ends of the codes that the motor of `joint` reported: position, rad, velocity,
+    /// rad/s, torque, N·m. `None` until they are read, and where the motor does not report them.
     #[must_use]
     pub fn reported_ends(&self, joint: usize) -> Option<[f32; 3]> {
         self.motor(joint).reported_ends()
     }
 
-    /// Records that `bus` was opened again: its motors may be others. Their registers are read again before they start.
-    /// Bounded by motors.
+    /// Records that `bus` was opened again: its motors may be others. Their registers are read
+    /// again before they start. Bounded by motors.
     pub fn bus_reopened(&mut self, bus: usize) {
         let motors = self.groups.iter_mut().flat_map(|group| &mut group.motors);
         motors.filter(|motor| motor.settings.bus == bus).for_each(Motor::expire_registers);
@@ -238,8 +238,8 @@ impl Control {
         self.groups[group].receive_duplicate(slot, &mut self.context);
     }
 
-    /// Records `frames` with the command id of `joint` that arrived by `at` and are not from this program. Does not allocate;
-    /// bounded by the motors of a group.
+    /// Records `frames` with the command id of `joint` that arrived by `at` and are not from this
+    /// program. Does not allocate; bounded by the motors of a group.
     pub fn receive_foreign(&mut self, joint: usize, id: FrameId, frames: ForeignFrames, at: Instant) {
         let GroupSlot { group, slot } = self.slots[joint];
         self.groups[group].receive_foreign(slot, (id, frames), at, &mut self.context);
@@ -317,7 +317,8 @@ impl Control {
         self.buses[bus].lost(losses);
     }
 
-    /// Records whether a bus accepted all frames of this cycle. Reports the frames that it lost, at most once a second.
+    /// Records whether a bus accepted all frames of this cycle. Reports the frames that it lost, at
+    /// most once a second.
     pub fn bus_accepted(&mut self, bus: usize, all: bool) {
         let health = &mut self.buses[bus];
         health.record_acceptance(all);

@@ -13,7 +13,8 @@ use motord_shared::Cause;
 
 /// The time constant of the mean share of missed ticks.
 const MEMORY: Duration = Duration::from_secs(1);
-/// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
+/// A computer takes longer than this to be suspended and woken; the readings of two clocks differ
+/// by less.
 const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
 
 #[derive(Debug)]

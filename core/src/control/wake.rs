@@ -7,7 +7,8 @@ use motord_bus::{Duration, Instant};
 pub struct Wake {
     /// Its number, from 1.
     pub cycle: u64,
-    /// When the cycle should begin: the tick that its thread slept until. Missed ticks come after it.
+    /// When the cycle should begin: the tick that its thread slept until. Missed ticks come after
+    /// it.
     pub scheduled: Instant,
     /// When it began.
     pub begun: Instant,

@@ -48,7 +48,8 @@ pub struct Record {
     pub cycle_ns: u64,
     /// Age of the oldest setpoint that an active group used, ns; `None` without an active group.
     pub setpoint_age_ns: Option<u64>,
-    /// By group, the cycle whose states its setpoint answers, where this cycle is the first to use it; else 0.
+    /// By group, the cycle whose states its setpoint answers, where this cycle is the first to use
+    /// it; else 0.
     pub answered_cycle: [u64; GROUPS_MAX],
     /// From the last state that arrived in this cycle to the publication, ns; `None` without one.
     pub publication_ns: Option<u64>,
@@ -60,7 +61,8 @@ pub struct Record {
     pub missed_ticks: u64,
     /// Time from command to reply, ns, by joint; 0 without a reply in this cycle.
     pub reply_latency_ns: [u32; JOINTS_MAX],
-    /// Time from the receipt of its newest sample to the publication, ns, by IMU; 0 for one that is lost.
+    /// Time from the receipt of its newest sample to the publication, ns, by IMU; 0 for one that is
+    /// lost.
     pub imu_age_ns: [u32; IMUS_MAX],
 }
 
@@ -76,7 +78,8 @@ pub struct Polled {
 }
 
 impl Record {
-    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints, groups and IMUs.
+    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints, groups
+    /// and IMUs.
     pub(super) fn of(
         wake: &Wake,
         transmitted: Instant,
@@ -173,7 +176,8 @@ pub struct Counters {
     /// Records and events that telemetry did not take in time, and states for recorders that the
     /// ipc thread did not take in time.
     pub dropped: AtomicU64,
-    /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus, modulo 2³².
+    /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus,
+    /// modulo 2³².
     pub unexpected_ids: [AtomicU32; BUSES_MAX],
     /// Setpoint messages that do not bear the lease of their group's owner, by group, modulo 2³².
     pub wrong_lease: [AtomicU32; GROUPS_MAX],
@@ -206,7 +210,8 @@ impl Alarms {
         self.stop.store(cause.code(), Ordering::Release);
     }
 
-    /// Stops every group for `cause` in every cycle until it is `None` again, so that no group becomes active. Wait-free.
+    /// Stops every group for `cause` in every cycle until it is `None` again, so that no group
+    /// becomes active. Wait-free.
     pub fn stand(&self, cause: Option<Cause>) {
         self.standing.store(cause.map_or(0, Cause::code), Ordering::Release);
     }
@@ -449,7 +454,8 @@ mod tests {
         (stops, alarms)
     }
 
-    /// The ipc thread: setpoints and requests in, states and answers out. As many requests as may be are under way.
+    /// The ipc thread: setpoints and requests in, states and answers out. As many requests as may
+    /// be are under way.
     fn ipc(ends: &mut Ends, alive: &Alive) {
         let _leaves = Leaves(&alive.others);
         let (mut newest, mut sent, mut asked, mut answered) = (0, 0, 0, 0);

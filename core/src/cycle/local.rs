@@ -12,7 +12,8 @@ use motord_shared::{
     AdminReply, AdminRequest, JointSetpoint, Lease, Operation, Refusal, SetpointMessage, StateMessage,
 };
 
-/// Cycles after which [`LocalClient::ask`] gives up. A request that a motor must confirm takes hundreds.
+/// Cycles after which [`LocalClient::ask`] gives up. A request that a motor must confirm takes
+/// hundreds.
 pub const ANSWER_CYCLES: u32 = 4000;
 
 /// Owner of any number of groups, and operator. Does not block.
@@ -71,7 +72,8 @@ impl LocalClient {
         Err(Refusal::Busy)
     }
 
-    /// Returns the reply to the request with this ticket, once it is answered. Drops the answers to earlier requests.
+    /// Returns the reply to the request with this ticket, once it is answered. Drops the answers to
+    /// earlier requests.
     pub fn answer_to(&mut self, ticket: u32) -> Option<AdminReply> {
         while let Some((answered, reply)) = self.answer() {
             if answered == ticket {
@@ -159,8 +161,8 @@ impl LocalClient {
         }
     }
 
-    /// Passes the reading of an IMU to the next cycle. It replaces the previous one, if no cycle has taken that yet. Ignored
-    /// for an IMU that the settings do not have.
+    /// Passes the reading of an IMU to the next cycle. It replaces the previous one, if no cycle
+    /// has taken that yet. Ignored for an IMU that the settings do not have.
     pub fn sample_imu(&mut self, imu: usize, reading: ImuReading) {
         if let Some(input) = self.ends.imus.get_mut(imu) {
             input.write(reading);

@@ -28,10 +28,12 @@ pub enum Order {
 }
 
 impl Cycle {
-    /// Runs cycles until `order` is to stop, then those that stop the robot. Returns when every group has been disarmed for
-    /// `LAST_CYCLES`, and every motor that was started has answered its stop or had `STOP_TIME` for it.
+    /// Runs cycles until `order` is to stop, then those that stop the robot. Returns when every
+    /// group has been disarmed for `LAST_CYCLES`, and every motor that was started has answered its
+    /// stop or had `STOP_TIME` for it.
     ///
-    /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and must not block.
+    /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and
+    /// must not block.
     pub fn run_until(&mut self, order: impl Fn() -> Order) {
         let mut tick = Tick { number: 1, at: self.clock.now() + self.timing.period };
         while order() == Order::Run {

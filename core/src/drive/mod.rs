@@ -1,7 +1,7 @@
 //! One drive: converts commands to frames, and frames to replies.
 //!
-//! A [`Dialect`] encodes the commands of one family and reads its frames. The `correlator` decides which request a frame
-//! answers. Only a reply that it accepts changes what the dialect remembers.
+//! A [`Dialect`] encodes the commands of one family and reads its frames. The `correlator` decides
+//! which request a frame answers. Only a reply that it accepts changes what the dialect remembers.
 //!
 //! Real-time: after [`Drive::new`] nothing here allocates, blocks, loops or calls the system.
 
@@ -27,10 +27,11 @@ pub enum Received {
     Malformed,
 }
 
-/// Returns the two frames that damp a motor without a cycle, and the one that stops it. A motor must receive the first two in
-/// turn: neither velocity nor torque has a code for zero, and each of the frames pushes the joint as much as the other pushes
-/// it back. A motor without an impedance mode is stopped without damping: the commands that brake it may be full torque to a
-/// motor in another mode, and its mode is not known.
+/// Returns the two frames that damp a motor without a cycle, and the one that stops it. A motor
+/// must receive the first two in turn: neither velocity nor torque has a code for zero, and each of
+/// the frames pushes the joint as much as the other pushes it back. A motor without an impedance
+/// mode is stopped without damping: the commands that brake it may be full torque to a motor in
+/// another mode, and its mode is not known.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<([Frame; 2], Frame)> {
     let mut drive = Drive::new(motor, Duration::ZERO, true);
@@ -50,15 +51,16 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// `fastest_reply` is the time that command and reply need at least on this bus; zero where it is not known. Does not
-    /// allocate.
+    /// `fastest_reply` is the time that command and reply need at least on this bus; zero where it
+    /// is not known. Does not allocate.
     #[must_use]
     pub fn new(settings: &MotorSettings, fastest_reply: Duration, error_feedback: bool) -> Self {
         let dialect = AnyDialect::new(settings.protocol, &settings.drive(error_feedback));
         Self { dialect, correlator: Correlator::new(fastest_reply) }
     }
 
-    /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Opens a request. Constant time.
+    /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and
+    /// [`Command::Wait`]. Opens a request. Constant time.
     pub fn request(&mut self, command: &Command, now: Instant) -> Option<Frame> {
         let mut frame = Frame::EMPTY;
         self.write_request(command, now, &mut frame).then_some(frame)
@@ -74,8 +76,8 @@ impl Drive {
         question.is_some()
     }
 
-    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m. Only for a stopped motor.
-    /// Constant time.
+    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m.
+    /// Only for a stopped motor. Constant time.
     pub fn use_ends(&mut self, ends: [f32; 3]) {
         self.dialect.use_ends(ends);
     }

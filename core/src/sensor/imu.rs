@@ -10,8 +10,8 @@ use motord_protocol::imu::{CanDecoder, SampleError};
 use motord_settings::imu::{ImuCan, ImuSample, ImuSettings, Mount};
 use motord_settings::settings::Settings;
 
-/// A device that gave no sample for this many requests is asked only once in [`PROBE_PERIOD`]: the cycle would wait for its
-/// replies each time.
+/// A device that gave no sample for this many requests is asked only once in [`PROBE_PERIOD`]: the
+/// cycle would wait for its replies each time.
 const SILENT_MAX: u32 = 10;
 /// Time between two requests to a device that is silent.
 const PROBE_PERIOD: Duration = Duration::from_millis(100);
@@ -25,8 +25,8 @@ struct CanImu {
     ids: Vec<FrameId>,
     /// The requests for a sample, in their order.
     requests: Vec<Frame>,
-    /// Starts a device that sends by itself, on a bus where nothing else is sent: only the refusal of a frame shows that the
-    /// interface is unplugged.
+    /// Starts a device that sends by itself, on a bus where nothing else is sent: only the refusal
+    /// of a frame shows that the interface is unplugged.
     start: Option<Frame>,
     decoder: CanDecoder,
     mount: Mount,
@@ -106,7 +106,8 @@ impl CanImu {
         self.is_new = true;
     }
 
-    /// Closes the request with this number, if it is the next that the device answers: it answers in the order of the requests.
+    /// Closes the request with this number, if it is the next that the device answers: it answers
+    /// in the order of the requests.
     const fn answers(&mut self, number: usize, at: Instant) -> bool {
         let is_answer =
             at.as_nanos() >= self.sent_at.as_nanos() && self.open.trailing_zeros() as usize == number;
@@ -149,7 +150,8 @@ impl CanImu {
         self.is_new = true;
     }
 
-    /// Takes a sample at `at` into account, sound or not. A device that sends by itself lost those that were due before it.
+    /// Takes a sample at `at` into account, sound or not. A device that sends by itself lost those
+    /// that were due before it.
     fn end_gap(&mut self, at: Instant) {
         (self.is_awaited, self.silent) = (false, 0);
         let before = self.last.replace(at);

@@ -1,7 +1,7 @@
 //! The sensors of a CAN bus: their frames in the batch of a cycle, and their readings.
 //!
-//! The cycle sends and receives the frames of a [`Sensor`], and passes its [`Reading`]s to control. It knows no kind of
-//! sensor: each kind is a module here, and a row of [`KINDS`].
+//! The cycle sends and receives the frames of a [`Sensor`], and passes its [`Reading`]s to control.
+//! It knows no kind of sensor: each kind is a module here, and a row of [`KINDS`].
 //!
 //! Real-time: after [`Sensors::new`] nothing here allocates, blocks or calls the system.
 
@@ -54,7 +54,8 @@ impl Sensors {
         self.queued = 0;
     }
 
-    /// Writes the requests of the cycle with this number into the first entries of `frames`. Bounded by sensors.
+    /// Writes the requests of the cycle with this number into the first entries of `frames`.
+    /// Bounded by sensors.
     pub(crate) fn queue(&mut self, cycle: u64, now: Instant, frames: &mut [Frame]) {
         let mut free = frames.iter_mut();
         for (sensor, queued) in self.sensors.iter_mut().zip(&mut self.frames) {
@@ -71,7 +72,8 @@ impl Sensors {
         self.queued
     }
 
-    /// Records that the bus accepted the first `frames` of the batch's frames to them. Bounded by sensors.
+    /// Records that the bus accepted the first `frames` of the batch's frames to them. Bounded by
+    /// sensors.
     pub(crate) fn accepted(&mut self, mut frames: usize) {
         for (sensor, queued) in self.sensors.iter_mut().zip(&mut self.frames) {
             let accepted = frames.min(core::mem::take(queued));
@@ -80,13 +82,14 @@ impl Sensors {
         }
     }
 
-    /// Returns the number of requests of the batch whose replies may arrive. Replies to earlier batches are not awaited.
+    /// Returns the number of requests of the batch whose replies may arrive. Replies to earlier
+    /// batches are not awaited.
     pub(crate) fn open(&self) -> usize {
         if self.queued == 0 { 0 } else { self.sensors.iter().map(|sensor| sensor.open()).sum() }
     }
 
-    /// Takes a frame that is from no motor. `None` when it is not from a sensor; otherwise whether it is a reply that the
-    /// batch awaits. Bounded by sensors.
+    /// Takes a frame that is from no motor. `None` when it is not from a sensor; otherwise whether
+    /// it is a reply that the batch awaits. Bounded by sensors.
     pub(crate) fn receive(&mut self, frame: &Frame, at: Instant) -> Option<bool> {
         let is_answer = self.sensors.iter_mut().find_map(|sensor| sensor.receive(frame, at))?;
         self.has_readings = true;

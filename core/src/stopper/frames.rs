@@ -7,9 +7,9 @@ use motord_settings::settings::Settings;
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusFrames {
-    /// One frame per motor that damps it, twice: rounds send the two in turn, so that their rounding
-    /// errors cancel. For a GIM motor both are the frame that stops it: one that brakes it would be
-    /// full torque to a motor in MIT mode.
+    /// One frame per motor that damps it, twice: rounds send the two in turn, so that their
+    /// rounding errors cancel. For a GIM motor both are the frame that stops it: one that brakes it
+    /// would be full torque to a motor in MIT mode.
     pub damp: [Vec<Frame>; 2],
     /// One frame per motor that stops it.
     pub stop: Vec<Frame>,

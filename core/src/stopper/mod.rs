@@ -21,7 +21,8 @@ use schedule::{SafeFrame, Schedule};
 
 /// Time after the damping during which [`Stopper::run`] serves a bus that refuses frames.
 pub const REFUSAL_TIMEOUT: Duration = Duration::from_secs(1);
-/// The least time between two searches for a missing interface. One search can take longer than a round.
+/// The least time between two searches for a missing interface. One search can take longer than a
+/// round.
 const SEARCH_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Sends the frames of one bus.
@@ -148,7 +149,8 @@ impl Stopper {
     /// Sends the frames that are due at `now` on every bus. Then searches one missing interface:
     /// the one whose last search is oldest. A refused round is due again.
     ///
-    /// Does not allocate. One [`send_round`](Outlet::send_round) per bus, and one more after a search. Only the search can block.
+    /// Does not allocate. One [`send_round`](Outlet::send_round) per bus, and one more after a
+    /// search. Only the search can block.
     pub fn round(&mut self, now: Instant, outlets: &mut [impl Outlet]) {
         for (bus, outlet) in self.buses.iter_mut().zip(&mut *outlets) {
             bus.send(now, outlet);
@@ -162,9 +164,9 @@ impl Stopper {
         }
     }
 
-    /// Begins, and returns when every bus is served, at most [`REFUSAL_TIMEOUT`] after the damping. The buses that are not served by
-    /// then get one more round, to stop their motors. Does not allocate. Blocks in the clock, and where
-    /// [`round`](Self::round) does.
+    /// Begins, and returns when every bus is served, at most [`REFUSAL_TIMEOUT`] after the damping.
+    /// The buses that are not served by then get one more round, to stop their motors. Does not
+    /// allocate. Blocks in the clock, and where [`round`](Self::round) does.
     pub fn run(&mut self, clock: &mut dyn Clock, outlets: &mut [impl Outlet]) {
         let begin = clock.now();
         self.begin(begin);

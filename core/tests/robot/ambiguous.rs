@@ -7,9 +7,11 @@ use motord_harness::robot::{self, PERIOD, Robot};
 use motord_protocol::drive::{Command, Reported};
 use motord_shared::{Cause, JointSetpoint, MotorMode};
 
-/// A state of motor 1 at rest at -3.88 rad. As a fault report: hotter than permitted, not started, current above its limit.
+/// A state of motor 1 at rest at -3.88 rad. As a fault report: hotter than permitted, not started,
+/// current above its limit.
 const STATE: [u8; 6] = [1, 0x58, 0x40, 0x80, 8, 0];
-/// A fault report with the faults of [`STATE`], from a drive that fills the bytes without a meaning (MIT document 1.2).
+/// A fault report with the faults of [`STATE`], from a drive that fills the bytes without a meaning
+/// (MIT document 1.2).
 const FILLED: [u8; 6] = [1, 0x58, 0xA0, 0x12, 0x34, 0x56];
 const FAULTS: u32 = 0x58;
 
@@ -33,7 +35,8 @@ impl Bench {
         answers.iter().map(|answer| self.drive.receive(&reply_with(answer), at)).collect()
     }
 
-    /// Asks for the faults so often without an answer that the form of the reports is no longer known.
+    /// Asks for the faults so often without an answer that the form of the reports is no longer
+    /// known.
     fn gap(&mut self) {
         for _ in 0..12 {
             self.turn(&Command::GetFault, &[]);
@@ -51,7 +54,8 @@ fn fault_of(received: &[Received]) -> Option<u32> {
     })
 }
 
-/// Goal: one answer that may be a state is no fault, whenever it arrives. Method: directly after the start, and after a gap.
+/// Goal: one answer that may be a state is no fault, whenever it arrives. Method: directly after
+/// the start, and after a gap.
 #[test]
 fn single_ambiguous_answer_is_no_fault() {
     for has_gap in [false, true] {
@@ -64,8 +68,8 @@ fn single_ambiguous_answer_is_no_fault() {
     }
 }
 
-/// Goal: a motor at rest whose states are one turn late never reports a fault. Method: its late states fill the place of each
-/// answer; its reports are lost.
+/// Goal: a motor at rest whose states are one turn late never reports a fault. Method: its late
+/// states fill the place of each answer; its reports are lost.
 #[test]
 fn late_states_of_resting_motor_are_no_faults() {
     let mut bench = Bench::new();
@@ -77,7 +81,8 @@ fn late_states_of_resting_motor_are_no_faults() {
     }
 }
 
-/// Goal: two late states in a row are no fault when the burst continues. Method: a burst after a gap.
+/// Goal: two late states in a row are no fault when the burst continues. Method: a burst after a
+/// gap.
 #[test]
 fn burst_of_states_is_no_fault() {
     let mut bench = Bench::new();
@@ -88,7 +93,8 @@ fn burst_of_states_is_no_fault() {
     }
 }
 
-/// Goal: a real fault of a drive with such reports is acted on. Method: the motor answers only questions for its faults.
+/// Goal: a real fault of a drive with such reports is acted on. Method: the motor answers only
+/// questions for its faults.
 #[test]
 fn repeated_ambiguous_report_is_a_fault() {
     let mut bench = Bench::new();
@@ -118,7 +124,8 @@ fn unambiguous_report_needs_no_second_one() {
     assert_eq!(fault_of(&answers.concat()), Some(0x40), "{answers:?}");
 }
 
-/// Goal: the answer for a register, which another program asked for, is no position. Method: the bytes of DM_CAN.py.
+/// Goal: the answer for a register, which another program asked for, is no position. Method: the
+/// bytes of DM_CAN.py.
 #[test]
 fn register_answer_is_no_state() {
     let text = include_str!("../../../config/mixed-simulated.toml");
@@ -133,8 +140,8 @@ fn register_answer_is_no_state() {
     assert!(matches!(bench.drive.receive(&reply_with(&state), at), Received::Reply(Reported::State(..))));
 }
 
-/// Goal: no motor that returns with late replies is in fault. Method: three motors of a robot that was off for 6 s; the delay of one
-/// varies, as does its position.
+/// Goal: no motor that returns with late replies is in fault. Method: three motors of a robot that
+/// was off for 6 s; the delay of one varies, as does its position.
 #[test]
 fn late_states_after_long_gap_are_no_faults() {
     for delay in (1..=12).chain([20, 50, 90]).chain((101..480).step_by(21)) {
@@ -155,7 +162,8 @@ fn late_states_after_long_gap_are_no_faults() {
     }
 }
 
-/// Cycles from a fault of the knee to the stop for it. `filled`: the drive fills the bytes of its reports that have no meaning.
+/// Cycles from a fault of the knee to the stop for it. `filled`: the drive fills the bytes of its
+/// reports that have no meaning.
 fn cycles_to_fault(filled: bool, bits: u32, seed: u64) -> u32 {
     let mut robot = Robot::built(robot::three_motors(), seed, |_, motors| {
         motors.iter_mut().for_each(|motor| motor.behaviour.stale_bytes = filled);
@@ -176,7 +184,8 @@ fn cycles_to_fault(filled: bool, bits: u32, seed: u64) -> u32 {
     panic!("fault {bits:#x} stops nothing");
 }
 
-/// Goal: the second question delays the reaction to a fault by at most two cycles. Method: each fault bit, at several times.
+/// Goal: the second question delays the reaction to a fault by at most two cycles. Method: each
+/// fault bit, at several times.
 #[test]
 fn ambiguous_report_delays_stop_by_two_cycles() {
     for seed in 1..20 {

@@ -1,4 +1,5 @@
-//! Each convention of an IMU is named within 2 s, through the frames of each device on a CAN bus, and through a reader. Virtual time.
+//! Each convention of an IMU is named within 2 s, through the frames of each device on a CAN bus,
+//! and through a reader. Virtual time.
 
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_core::control::ImuReading;
@@ -49,7 +50,8 @@ fn silent(imu: &str) -> Robot {
     robot
 }
 
-/// TPDOs of a HiPNUC, node 8: codes of 0.001 G, 0.1 °/s and 0.0001, little endian (user manual, CAN protocol).
+/// TPDOs of a HiPNUC, node 8: codes of 0.001 G, 0.1 °/s and 0.0001, little endian (user manual, CAN
+/// protocol).
 fn tpdos(convention: &Convention, turn: u32) -> [(u16, Vec<u8>); 3] {
     let codes = |values: &[f32]| {
         values.iter().flat_map(|value| (value.round() as i16).to_le_bytes()).collect::<Vec<_>>()
@@ -82,8 +84,9 @@ fn each_convention_of_hipnuc_on_can_is_named() {
     });
 }
 
-/// Replies of a DM-IMU-L1 of firmware 1024 with its registers 1, 2 and 4: 16 bits for ±235.2 m/s² and ±34.88 rad/s, little endian; 14
-/// bits for each part of the quaternion, most significant first (manual, chapter CAN communication).
+/// Replies of a DM-IMU-L1 of firmware 1024 with its registers 1, 2 and 4: 16 bits for ±235.2 m/s²
+/// and ±34.88 rad/s, little endian; 14 bits for each part of the quaternion, most significant first
+/// (manual, chapter CAN communication).
 fn replies(convention: &Convention, turn: u32) -> [[u8; 8]; 3] {
     let code = |value: f32, end: f32, most: f32| ((value + end) / (2.0 * end) * most).round() as u64;
     let vector = |register: u8, values: [f32; 3], end: f32| {
@@ -95,7 +98,8 @@ fn replies(convention: &Convention, turn: u32) -> [[u8; 8]; 3] {
     [vector(1, convention.noisy(turn), 235.2), vector(2, [0.0; 3], 34.88), word.to_be_bytes()]
 }
 
-/// By hand: 9.8 of ±235.2 is 0.520833 · 65535 = 34133 = 0x8555; -1, 0, 1 of ±1 are the codes 0, 0x2000, 0x3FFF.
+/// By hand: 9.8 of ±235.2 is 0.520833 · 65535 = 34133 = 0x8555; -1, 0, 1 of ±1 are the codes 0,
+/// 0x2000, 0x3FFF.
 #[test]
 fn replies_of_test_have_documented_bytes() {
     let level =
@@ -158,7 +162,8 @@ fn each_convention_of_damiao_on_can_is_named() {
     });
 }
 
-/// The path of serial lines, other processes and simulated IMUs: their readers turn the samples by the mount.
+/// The path of serial lines, other processes and simulated IMUs: their readers turn the samples by
+/// the mount.
 #[test]
 fn each_convention_behind_a_mount_is_named() {
     for angles in [[0.0; 3], [0.0, 0.0, 1.57], [3.1, 0.2, -0.8]] {

@@ -31,8 +31,9 @@ impl Plant for Alone {
     }
 }
 
-/// Four legs that hang from a stand: a hip that rolls, a thigh and a knee that swing in one plane and pull at each other.
-/// Zero is straight down. Each link is a point of 0.5 kg, 0.1 m below its joint, on a shaft with the motor's rotor.
+/// Four legs that hang from a stand: a hip that rolls, a thigh and a knee that swing in one plane
+/// and pull at each other. Zero is straight down. Each link is a point of 0.5 kg, 0.1 m below its
+/// joint, on a shaft with the motor's rotor.
 struct Legs;
 
 impl Legs {

@@ -332,8 +332,8 @@ fn old_lease_moves_nothing_after_succession() {
 }
 
 /// Goal: a successor that takes over a moving robot as early as it may gives its motors no jolt.
-/// Method: the owner dies while its joints turn. The successor asks for everything in each cycle, and holds the joints where they
-/// are. The joints must rest when they start, and stay slow.
+/// Method: the owner dies while its joints turn. The successor asks for everything in each cycle,
+/// and holds the joints where they are. The joints must rest when they start, and stay slow.
 #[test]
 fn hand_over_in_motion_waits_for_rest() {
     let (mut robot, joints) = active();

@@ -29,8 +29,8 @@ fn motors_losing_alternate_replies_are_named_and_stopped() {
     assert!(missed[0] == 0 && missed[3] == 0 && missed[1] > 5 && missed[2] > 5, "{missed:?}");
 }
 
-/// Goal: a motor whose every answer is several cycles old is not driven on. Method: at 300 Hz, 20 ms are six periods, so
-/// that each answer arrives at the usual time after a request.
+/// Goal: a motor whose every answer is several cycles old is not driven on. Method: at 300 Hz, 20
+/// ms are six periods, so that each answer arrives at the usual time after a request.
 #[test]
 fn constantly_late_answers_stop_the_group() {
     let mut text = String::from("[cycle]\nrate-hz = 300\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
@@ -88,8 +88,8 @@ fn motor_left_running_is_stopped_and_forgets_target() {
     assert!((robot.truth(0).position() - stands).abs() < 0.02, "the old target does not move it");
 }
 
-/// Goal: a joint far from its setpoint stops the group without a key, unless it approaches. Method: a blocked joint, and
-/// one that moves.
+/// Goal: a joint far from its setpoint stops the group without a key, unless it approaches. Method:
+/// a blocked joint, and one that moves.
 #[test]
 fn blocked_joint_half_turn_away_stops_group() {
     for (friction, expected) in [(100.0, Some(Cause::FollowingError)), (0.15, None)] {
@@ -155,7 +155,8 @@ fn over_voltage_is_damped_less() {
     );
 }
 
-/// Over-voltage that is over weakens no later stop, although it stopped only its joint and left nothing to reset.
+/// Over-voltage that is over weakens no later stop, although it stopped only its joint and left
+/// nothing to reset.
 #[test]
 fn past_over_voltage_does_not_weaken_later_damping() {
     let mut settings = robot::three_motors();
@@ -193,7 +194,8 @@ fn every_second_implausible_state_stops_the_group() {
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::Implausible), 0));
 }
 
-/// Goal: a torque that the motor cannot give is a cause. Method: a blocked motor, configured with a smaller peak.
+/// Goal: a torque that the motor cannot give is a cause. Method: a blocked motor, configured with a
+/// smaller peak.
 #[test]
 fn impossible_torque_stops_the_group() {
     let mut settings = robot::three_motors();

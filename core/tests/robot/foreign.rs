@@ -31,7 +31,8 @@ fn foreign_commands_are_reported_with_their_id() {
     assert_eq!(counts, [20, 0, 0], "by motor");
 }
 
-/// A device that sends once a second is no master, but the log names it. Single frames of a tool are not named.
+/// A device that sends once a second is no master, but the log names it. Single frames of a tool
+/// are not named.
 #[test]
 fn sender_once_a_second_is_named_only() {
     for (payload, frames, reported) in [(HEARTBEAT, 3, 0), (HEARTBEAT, 7, 1), (STOP, 7, 1)] {
@@ -186,7 +187,8 @@ fn slow_cycle_reports_second_daemon() {
     assert!(events.iter().any(|event| matches!(event, Event::Foreign { motor: 0, id: 1, .. })), "{events:?}");
 }
 
-/// Goal: short bursts of a switch add up to no foreign master. Method: a burst of 10 ms four times a second.
+/// Goal: short bursts of a switch add up to no foreign master. Method: a burst of 10 ms four times
+/// a second.
 #[test]
 fn bursts_of_a_switch_do_not_add_up() {
     let mut robot = Robot::new(robot::three_motors(), 1);
@@ -201,8 +203,8 @@ fn bursts_of_a_switch_do_not_add_up() {
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
 }
 
-/// Goal: no frame of a switch is a foreign master. Method: the switch of a daemon that died before this one started damps for 2 s; the
-/// frames of another one arrive together after a freeze.
+/// Goal: no frame of a switch is a foreign master. Method: the switch of a daemon that died before
+/// this one started damps for 2 s; the frames of another one arrive together after a freeze.
 #[test]
 fn frames_of_a_switch_are_no_foreign_master() {
     let mut robot = Robot::new(robot::three_motors(), 1);

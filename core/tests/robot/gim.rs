@@ -162,7 +162,8 @@ fn motor_too_hot_for_a_second_stops_group() {
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 1));
 }
 
-/// Goal: heat before a stop does not forbid to enable the group for ever. A stopped GIM motor does not report its temperature.
+/// Goal: heat before a stop does not forbid to enable the group for ever. A stopped GIM motor does
+/// not report its temperature.
 #[test]
 fn cooled_native_motor_starts_again() {
     let mut robot = arm();
@@ -199,9 +200,8 @@ fn autonomous_drive_is_stopped_before_winding_overheats() {
 }
 
 /// Returns the arm's joints that follow setpoints of one mode, in turns of 10 ms, with this load on
-/// the shafts.
-/// Goal: the torque before a stop heats no model of the winding afterwards, which refused to enable the group. A stopped GIM motor
-/// reports only its angle and speed.
+/// the shafts. Goal: the torque before a stop heats no model of the winding afterwards, which
+/// refused to enable the group. A stopped GIM motor reports only its angle and speed.
 #[test]
 fn stopped_native_motor_reports_no_torque() {
     let mut robot = arm();

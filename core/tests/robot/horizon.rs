@@ -1,4 +1,5 @@
-//! Setpoints with a horizon: the cycle moves to them, and the timeout begins where they are reached.
+//! Setpoints with a horizon: the cycle moves to them, and the timeout begins where they are
+//! reached.
 
 use motord_bus::Duration;
 use motord_harness::robot;
@@ -142,7 +143,8 @@ fn newer_message_continues_from_applied_position() {
     assert_eq!(robot.group().setpoint_horizon_ns, 0);
 }
 
-/// A joint without stiffness may be anywhere: its way begins where it is, and not at the position of its last setpoint.
+/// A joint without stiffness may be anywhere: its way begins where it is, and not at the position
+/// of its last setpoint.
 #[test]
 fn way_of_limp_joint_begins_at_its_position() {
     let (mut robot, joints) = active();
@@ -179,7 +181,8 @@ fn setpoints_with_horizon_enable_only_near_joints() {
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
 }
 
-/// Goal: whatever comes when, a command is between the command before and the setpoint, no faster than the joint may be.
+/// Goal: whatever comes when, a command is between the command before and the setpoint, no faster
+/// than the joint may be.
 #[test]
 fn way_stays_between_command_and_setpoint() {
     robot::for_each_seed("horizon", 50, |seed| {
@@ -270,7 +273,8 @@ const STOPS: [Stop; 14] = [
     ("the bus accepts no frames", |robot| robot.disturb("can tx-full"), |robot| robot.disturb("can ok")),
 ];
 
-/// Returns an active robot on the way from a setpoint that pulls at its blocked joints back to the joints.
+/// Returns an active robot on the way from a setpoint that pulls at its blocked joints back to the
+/// joints.
 fn on_the_way(safe_stop: SafeStop) -> Robot {
     let mut settings = robot::three_motors();
     (settings.safety.setpoint_timeout, settings.safety.setpoint_horizon_max) = (LONG, LONG);
@@ -291,7 +295,8 @@ fn on_the_way(safe_stop: SafeStop) -> Robot {
     robot
 }
 
-/// Enables the stopped group with the setpoints that it has, if the rules permit. Returns whether they did.
+/// Enables the stopped group with the setpoints that it has, if the rules permit. Returns whether
+/// they did.
 fn enable_again(robot: &mut Robot, name: &str, restore: fn(&mut Robot)) -> bool {
     robot.steps(500);
     assert_eq!(robot.phase(), Phase::Disarmed, "{name}");
@@ -308,8 +313,9 @@ fn enable_again(robot: &mut Robot, name: &str, restore: fn(&mut Robot)) -> bool 
     true
 }
 
-/// Goal: whatever stops a group, its way ends: enabling it again moves no joint by more than a start may.
-/// Method: the end of the way is at the joint, so only the rest of the way could move it.
+/// Goal: whatever stops a group, its way ends: enabling it again moves no joint by more than a
+/// start may. Method: the end of the way is at the joint, so only the rest of the way could move
+/// it.
 #[test]
 fn no_way_outlives_any_stop() {
     let causes = Cause::ALL.iter().filter(|cause| **cause != Cause::Shutdown);
@@ -329,7 +335,8 @@ fn no_way_outlives_any_stop() {
     }
 }
 
-/// Enables a stopped group again, and compares each command with the joint. Returns whether it could be enabled.
+/// Enables a stopped group again, and compares each command with the joint. Returns whether it
+/// could be enabled.
 fn stays_near(robot: &mut Robot, name: &str, restore: fn(&mut Robot)) -> bool {
     let enabled = enable_again(robot, name, restore);
     for cycle in 0..200 {

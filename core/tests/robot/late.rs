@@ -1,4 +1,5 @@
-//! Motors whose answers are constantly late, so that each arrives at the usual time after a later request.
+//! Motors whose answers are constantly late, so that each arrives at the usual time after a later
+//! request.
 
 use crate::faults_bus::stopped_within;
 use motord_core::control::Event;
@@ -16,14 +17,15 @@ fn mixed(more: &str) -> Robot {
 /// A motor of each vendor, and its name.
 const VENDORS: [(usize, &str); 3] = [(0, "fl-hip"), (3, "fr-hip"), (6, "rl-hip")];
 
-/// The age of the published state of a joint by the simulated clock, in cycles, from the position of a joint that moves.
+/// The age of the published state of a joint by the simulated clock, in cycles, from the position
+/// of a joint that moves.
 fn behind(robot: &mut Robot, joint: usize) -> (u32, bool) {
     let state = robot.joint(joint);
     (state.age_cycles, state.flags & message::JOINT_FRESH != 0)
 }
 
-/// Goal: no motor of any vendor is driven on by positions that are six cycles old. Method: the issue's own fault, with and
-/// without questions for faults.
+/// Goal: no motor of any vendor is driven on by positions that are six cycles old. Method: the
+/// issue's own fault, with and without questions for faults.
 #[test]
 fn late_answers_of_every_vendor_stop_the_group() {
     for more in ["", "fault-poll-hz = 0.0"] {
@@ -42,7 +44,8 @@ fn late_answers_of_every_vendor_stop_the_group() {
     }
 }
 
-/// Goal: the true age is published, in cycles and as the time of the state, and the group cannot be enabled.
+/// Goal: the true age is published, in cycles and as the time of the state, and the group cannot be
+/// enabled.
 #[test]
 fn stopped_late_motor_reports_its_true_age() {
     for (joint, name) in VENDORS {
@@ -77,7 +80,8 @@ fn stopped_late_motor_reports_its_true_age() {
     }
 }
 
-/// Goal: lost replies are no late ones. Method: a tenth of the replies of three motors is lost for a minute.
+/// Goal: lost replies are no late ones. Method: a tenth of the replies of three motors is lost for
+/// a minute.
 #[test]
 fn random_loss_is_never_taken_for_lateness() {
     let mut robot = mixed("");

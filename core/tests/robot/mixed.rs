@@ -123,7 +123,8 @@ fn heat_protects_robstride_motors_of_both_firmwares() {
     }
 }
 
-/// Goal: the fault bit of a state makes motord ask for the fault. Method: without regular questions.
+/// Goal: the fault bit of a state makes motord ask for the fault. Method: without regular
+/// questions.
 #[test]
 fn unnamed_fault_is_named_within_ten_cycles() {
     let mut settings = robot::settings(include_str!("../../../config/mixed-simulated.toml"));
@@ -137,7 +138,8 @@ fn unnamed_fault_is_named_within_ten_cycles() {
     assert_eq!((robot.mode(joint), robot.group().cause_joint), (MotorMode::Fault, joint as u32));
 }
 
-/// Goal: heat protection that no longer works is a cause. Method: -60 degrees, in both forms of a code.
+/// Goal: heat protection that no longer works is a cause. Method: -60 degrees, in both forms of a
+/// code.
 #[test]
 fn impossible_temperature_stops_group_after_a_second() {
     for vendor in ["damiao", "robstride"] {

@@ -141,9 +141,9 @@ fn run_cycle(robot: &mut Robot, reads: &Shared<usize>) -> Option<Outcome> {
     Some(Outcome { replies: counts.collect(), last_reply, published, calls })
 }
 
-/// Goal: no cycle waits after its last reply but for the reads of its buses.
-/// Method: random robots on virtual time, whose frames have stuff bits. A cycle may wait for a reply as late as the latest to as
-/// many frames before it: it cannot know that this one is sooner.
+/// Goal: no cycle waits after its last reply but for the reads of its buses. Method: random robots
+/// on virtual time, whose frames have stuff bits. A cycle may wait for a reply as late as the
+/// latest to as many frames before it: it cannot know that this one is sooner.
 #[test]
 fn states_follow_last_reply_by_one_read() {
     robot::for_each_seed("publication", 40, |seed| {

@@ -80,8 +80,9 @@ fn late_motor_is_read_before_its_start() {
     assert!((truth - 0.7).abs() < 0.05 && (truth - reported).abs() < 0.01, "{truth} reported as {reported}");
 }
 
-/// Goal: motors whose answers miss the deadline are read. Their requests wait on the bus for the replies of others.
-/// Method: three motors on a bus of 1 Mbit/s at 1 kHz; the third answer arrives in the next cycle.
+/// Goal: motors whose answers miss the deadline are read. Their requests wait on the bus for the
+/// replies of others. Method: three motors on a bus of 1 Mbit/s at 1 kHz; the third answer arrives
+/// in the next cycle.
 #[test]
 fn late_registers_permit_a_start() {
     for latency_us in [50, 80, 98, 110, 120, 150, 200] {
@@ -229,7 +230,8 @@ fn motor_without_answer_starts_with_written_ends() {
     assert_eq!(count(|event| matches!(event, Event::Unread { motor: 0, is_assumed: true })), 1);
 }
 
-/// The motor contradicts the written ends, has no power for some time, and its answers to requests are lost afterwards.
+/// The motor contradicts the written ends, has no power for some time, and its answers to requests
+/// are lost afterwards.
 #[test]
 fn contradicted_ends_are_not_assumed_after_silence() {
     let mut robot = shoulder(WRITTEN, |motor| motor.ends = Some([12.5, 50.0, 10.0]));
@@ -286,7 +288,8 @@ fn lost_register_request_is_repeated_at_once() {
     }
 }
 
-/// Another program reads registers on the bus of an active group: its answers are no states, and no second motor.
+/// Another program reads registers on the bus of an active group: its answers are no states, and no
+/// second motor.
 #[test]
 fn register_answers_of_another_program_change_nothing() {
     let mut robot = shoulder("", |_| {});

@@ -12,7 +12,8 @@ use motord_simulator::{ReplyTiming, RobStrideFirmware};
 /// Number of seeds of healthy robots in a plain `cargo test`.
 const SEEDS: u64 = 60;
 
-/// Returns a robot on one bus, whose motors get a command in one of `every` cycles. The thigh is reversed.
+/// Returns a robot on one bus, whose motors get a command in one of `every` cycles. The thigh is
+/// reversed.
 fn leg(rate_hz: u32, every: u32) -> String {
     let mut text = format!(
         "[cycle]\nrate-hz = {rate_hz}\nmax-lateness-ms = 100.0\n[safety]\nsetpoint-timeout-ms = 200\n\
@@ -38,8 +39,9 @@ fn activate(robot: &mut Robot) -> Vec<JointSetpoint> {
     joints
 }
 
-/// Goal: a drive that restarts without a silence stops its group, although its states have no status. Method: a load on each
-/// joint in turn, reversed or not; each cycle and every fourth; at 1 kHz and 50 Hz.
+/// Goal: a drive that restarts without a silence stops its group, although its states have no
+/// status. Method: a load on each joint in turn, reversed or not; each cycle and every fourth; at 1
+/// kHz and 50 Hz.
 #[test]
 fn restarted_drive_under_load_is_motor_off() {
     for (rate, every, joint, states_ms) in [(1000, 1, 0, 1), (1000, 1, 1, 1), (1000, 4, 2, 4), (50, 1, 0, 20)]
@@ -131,7 +133,8 @@ impl Motion {
     }
 }
 
-/// Returns a healthy robot: of its drives some give less torque than configured, or have less supply, or are blocked.
+/// Returns a healthy robot: of its drives some give less torque than configured, or have less
+/// supply, or are blocked.
 fn healthy(random: &mut Random, seed: u64, torque: f32) -> Robot {
     let every = *random.pick(&[1, 1, 4]);
     let mut text = leg(1000, every);
@@ -157,9 +160,10 @@ fn healthy(random: &mut Random, seed: u64, torque: f32) -> Robot {
     })
 }
 
-/// Goal: no healthy motor is taken for one that is off, and no contact for a joint that does not follow. Method: random gains
-/// from zero on, loads, blocked joints, weak drives, low supplies, torque limits, square waves, noise, lost replies and late
-/// cycles, of MIT and native motors, each cycle or every fourth. `MOTORD_SEEDS` sets the number of seeds.
+/// Goal: no healthy motor is taken for one that is off, and no contact for a joint that does not
+/// follow. Method: random gains from zero on, loads, blocked joints, weak drives, low supplies,
+/// torque limits, square waves, noise, lost replies and late cycles, of MIT and native motors, each
+/// cycle or every fourth. `MOTORD_SEEDS` sets the number of seeds.
 #[test]
 fn healthy_motors_are_never_off() {
     robot::for_each_seed("robot healthy_motors", SEEDS, |seed| {

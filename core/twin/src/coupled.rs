@@ -8,7 +8,8 @@ use motord_settings::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
 use motord_settings::settings::Settings;
 use motord_simulator::{PlantBus, SharedBus, couple};
 
-/// Makes every bus and every IMU a simulated one. An IMU keeps the errors of its `[imu.simulation]`, and is aligned with the body.
+/// Makes every bus and every IMU a simulated one. An IMU keeps the errors of its
+/// `[imu.simulation]`, and is aligned with the body.
 ///
 /// # Errors
 /// [`TwinError::SerialBus`].
@@ -32,8 +33,9 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
     Ok(())
 }
 
-/// Builds the simulated buses of `settings`, whose motors `mechanics` move, with the seed of each. The joints begin where the
-/// mechanics have them, and `settings` says so afterwards. Returns the buses to inject faults, and those for the cycle.
+/// Builds the simulated buses of `settings`, whose motors `mechanics` move, with the seed of each.
+/// The joints begin where the mechanics have them, and `settings` says so afterwards. Returns the
+/// buses to inject faults, and those for the cycle.
 ///
 /// # Errors
 /// [`TwinError::Begin`].
@@ -48,7 +50,8 @@ pub fn coupled(
     Ok((buses, coupled))
 }
 
-/// Builds the simulated buses of `settings`, whose motors turn by themselves, with the seed of each.
+/// Builds the simulated buses of `settings`, whose motors turn by themselves, with the seed of
+/// each.
 pub(crate) fn alone(settings: &Settings, seed: impl Fn(usize) -> u64) -> Vec<SharedBus> {
     let bus = |index: usize| SharedBus::new(simulate(settings, index, seed(index)));
     (0..settings.buses.len()).map(bus).collect()

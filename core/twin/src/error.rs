@@ -2,8 +2,8 @@
 
 use motord_configuration::ConfigError;
 
-/// Largest position, velocity or acceleration of a plant, rad, rad/s and m/s². The state has `f32`, which resolves less
-/// than a degree at a hundredth of it.
+/// Largest position, velocity or acceleration of a plant, rad, rad/s and m/s². The state has `f32`,
+/// which resolves less than a degree at a hundredth of it.
 pub const NUMBER_MAX: f64 = 1e7;
 
 /// The reason why a configuration has no twin.

@@ -8,7 +8,8 @@ use std::collections::VecDeque;
 
 /// The body on which the IMUs are.
 pub trait Body: Send {
-    /// Returns what a perfect sensor measures now, in the frame of the body: x forward, y left, z up.
+    /// Returns what a perfect sensor measures now, in the frame of the body: x forward, y left, z
+    /// up.
     fn measure(&mut self) -> ImuValues;
 }
 

@@ -7,15 +7,18 @@ use motord_settings::settings::{MotorSettings, Settings};
 use motord_simulator::{Plant, Shaft};
 use serde::Serialize;
 
-/// The mechanics of a robot: a physics engine. Values are those of the joints, in the order of the configuration.
+/// The mechanics of a robot: a physics engine. Values are those of the joints, in the order of the
+/// configuration.
 pub trait Mechanics: Send {
-    /// Sets where the joints begin, rad. They begin where the configuration has them if this changes nothing.
+    /// Sets where the joints begin, rad. They begin where the configuration has them if this
+    /// changes nothing.
     fn begin(&mut self, positions: &mut [f64]) {
         let _as_configured = positions;
     }
 
-    /// Moves every joint by `seconds`, which is 0.00025 in every call: `torques` are means over this time, N·m. `positions`,
-    /// rad, and `velocities`, rad/s, are those at the begin of the step, and become those at its end.
+    /// Moves every joint by `seconds`, which is 0.00025 in every call: `torques` are means over
+    /// this time, N·m. `positions`, rad, and `velocities`, rad/s, are those at the begin of the
+    /// step, and become those at its end.
     ///
     /// The mechanics contain all inertia and friction, also that of the motors: [`JointPhysics`].
     fn step(&mut self, torques: &[f64], seconds: f64, positions: &mut [f64], velocities: &mut [f64]);

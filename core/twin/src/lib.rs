@@ -1,9 +1,11 @@
 //! The cycle and the simulated motors of a configuration on virtual time.
 //!
-//! [`Twin`] runs the cycle of the daemon: its decisions, limits, drives and frames. Its buses have simulated motors, and
-//! [`Mechanics`] of the caller move their joints, such as a physics engine. The same calls with the same seed give the same run.
+//! [`Twin`] runs the cycle of the daemon: its decisions, limits, drives and frames. Its buses have
+//! simulated motors, and [`Mechanics`] of the caller move their joints, such as a physics engine.
+//! The same calls with the same seed give the same run.
 //!
-//! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the daemon.
+//! [`physics`] and [`simulate`] make the simulated motors of a configuration, here and in the
+//! daemon.
 
 mod coupled;
 mod error;

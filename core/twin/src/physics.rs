@@ -1,6 +1,7 @@
 //! The physics of a configuration: from [`Settings`] to the bus and the motors of the simulator.
 //!
-//! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
+//! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and
+//! change what they need.
 
 use motord_bus::Duration;
 use motord_protocol::Model;
@@ -12,8 +13,8 @@ use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSetting
 /// The current of the largest torque code, A (MIT document 1.1).
 const CURRENT_MAX: f64 = 225.0;
 
-/// The simulated twin of a bus, with its motors. `bus` is its index in `settings`: a serial line if it is
-/// one, else CAN. Everything that the configuration does not say is the simulator's default.
+/// The simulated twin of a bus, with its motors. `bus` is its index in `settings`: a serial line if
+/// it is one, else CAN. Everything that the configuration does not say is the simulator's default.
 #[must_use]
 pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
     let twins = settings.motors.iter().zip(&settings.simulation).filter(|(motor, _)| motor.bus == bus);
@@ -47,15 +48,16 @@ fn imus(settings: &Settings, bus: usize) -> Vec<ImuNodeSettings> {
     settings.imus.iter().filter_map(twin).collect()
 }
 
-/// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is random in it.
+/// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is
+/// random in it.
 #[must_use]
 pub fn simulate(settings: &Settings, bus: usize, seed: u64) -> SimulatedBus {
     let (bus, motors) = physics(settings, bus);
     SimulatedBus::new(bus, motors, seed)
 }
 
-/// Torque constant of the rotor, N·m/A. That of a SteadyWin motor follows from its torque codes, which the configuration may
-/// have changed; that of any other motor is its model's.
+/// Torque constant of the rotor, N·m/A. That of a SteadyWin motor follows from its torque codes,
+/// which the configuration may have changed; that of any other motor is its model's.
 fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64) -> f64 {
     match model {
         Some(Model { torque_constant, ends: Some(_), .. }) => f64::from(*torque_constant),
@@ -63,8 +65,8 @@ fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64
     }
 }
 
-/// Mechanics that few vendors publish: else those of the simulator's default, a GIM8108-8, scaled to the model. An estimate: a
-/// real motor may have half or twice as much.
+/// Mechanics that few vendors publish: else those of the simulator's default, a GIM8108-8, scaled
+/// to the model. An estimate: a real motor may have half or twice as much.
 struct Mechanics {
     rotor_inertia: f64,
     viscous_friction: f64,
@@ -72,7 +74,8 @@ struct Mechanics {
 }
 
 impl Mechanics {
-    /// Dry friction is a share of the rated torque. Viscous friction is another at the highest velocity.
+    /// Dry friction is a share of the rated torque. Viscous friction is another at the highest
+    /// velocity.
     fn of(model: &Model, defaults: &simulator::MotorSettings) -> Self {
         let reference = Model::by_name(REFERENCE).unwrap_or(model);
         let torque = f64::from(model.rated_torque / reference.rated_torque);
@@ -90,12 +93,12 @@ impl Mechanics {
 const REFERENCE: &str = "GIM8108-8";
 /// The inertia of similar rotors grows with this power of their torque.
 const SIMILARITY: f64 = 5.0 / 3.0;
-/// Height times diameter to the fourth power of a rotor that gives 1 N·m, mm⁵. It comes from the reference, so that the sizes
-/// from names and from torques compare.
+/// Height times diameter to the fourth power of a rotor that gives 1 N·m, mm⁵. It comes from the
+/// reference, so that the sizes from names and from torques compare.
 const SIZE_PER_TORQUE: f64 = 6.4e7;
 
-/// Proportional to the rotor's inertia, mm⁵. Diameter and height are in most names, GIM8108: 81 mm and 8 mm; else the peak
-/// torque of the rotor tells the size.
+/// Proportional to the rotor's inertia, mm⁵. Diameter and height are in most names, GIM8108: 81 mm
+/// and 8 mm; else the peak torque of the rotor tells the size.
 fn rotor_size(model: &Model) -> f64 {
     let letters = |c: char| !c.is_ascii_digit();
     let digits = model.name.trim_start_matches(letters).split(letters).next().unwrap_or_default();
@@ -108,8 +111,8 @@ fn rotor_size(model: &Model) -> f64 {
     }
 }
 
-/// Inertia of the rotor of a model behind its gear, as it is simulated, kg·m²: the vendor's, or an estimate. `None` for an
-/// unknown model.
+/// Inertia of the rotor of a model behind its gear, as it is simulated, kg·m²: the vendor's, or an
+/// estimate. `None` for an unknown model.
 #[must_use]
 pub fn armature(model: &str) -> Option<f64> {
     let model = Model::by_name(model)?;

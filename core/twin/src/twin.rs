@@ -21,8 +21,9 @@ const START: Instant = Instant::from_nanos(1_000_000_000);
 pub struct Options {
     /// Decides everything random in the motors and the sensors.
     pub seed: u64,
-    /// Time that the controller computes: from the end of a cycle, when its states are published, to the sending of its
-    /// setpoints. Setpoints that are sent after the next cycle has fetched them are used one cycle later.
+    /// Time that the controller computes: from the end of a cycle, when its states are published,
+    /// to the sending of its setpoints. Setpoints that are sent after the next cycle has fetched
+    /// them are used one cycle later.
     pub compute: Duration,
 }
 
@@ -47,8 +48,8 @@ impl TwinClock {
     }
 }
 
-/// The cycle of a configuration on virtual time, with simulated motors and IMUs. Time passes only in [`step`](Self::step) and
-/// [`ask`](Self::ask).
+/// The cycle of a configuration on virtual time, with simulated motors and IMUs. Time passes only
+/// in [`step`](Self::step) and [`ask`](Self::ask).
 pub struct Twin {
     settings: Settings,
     cycle: Cycle,
@@ -67,7 +68,8 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// As [`new`](Self::new), of the configuration at `path`. Its CAN interfaces and devices are not opened.
+    /// As [`new`](Self::new), of the configuration at `path`. Its CAN interfaces and devices are
+    /// not opened.
     ///
     /// # Errors
     /// [`TwinError::Configuration`] with every problem of the file; those of [`new`](Self::new).
@@ -81,9 +83,10 @@ impl Twin {
         Self::new(loaded.settings, options, mechanics, body)
     }
 
-    /// Builds the robot of `settings` with its motors off. `mechanics` move the joints; without them, each motor moves its own
-    /// inertia, as in the daemon. `body` is measured by the IMUs; without one, no IMU has a sample. The wire of an IMU is not
-    /// simulated: samples arrive at its rate, with the errors of its `[imu.simulation]`.
+    /// Builds the robot of `settings` with its motors off. `mechanics` move the joints; without
+    /// them, each motor moves its own inertia, as in the daemon. `body` is measured by the IMUs;
+    /// without one, no IMU has a sample. The wire of an IMU is not simulated: samples arrive at its
+    /// rate, with the errors of its `[imu.simulation]`.
     ///
     /// # Errors
     /// [`TwinError::SerialBus`], [`TwinError::Begin`].
@@ -143,8 +146,8 @@ impl Twin {
         TwinClock(self.clock.clone())
     }
 
-    /// Runs one cycle. Applies the faults and samples that are due, and uses setpoints sent at least `lead-us` before the tick.
-    /// [`state`](Self::state) then returns the states at its end.
+    /// Runs one cycle. Applies the faults and samples that are due, and uses setpoints sent at
+    /// least `lead-us` before the tick. [`state`](Self::state) then returns the states at its end.
     pub fn step(&mut self) {
         let at = self.tick.at;
         self.disturb(at);
@@ -163,8 +166,8 @@ impl Twin {
         self.client.state()
     }
 
-    /// Sends setpoints for the joints of a claimed group: the controller has computed for [`Options::compute`] since the end of
-    /// the last cycle.
+    /// Sends setpoints for the joints of a claimed group: the controller has computed for
+    /// [`Options::compute`] since the end of the last cycle.
     ///
     /// # Errors
     /// [`Refusal::NotOwner`] when the group was never claimed here.
@@ -183,7 +186,8 @@ impl Twin {
         self.client.state().groups.get(group).is_some_and(|state| state.lease == lease.raw())
     }
 
-    /// Sends a request as the owner of `group`, or as an operator without a lease, and runs cycles until it is answered.
+    /// Sends a request as the owner of `group`, or as an operator without a lease, and runs cycles
+    /// until it is answered.
     ///
     /// # Errors
     /// The refusal of the cycle; [`Refusal::Busy`] after [`ANSWER_CYCLES`] without an answer.
@@ -191,7 +195,8 @@ impl Twin {
         outcome(self.reply_to(operation, group))
     }
 
-    /// As [`ask`](Self::ask). Returns the whole reply, whose [detail](Refusal::detail) names a joint.
+    /// As [`ask`](Self::ask). Returns the whole reply, whose [detail](Refusal::detail) names a
+    /// joint.
     pub fn reply_to(&mut self, operation: Operation, group: usize) -> AdminReply {
         let busy = AdminReply { refusal: Refusal::Busy.code(), detail: NO_JOINT, ..AdminReply::default() };
         let Ok(ticket) = self.client.request(operation, group) else { return busy };
@@ -204,7 +209,8 @@ impl Twin {
         busy
     }
 
-    /// Gives a bus, a motor or an IMU a fault at the first tick that is not before `at`, counted as [`time`](Self::time).
+    /// Gives a bus, a motor or an IMU a fault at the first tick that is not before `at`, counted as
+    /// [`time`](Self::time).
     ///
     /// # Errors
     /// The target is unknown, or does not support this fault.

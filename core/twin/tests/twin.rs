@@ -147,7 +147,8 @@ impl Body for Table {
     }
 }
 
-/// A plant whose IMU has another convention, on a body that rests with roll 0.4, pitch 0.3, yaw 0.5 rad.
+/// A plant whose IMU has another convention, on a body that rests with roll 0.4, pitch 0.3, yaw 0.5
+/// rad.
 struct Tilted([f64; 4], [f64; 3]);
 
 impl Body for Tilted {
@@ -246,7 +247,8 @@ fn joint_physics_are_those_of_the_motors() {
     assert!((physics[0].armature - 3.84e-3).abs() < 1e-6, "{:?}", physics[0]);
 }
 
-/// The vendor's table of the series: 1.8e-5, 1.95e-4 and 2.0e-5 kg·m² of the rotors, behind gears of 10, 9 and 40.
+/// The vendor's table of the series: 1.8e-5, 1.95e-4 and 2.0e-5 kg·m² of the rotors, behind gears
+/// of 10, 9 and 40.
 #[test]
 fn rotors_have_the_inertia_of_the_vendor() {
     for (model, armature) in [("DM-J4310-2EC", 0.0018), ("DM-J8009-2EC", 0.015795), ("DM-J4340-2EC", 0.032)] {

@@ -1,8 +1,10 @@
-//! The connection between a daemon and its dead man's switch: a socket for messages, and one file with the first.
+//! The connection between a daemon and its dead man's switch: a socket for messages, and one file
+//! with the first.
 //!
-//! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, get an answer: a process that
-//! registers decides which frames are sent. The caller trusts only root, the same user and the owner of the runtime
-//! directory: every member may bind a free name there, and a false switch would leave the motors running.
+//! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, get
+//! an answer: a process that registers decides which frames are sent. The caller trusts only root,
+//! the same user and the owner of the runtime directory: every member may bind a free name there,
+//! and a false switch would leave the motors running.
 
 use crate::heartbeat::Pulse;
 use crate::kernel::adopt;
@@ -26,13 +28,14 @@ use crate::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 8 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
-/// Most files that Linux passes with one message, `SCM_MAX_FD`. With space for fewer, those that fit would stay
-/// open without a known number.
+/// Most files that Linux passes with one message, `SCM_MAX_FD`. With space for fewer, those that
+/// fit would stay open without a known number.
 const FILES_MAX: usize = 253;
-/// Longest time of one wait for the switch, which opens an interface in milliseconds. A daemon that registers waits again.
+/// Longest time of one wait for the switch, which opens an interface in milliseconds. A daemon that
+/// registers waits again.
 pub const TIMEOUT: Duration = Duration::from_secs(2);
-/// Prefix of every message. Its number rises with every change of the messages, so that a program of another
-/// version is refused with an error that names the reason.
+/// Prefix of every message. Its number rises with every change of the messages, so that a program
+/// of another version is refused with an error that names the reason.
 const VERSION: &[u8] = b"motord-deadman 4\n";
 /// The message by which the switch shows that it runs.
 const BEAT: &[u8] = b".";
@@ -44,8 +47,8 @@ const OTHER_VERSION: &str = "daemon and dead man's switch are of different versi
 /// A request to the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
-    /// Asks the switch to supervise the sender, and to send these frames when the sender cannot. Carries the file of
-    /// the heartbeat.
+    /// Asks the switch to supervise the sender, and to send these frames when the sender cannot.
+    /// Carries the file of the heartbeat.
     Register(SafeFrames),
     /// Asks which interfaces the switch has still to serve.
     AskWhetherActing,
@@ -94,8 +97,8 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `NotFound` or `ConnectionRefused` when there is none; a [`Impostor`](motord_ports::Impostor) when a process of
-    /// another user listens instead: nothing was sent to it.
+    /// `NotFound` or `ConnectionRefused` when there is none; a [`Impostor`](motord_ports::Impostor)
+    /// when a process of another user listens instead: nothing was sent to it.
     pub fn connect(instance: &Instance, timeout: Duration) -> io::Result<Self> {
         let socket = open(SockFlag::empty())?;
         let micros = i64::from(timeout.subsec_micros());
@@ -126,8 +129,8 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `UnexpectedEof` when the other end is closed, `InvalidData` for any other message and one of another version,
-    /// `WouldBlock` when none has arrived.
+    /// `UnexpectedEof` when the other end is closed, `InvalidData` for any other message and one of
+    /// another version, `WouldBlock` when none has arrived.
     pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
         let mut text = vec![0; MESSAGE_BYTES_MAX];
         let mut control = cmsg_space!([RawFd; FILES_MAX]);
@@ -147,20 +150,21 @@ impl Channel {
         Ok((serde_json::from_slice(text)?, files.into_iter().next().map(Pulse::from)))
     }
 
-    /// Returns true when the other end is closed, or has sent an unexpected message. Neither allocates nor blocks; one
-    /// system call.
+    /// Returns true when the other end is closed, or has sent an unexpected message. Neither
+    /// allocates nor blocks; one system call.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) != Err(Errno::EAGAIN)
     }
 
-    /// Sends the other end a sign of life. Neither allocates nor blocks; one system call. An unread one is no error.
+    /// Sends the other end a sign of life. Neither allocates nor blocks; one system call. An unread
+    /// one is no error.
     pub fn beat(&self) {
         let _full_or_ended = send(self.0.as_raw_fd(), BEAT, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
     }
 
-    /// Reads the signs of life that have arrived. Returns true when there was one, and `None` when the other end is
-    /// closed. Neither allocates nor blocks.
+    /// Reads the signs of life that have arrived. Returns true when there was one, and `None` when
+    /// the other end is closed. Neither allocates nor blocks.
     #[must_use]
     pub fn take_beats(&self) -> Option<bool> {
         for taken in 0..BEATS_MAX {
@@ -214,13 +218,13 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Claims the role of the switch of an instance, until the value is dropped or the process dies. Logs what another user
-    /// had put in its place.
+    /// Claims the role of the switch of an instance, until the value is dropped or the process
+    /// dies. Logs what another user had put in its place.
     ///
     /// # Errors
     ///
-    /// [`BindError::Instance`] when another process has it, or the runtime directory does not exist or belongs to another
-    /// user; [`BindError::System`] without a socket.
+    /// [`BindError::Instance`] when another process has it, or the runtime directory does not exist
+    /// or belongs to another user; [`BindError::System`] without a socket.
     pub fn bind(instance: &Instance) -> Result<Self, BindError> {
         let lock = RoleLock::claim(instance, "deadman")?;
         lock.displaced().iter().for_each(|displaced| tracing::warn!("{displaced}"));

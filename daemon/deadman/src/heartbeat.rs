@@ -1,7 +1,8 @@
 //! The heartbeat: a number in shared memory that shows another process that the cycle runs.
 //!
-//! Each cycle stores its number when it begins. After the last one [`AT_REST`] is stored, if every motor is stopped. The other
-//! process only checks that the number changes. It reads the file instead of mapping it, so a change of the file cannot kill it.
+//! Each cycle stores its number when it begins. After the last one [`AT_REST`] is stored, if every
+//! motor is stopped. The other process only checks that the number changes. It reads the file
+//! instead of mapping it, so a change of the file cannot kill it.
 
 use crate::kernel;
 use nix::errno::Errno;
@@ -12,8 +13,8 @@ use nix::unistd::ftruncate;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The heartbeat while no motor is commanded: before the first cycle, and after the last one of a daemon that has stopped
-/// its motors.
+/// The heartbeat while no motor is commanded: before the first cycle, and after the last one of a
+/// daemon that has stopped its motors.
 pub const AT_REST: u64 = 0;
 
 /// The daemon's end.
@@ -21,8 +22,8 @@ pub const AT_REST: u64 = 0;
 pub struct Heartbeat(&'static AtomicU64);
 
 impl Heartbeat {
-    /// Creates a heartbeat at rest, and the file by which other processes read it. One per process: its memory is never
-    /// freed.
+    /// Creates a heartbeat at rest, and the file by which other processes read it. One per process:
+    /// its memory is never freed.
     ///
     /// # Errors
     ///
@@ -50,7 +51,8 @@ impl Heartbeat {
 pub struct Pulse(OwnedFd);
 
 impl Pulse {
-    /// Returns the present number; `None` when the file is no heartbeat. Does not allocate; one system call.
+    /// Returns the present number; `None` when the file is no heartbeat. Does not allocate; one
+    /// system call.
     #[must_use]
     pub fn read(&self) -> Option<u64> {
         let mut bytes = [0; size_of::<u64>()];

@@ -1,4 +1,5 @@
-//! The dead man's switch: a separate process that damps and stops the motors when the daemon cannot.
+//! The dead man's switch: a separate process that damps and stops the motors when the daemon
+//! cannot.
 //!
 //! ```text
 //!   motord run                                   motord deadman
@@ -6,15 +7,18 @@
 //!   registrar ◀───── connection ───────────────▶ server
 //! ```
 //!
-//! The daemon registers its [safe frames](safe_frames::SafeFrames), built in advance for every motor, and the file of its
-//! [heartbeat]. The switch knows no protocol. It uses three values of the configuration: instance, priority, and the time of
-//! damping, which bounds its exit. It acts when the connection closes or the heartbeat stalls, unless the heartbeat is at
-//! rest: the motors are stopped then. The switch outlives the daemon, and the next daemon registers again.
+//! The daemon registers its [safe frames](safe_frames::SafeFrames), built in advance for every
+//! motor, and the file of its [heartbeat]. The switch knows no protocol. It uses three values of
+//! the configuration: instance, priority, and the time of damping, which bounds its exit. It acts
+//! when the connection closes or the heartbeat stalls, unless the heartbeat is at rest: the motors
+//! are stopped then. The switch outlives the daemon, and the next daemon registers again.
 //!
 //! - [`switch`]: decides when to act, without I/O. [`server`]: supervises a daemon, and acts.
-//! - [`safe_frames`]: the frames. [`interfaces`]: sends them, by the [`Stopper`](motord_core::stopper::Stopper).
+//! - [`safe_frames`]: the frames. [`interfaces`]: sends them, by the
+//!   [`Stopper`](motord_core::stopper::Stopper).
 //! - [`channel`]: the connection. [`registrar`]: the daemon's side.
-//! - [`answers`]: whether the motors answer that command. [`safe_stop`]: the command that stops the motors once, when neither the daemon nor its switch did.
+//! - [`answers`]: whether the motors answer that command. [`safe_stop`]: the command that stops the
+//!   motors once, when neither the daemon nor its switch did.
 
 pub mod answers;
 pub mod channel;
@@ -84,8 +88,9 @@ impl DeadmanError {
     }
 }
 
-/// Runs the dead man's switch of the configuration's instance until a signal ends it. A switch that acts finishes
-/// first. It waits for an interface that refuses frames at most one second longer than damping takes.
+/// Runs the dead man's switch of the configuration's instance until a signal ends it. A switch that
+/// acts finishes first. It waits for an interface that refuses frames at most one second longer
+/// than damping takes.
 ///
 /// # Errors
 ///

@@ -1,4 +1,5 @@
-//! The daemon's side: registers its safe frames with the switch, and again after the switch disconnected.
+//! The daemon's side: registers its safe frames with the switch, and again after the switch
+//! disconnected.
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Readiness, clock, wait};
@@ -47,13 +48,15 @@ pub struct Registrar {
     instance: Instance,
     frames: SafeFrames,
     pulse: Pulse,
-    /// The connection from before the request on. The switch may read the request late, and treats a registered connection that
-    /// is closed as a dead daemon: so this one stays open until the switch answers or closes it. It is closed when this
-    /// value is dropped, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its motors.
+    /// The connection from before the request on. The switch may read the request late, and treats
+    /// a registered connection that is closed as a dead daemon: so this one stays open until the
+    /// switch answers or closes it. It is closed when this value is dropped, not when
+    /// [`run`](Self::run) ends: after a panic there, the cycle still drives its motors.
     switch: Option<Channel>,
     /// The reason of the last line of the log about a missing switch; empty while there is one.
     logged: String,
-    /// Called with true when the switch is unavailable or hangs, and with false when it answers again.
+    /// Called with true when the switch is unavailable or hangs, and with false when it answers
+    /// again.
     lost: Box<dyn Fn(bool) + Send>,
 }
 
@@ -70,16 +73,19 @@ impl Registrar {
         Self { lost: Box::new(lost), ..self }
     }
 
-    /// Runs until `stop` returns true, in a dedicated thread, which loses the descriptors of all other threads. No thread
-    /// waits for it: the daemon drives its motors with or without a switch.
+    /// Runs until `stop` returns true, in a dedicated thread, which loses the descriptors of all
+    /// other threads. No thread waits for it: the daemon drives its motors with or without a
+    /// switch.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
-        // The kernel frees all memory of a killed process, which takes milliseconds, before it closes the descriptors that
-        // its threads share. It closes a descriptor of this thread alone immediately. If the kernel refuses the separate
-        // table, the switch detects the death later.
+        // The kernel frees all memory of a killed process, which takes milliseconds, before it
+        // closes the descriptors that its threads share. It closes a descriptor of this thread
+        // alone immediately. If the kernel refuses the separate table, the switch detects the death
+        // later.
         let _refused = keep_only(self.pulse.as_fd());
         (self.lost)(true);
         while !stop() {
-            // The switch refuses a heartbeat that is at rest, and the first cycle begins within a period.
+            // The switch refuses a heartbeat that is at rest, and the first cycle begins within a
+            // period.
             if self.pulse.read() == Some(AT_REST) {
                 std::thread::sleep(TURN);
                 continue;
@@ -107,7 +113,8 @@ impl Registrar {
         }
     }
 
-    /// Sends the request, and waits until the switch answers or disconnects, or `stop` returns true.
+    /// Sends the request, and waits until the switch answers or disconnects, or `stop` returns
+    /// true.
     fn register(&mut self, stop: &impl Fn() -> bool) -> Result<(), RegistrarError> {
         let Self { instance, frames, pulse, switch, logged, .. } = self;
         let connected = Channel::connect(instance, TIMEOUT).map_err(RegistrarError::of_connection)?;
@@ -137,13 +144,14 @@ fn log(logged: &mut String, reason: &RegistrarError) {
     }
 }
 
-/// Returns `true` for a switch that has not answered yet, also where this process was stopped and continued meanwhile.
+/// Returns `true` for a switch that has not answered yet, also where this process was stopped and
+/// continued meanwhile.
 fn is_late(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
 
-/// Returns when the switch disconnected, or `stop` returns true. Logs when the switch hangs and when it answers again,
-/// and calls `lost`.
+/// Returns when the switch disconnected, or `stop` returns true. Logs when the switch hangs and
+/// when it answers again, and calls `lost`.
 fn watch(switch: &Channel, lost: &impl Fn(bool), stop: &impl Fn() -> bool) {
     let (mut last_seen, mut hangs) = (clock::monotonic(), false);
     while !stop() {

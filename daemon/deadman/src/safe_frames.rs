@@ -1,4 +1,5 @@
-//! The safe frames of a daemon, built before they are needed and sent to its dead man's switch by interface.
+//! The safe frames of a daemon, built before they are needed and sent to its dead man's switch by
+//! interface.
 
 use motord_bus::transport::{self, BusKind};
 use motord_bus::{Duration, Frame, Inbox, candump};
@@ -61,7 +62,8 @@ pub enum InterfaceError {
 }
 
 impl SafeFrames {
-    /// Builds the safe frames of a daemon with these settings. Simulated buses are inside the daemon and end with it.
+    /// Builds the safe frames of a daemon with these settings. Simulated buses are inside the
+    /// daemon and end with it.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let interface = |(index, bus): (usize, &BusSettings)| {

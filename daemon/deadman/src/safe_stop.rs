@@ -1,4 +1,5 @@
-//! `motord safe-stop`: damps and stops every motor once, when neither the daemon nor its dead man's switch did.
+//! `motord safe-stop`: damps and stops every motor once, when neither the daemon nor its dead man's
+//! switch did.
 
 use crate::answers::{Answers, Listen};
 use crate::channel::{Answer, Channel, Request};
@@ -16,8 +17,8 @@ use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
-/// A switch that does not answer within this time hangs, and the motors are stopped without it. A healthy one answers
-/// within a millisecond.
+/// A switch that does not answer within this time hangs, and the motors are stopped without it. A
+/// healthy one answers within a millisecond.
 const SWITCH_TIMEOUT: Duration = Duration::from_millis(150);
 /// Period of the requests whether the dead man's switch still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
@@ -28,7 +29,8 @@ pub enum SafeStopError {
     /// The configuration is refused: the motors are unknown.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// These interfaces were left out; the motors on all others were commanded to stop. Those with these names did not answer.
+    /// These interfaces were left out; the motors on all others were commanded to stop. Those with
+    /// these names did not answer.
     #[error("not told to stop: {}{}", reasons(.0), also_silent(.1))]
     LeftOut(Vec<LeftOut>, Vec<String>),
     /// Every motor was commanded to stop, and these did not answer.
@@ -88,15 +90,18 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds, and half
-/// a second more where motors on a line do not answer. Uses interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`REFUSAL_TIMEOUT`]
-/// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
-/// Any user may hold the lock of an interface: only a process of root, of this user, or of the user of the daemon or the service keeps
-/// it from this command. `open` opens an interface to send, `listen` to receive the answers.
+/// Damps and stops the motors on every CAN interface and serial port of a configuration, which
+/// takes at most two seconds, and half a second more where motors on a line do not answer. Uses
+/// interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for
+/// its end, at most [`REFUSAL_TIMEOUT`] longer than its damping: two senders would end each other's
+/// damping, and so would the daemon that systemd starts next. Any user may hold the lock of an
+/// interface: only a process of root, of this user, or of the user of the daemon or the service
+/// keeps it from this command. `open` opens an interface to send, `listen` to receive the answers.
 ///
 /// # Errors
 ///
-/// The interfaces that were left out or refused, and why. The others are served. The motors that did not answer.
+/// The interfaces that were left out or refused, and why. The others are served. The motors that
+/// did not answer.
 pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let frames = SafeFrames::of(&settings);
@@ -111,7 +116,8 @@ pub fn safe_stop(path: &Path, open: Open<'_>, listen: Listen<'_>) -> Result<(), 
             Vec::new(),
         );
     }
-    // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
+    // The locks keep a daemon that starts from driving these interfaces until their motors are
+    // stopped.
     let (mut opened, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for bus in &frames.buses {
         match prepare(bus, &trusted, open) {
@@ -151,8 +157,8 @@ fn report(left_out: Vec<LeftOut>, silent: Vec<String>) -> Result<(), SafeStopErr
     }
 }
 
-/// Waits while the switch acts, at most for `timeout`. Returns the interfaces that it has not served by then; `None`
-/// when the switch does not act, hangs, or exits before its end.
+/// Waits while the switch acts, at most for `timeout`. Returns the interfaces that it has not
+/// served by then; `None` when the switch does not act, hangs, or exits before its end.
 fn await_switch(instance: &Instance, timeout: Duration) -> Option<Vec<String>> {
     let end = clock::monotonic() + timeout;
     let mut unserved = unserved_by_switch(instance).ok().filter(|unserved| !unserved.is_empty())?;
@@ -176,8 +182,9 @@ fn unserved_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     }
 }
 
-/// Opens an interface or a port, with its lock. While the lock is held, no daemon of any user or runtime directory drives
-/// it. Where the kernel gives no lock, or a process holds it that is no daemon, the motors are stopped without one.
+/// Opens an interface or a port, with its lock. While the lock is held, no daemon of any user or
+/// runtime directory drives it. Where the kernel gives no lock, or a process holds it that is no
+/// daemon, the motors are stopped without one.
 fn prepare(
     bus: &InterfaceFrames,
     trusted: &TrustedUsers,
@@ -199,8 +206,8 @@ fn prepare(
     Ok((Interface::open(bus, open)?, lock))
 }
 
-/// Refuses an interface that a daemon drives: a process of a trusted user, `holder` or the one that holds its other name. Logs any
-/// other process.
+/// Refuses an interface that a daemon drives: a process of a trusted user, `holder` or the one that
+/// holds its other name. Logs any other process.
 fn refuse_driven(bus: &InterfaceFrames, holder: Holder, trusted: &TrustedUsers) -> Result<(), LeftOut> {
     let others = holders_of(bus.kind().as_ref(), true);
     let holders = || others.into_iter().flatten().chain([holder]);

@@ -1,5 +1,5 @@
-//! The server of the dead man's switch: accepts registrations, supervises one daemon, and stops its motors when the
-//! daemon cannot.
+//! The server of the dead man's switch: accepts registrations, supervises one daemon, and stops its
+//! motors when the daemon cannot.
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{BusLock, Duration, Instant, Readiness, Ready, clock, wait};
@@ -13,14 +13,15 @@ use crate::switch::{Cause, Switch};
 
 /// Period of the signs of life to the daemon.
 const BEAT: Duration = Duration::from_millis(20);
-/// A round that is later than this was not delayed by other processes only: this process was stopped, and another daemon
-/// may have started.
+/// A round that is later than this was not delayed by other processes only: this process was
+/// stopped, and another daemon may have started.
 const FROZEN: Duration = Duration::from_millis(100);
 
 /// Least time between two lines of the log about callers without a valid request.
 const REFUSED_PAUSE: Duration = Duration::from_secs(1);
 
-/// The switch of one instance. `O` opens an interface to send up to the given number of frames at a time.
+/// The switch of one instance. `O` opens an interface to send up to the given number of frames at a
+/// time.
 pub struct Server<O> {
     listener: Listener,
     open: O,
@@ -96,14 +97,16 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         self.supervised.as_ref().is_some_and(|daemon| daemon.watch.switch.acts().is_some())
     }
 
-    /// Returns the interfaces whose motors are still to be damped or stopped; none when it does not act. Allocates.
+    /// Returns the interfaces whose motors are still to be damped or stopped; none when it does not
+    /// act. Allocates.
     #[must_use]
     pub fn unserved(&self) -> Vec<String> {
         let acting = self.supervised.as_ref().filter(|_| self.is_acting());
         acting.map_or_else(Vec::new, |daemon| daemon.watch.interfaces.unserved())
     }
 
-    /// Continues while it acts, at most until `end`. Returns the interfaces that are [unserved](Self::unserved) then.
+    /// Continues while it acts, at most until `end`. Returns the interfaces that are
+    /// [unserved](Self::unserved) then.
     pub fn finish(&mut self, end: Instant) -> Vec<String> {
         while self.is_acting() && clock::monotonic() < end {
             self.turn(end);
@@ -111,10 +114,11 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         self.unserved()
     }
 
-    /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and no caller
-    /// connects, that is two system calls, and a third for a sign of life. While it acts, those of one
-    /// [round](Interfaces::round) are added. A round searches for at most one interface, which can block while another process
-    /// configures interfaces. Allocates when a caller connects, when it begins to act or is late, and when it logs.
+    /// Waits until something is due, at most until `until`, and does it. While a daemon is
+    /// supervised and no caller connects, that is two system calls, and a third for a sign of life.
+    /// While it acts, those of one [round](Interfaces::round) are added. A round searches for at
+    /// most one interface, which can block while another process configures interfaces. Allocates
+    /// when a caller connects, when it begins to act or is late, and when it logs.
     pub fn turn(&mut self, until: Instant) {
         let wake = self.supervised.as_ref().map_or(until, |daemon| daemon.watch.due().min(until));
         let ready = wait(&self.readiness(), clock::monotonic(), wake);
@@ -139,9 +143,9 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         ]
     }
 
-    /// Executes the request of the caller. Processes of other users get no answer. Allocates. Opening an interface takes
-    /// milliseconds, and longer while another process configures interfaces; during that the motors keep their last
-    /// command.
+    /// Executes the request of the caller. Processes of other users get no answer. Allocates.
+    /// Opening an interface takes milliseconds, and longer while another process configures
+    /// interfaces; during that the motors keep their last command.
     fn answer_caller(&mut self) {
         let Some(caller) = self.caller.take() else { return };
         let Some(pid) = caller.peer() else { return };
@@ -224,9 +228,9 @@ impl Watch {
         round.unwrap_or(self.switch.due())
     }
 
-    /// Real-time, but for the calls below. One system call; when the switch begins to act, and when it is late, those of
-    /// [`leave_driven`](Interfaces::leave_driven), which allocates; and while it acts those of a [round](Interfaces::round),
-    /// which can block when an interface is missing.
+    /// Real-time, but for the calls below. One system call; when the switch begins to act, and when
+    /// it is late, those of [`leave_driven`](Interfaces::leave_driven), which allocates; and while
+    /// it acts those of a [round](Interfaces::round), which can block when an interface is missing.
     fn step(&mut self, connected: bool, pid: i32) -> Option<Notice> {
         let acted = self.switch.acts();
         let now = clock::monotonic();
@@ -239,8 +243,8 @@ impl Watch {
             self.interfaces.begin(now);
             self.stalled = false;
         }
-        // A successor has had the time to start only if this process was frozen. Until then, and while the daemon lives, its own lock
-        // is the only possible one.
+        // A successor has had the time to start only if this process was frozen. Until then, and
+        // while the daemon lives, its own lock is the only possible one.
         let locked = (acted.is_none() || late).then(|| self.interfaces.leave_driven(pid, late && !connected));
         self.interfaces.round(now);
         locked.iter().flatten().for_each(|locked| log_locked(pid, locked));

@@ -1,10 +1,11 @@
 //! Histograms of all latencies, since the start or the last reset.
 //!
-//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of joints and IMUs have two. They are
-//! allocated once, and recording a value takes constant time.
+//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of joints and
+//! IMUs have two. They are allocated once, and recording a value takes constant time.
 //!
-//! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it (coordinated
-//! omission). So each missed tick adds one sample to each quantity that had a real value at that tick:
+//! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it
+//! (coordinated omission). So each missed tick adds one sample to each quantity that had a real
+//! value at that tick:
 //!
 //! | quantity | sample of a missed tick |
 //! |---|---|
@@ -78,8 +79,8 @@ impl Publications {
 }
 
 impl Distributions {
-    /// Creates the histograms of a robot with these numbers of joints and groups, and a tick every `period`.
-    /// Allocates everything.
+    /// Creates the histograms of a robot with these numbers of joints and groups, and a tick every
+    /// `period`. Allocates everything.
     #[must_use]
     pub fn new(joints: usize, groups: usize, period: Duration) -> Self {
         let control = || Control { latency: histogram(), cycles: [0; CONTROL_CYCLES] };
@@ -121,8 +122,8 @@ impl Distributions {
         self.dropped_before = dropped;
     }
 
-    /// Records the measurements of a cycle. Does not allocate; bounded by joints, groups and IMUs, and after a stall by
-    /// the ticks of 10 s.
+    /// Records the measurements of a cycle. Does not allocate; bounded by joints, groups and IMUs,
+    /// and after a stall by the ticks of 10 s.
     pub fn record(&mut self, record: &Record) {
         self.totals.cycles += 1;
         self.totals.overruns += record.missed_ticks;
@@ -156,12 +157,13 @@ impl Distributions {
         self.delivery.saturating_record(delivery_ns);
     }
 
-    /// The cycle belongs to the last tick that passed. The ticks before it, from the one that it slept for, were
-    /// missed.
+    /// The cycle belongs to the last tick that passed. The ticks before it, from the one that it
+    /// slept for, were missed.
     fn record_wake(&mut self, record: &Record) {
         let period = nanos(self.period);
         let late_by = |ticks: u64| record.wake_latency_ns.saturating_sub(ticks.saturating_mul(period));
-        // The first `beyond` of these ticks are late by more than the range: one call records them all.
+        // The first `beyond` of these ticks are late by more than the range: one call records them
+        // all.
         let beyond = record.wake_latency_ns.saturating_sub(LATENCY_MAX_NS) / period.max(1);
         let beyond = beyond.min(record.missed_ticks);
         record_beyond(&mut self.wake, beyond);
@@ -196,8 +198,8 @@ impl Distributions {
         self.publications.take(record.cycle, begun(record) + Duration::from_nanos(record.cycle_ns));
     }
 
-    /// Returns counters and percentiles, without the groups' history. `dropped` samples were lost since the daemon
-    /// started.
+    /// Returns counters and percentiles, without the groups' history. `dropped` samples were lost
+    /// since the daemon started.
     #[must_use]
     pub fn telemetry(&self, dropped: u64) -> Telemetry {
         let ran = self.first.map_or(Duration::ZERO, |first| self.last.since(first) + self.period);
@@ -241,8 +243,8 @@ impl Distributions {
         encoded::page(from, self.totals.resets, robot.chain(groups).chain(imus).chain(joints))
     }
 
-    /// The histograms of the whole robot, by the members of [`Telemetry`] without their unit. Reply and control
-    /// latencies are the sums of those of joints and groups.
+    /// The histograms of the whole robot, by the members of [`Telemetry`] without their unit. Reply
+    /// and control latencies are the sums of those of joints and groups.
     pub(crate) const fn robot(&self) -> [(&'static str, &Histogram<u64>); 7] {
         [
             ("wake_latency", &self.wake),
@@ -290,7 +292,8 @@ fn begun(record: &Record) -> Instant {
     record.scheduled + Duration::from_nanos(record.wake_latency_ns)
 }
 
-/// Records `count` values beyond the range. For a count of zero the library would still raise its largest value.
+/// Records `count` values beyond the range. For a count of zero the library would still raise its
+/// largest value.
 fn record_beyond(values: &mut Histogram<u64>, count: u64) {
     if count > 0 {
         values.saturating_record_n(LATENCY_MAX_NS, count);
@@ -315,7 +318,8 @@ mod tests {
 
     const PERIOD: Duration = Duration::from_millis(1);
 
-    /// The cycle begins with its tick and publishes 700 µs later; the first group begins to use an answer to `answered`.
+    /// The cycle begins with its tick and publishes 700 µs later; the first group begins to use an
+    /// answer to `answered`.
     fn record(cycle: u64, answered: u64) -> Record {
         let mut answered_cycle = [0; GROUPS_MAX];
         answered_cycle[0] = answered;
@@ -354,7 +358,8 @@ mod tests {
     #[test]
     fn control_latency_spans_states_to_answering_cycle() {
         let mut distributions = Distributions::new(1, 2, PERIOD);
-        // In time, one cycle late, without a new setpoint, after a record was lost, and from another age.
+        // In time, one cycle late, without a new setpoint, after a record was lost, and from
+        // another age.
         for (cycle, answered) in [(1, 0), (2, 1), (3, 1), (4, 0), (6, 5), (100, 1)] {
             distributions.record(&record(cycle, answered));
         }
@@ -371,7 +376,8 @@ mod tests {
     fn missed_ticks_count_as_late_until_next_cycle() {
         let mut distributions = Distributions::new(1, 1, PERIOD);
         distributions.record(&Record { wake_latency_ns: 40_000, ..record(1, 0) });
-        // The thread sleeps for tick 2 and begins 3.25 ms after it: ticks 2, 3 and 4 are missed, and the cycle is that of tick 5.
+        // The thread sleeps for tick 2 and begins 3.25 ms after it: ticks 2, 3 and 4 are missed,
+        // and the cycle is that of tick 5.
         let stalled = Record { cycle: 5, wake_latency_ns: 3_250_000, missed_ticks: 3, ..record(2, 0) };
         distributions.record(&stalled);
         let samples: Vec<u64> =

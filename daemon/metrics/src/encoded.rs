@@ -16,8 +16,8 @@ const HISTOGRAM_OVERHEAD: usize = 64;
 /// Longest text of a histogram: what the longest name leaves.
 const ENCODED_MAX: usize = ANSWER_BYTES_MAX - 1024;
 
-/// Returns the histograms from number `from` on, as many as fit, and at least one if there is one. `all` are at most
-/// `HISTOGRAMS_MAX`.
+/// Returns the histograms from number `from` on, as many as fit, and at least one if there is one.
+/// `all` are at most `HISTOGRAMS_MAX`.
 pub(crate) fn page<'a>(
     from: usize,
     resets: u64,
@@ -37,7 +37,8 @@ pub(crate) fn page<'a>(
     page
 }
 
-/// A histogram whose text is too long for an answer has two significant digits in it: 3 600 counts of at most nine bytes.
+/// A histogram whose text is too long for an answer has two significant digits in it: 3 600 counts
+/// of at most nine bytes.
 fn encode(histogram: &Histogram<u64>) -> String {
     let fine = text(histogram);
     if fine.len() <= ENCODED_MAX {

@@ -60,7 +60,8 @@ impl Metrics {
         }
     }
 
-    /// Returns all metrics as text. `state` is a recent one; `dropped` samples were lost since the start.
+    /// Returns all metrics as text. `state` is a recent one; `dropped` samples were lost since the
+    /// start.
     #[must_use]
     pub fn text(&self, distributions: &Distributions, state: &StateMessage, dropped: u64) -> String {
         let mut families = self.latencies(distributions);
@@ -269,8 +270,8 @@ fn histograms<'a>(
     family(name, help, MetricType::HISTOGRAM, samples.into_iter().map(metric))
 }
 
-/// Returns the values in buckets, s. A value within 0.1 % of a bound may count on its other side, because a
-/// histogram has three significant digits; within 1 % where it has two.
+/// Returns the values in buckets, s. A value within 0.1 % of a bound may count on its other side,
+/// because a histogram has three significant digits; within 1 % where it has two.
 fn buckets(values: &Distribution<u64>) -> Histogram {
     let mut buckets = Vec::with_capacity(BOUNDS_NS.len());
     let mut recorded = values.iter_recorded().peekable();

@@ -9,8 +9,8 @@ use std::time::Duration;
 /// Period of the file. Prometheus usually scrapes every 15 s.
 const PERIOD: Duration = Duration::from_secs(5);
 
-/// Writes the newest text to `file` once per period. A file that cannot be written is logged once, until it can be
-/// written again.
+/// Writes the newest text to `file` once per period. A file that cannot be written is logged once,
+/// until it can be written again.
 pub(crate) fn run(file: &Path, latest: &Latest) {
     let mut failed = false;
     loop {
@@ -31,8 +31,8 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
     }
 }
 
-/// Replaces `file` atomically: a reader reads the old text or the new one. Follows no link that another user created under
-/// the temporary name.
+/// Replaces `file` atomically: a reader reads the old text or the new one. Follows no link that
+/// another user created under the temporary name.
 fn replace(file: &Path, text: &[u8]) -> io::Result<()> {
     // The collector reads names that end with .prom only.
     let temporary = file.with_extension("prom.new");

@@ -31,10 +31,10 @@ pub fn deaths(slots: usize) -> Result<(Watched, Deaths), Errno> {
 }
 
 impl Watched {
-    /// Watches the process `pid` of this process namespace, in slot `slot`, and reports its death as `key`.
-    /// Replaces the watch that the slot had. Returns true when there is no such process. Reports nothing
-    /// where no watch is possible: `pid` is no process id, Linux is older than 5.3, or no descriptors are
-    /// left. Three system calls, none of which blocks.
+    /// Watches the process `pid` of this process namespace, in slot `slot`, and reports its death
+    /// as `key`. Replaces the watch that the slot had. Returns true when there is no such process.
+    /// Reports nothing where no watch is possible: `pid` is no process id, Linux is older than 5.3,
+    /// or no descriptors are left. Three system calls, none of which blocks.
     pub fn watch(&mut self, slot: usize, pid: u32, key: u64) -> bool {
         self.forget(slot);
         let (Some(slot), Some(pid)) =
@@ -62,7 +62,8 @@ impl Watched {
 }
 
 impl Deaths {
-    /// Returns the key of the next process that exited, each once. Waits at most `time`; one system call.
+    /// Returns the key of the next process that exited, each once. Waits at most `time`; one system
+    /// call.
     #[must_use]
     pub fn next(&self, time: Duration) -> Option<u64> {
         let mut events = [EpollEvent::empty()];

@@ -1,7 +1,7 @@
 //! The reasons why the kernel refuses `SCHED_FIFO`, and the command that changes that.
 //!
-//! The kernel answers `EPERM` for each of: no right to the priority, a control group without real-time time, a filter of
-//! system calls. The reason is in files of `/proc` and `/sys`.
+//! The kernel answers `EPERM` for each of: no right to the priority, a control group without
+//! real-time time, a filter of system calls. The reason is in files of `/proc` and `/sys`.
 
 use std::fmt;
 
@@ -76,8 +76,9 @@ pub enum Denial {
 }
 
 impl Facts {
-    /// Reads the facts of `process`, a name in `/proc`. `read` returns the text of a file by its path without the first
-    /// slash; a file that it cannot read counts as missing. Not for the real-time path.
+    /// Reads the facts of `process`, a name in `/proc`. `read` returns the text of a file by its
+    /// path without the first slash; a file that it cannot read counts as missing. Not for the
+    /// real-time path.
     pub fn read(process: &str, read: impl Fn(&str) -> Option<String>) -> Self {
         let status = read(&format!("proc/{process}/status")).unwrap_or_default();
         let field = |name: &str, index: usize| {
@@ -95,8 +96,8 @@ impl Facts {
         }
     }
 
-    /// Returns the reason why `priority` is refused, or would be. `None` where the facts allow it. A filter counts only if
-    /// the priority `was_refused`: most filters allow it.
+    /// Returns the reason why `priority` is refused, or would be. `None` where the facts allow it.
+    /// A filter counts only if the priority `was_refused`: most filters allow it.
     #[must_use]
     pub fn denial(&self, priority: u8, was_refused: bool) -> Option<Denial> {
         if !self.may_nice && self.limit < u64::from(priority) {
@@ -150,7 +151,8 @@ impl Group {
     }
 }
 
-/// Returns whether the kernel divides real-time time by control groups; `None` where its configuration is not readable.
+/// Returns whether the kernel divides real-time time by control groups; `None` where its
+/// configuration is not readable.
 fn divides(read: impl Fn(&str) -> Option<String>) -> Option<bool> {
     let command_line = read("proc/cmdline").unwrap_or_default();
     if command_line.split_whitespace().any(|word| word == "rt_group_sched=0") {

@@ -19,8 +19,8 @@ pub struct TooFewDescriptors {
     pub limit: u64,
 }
 
-/// Raises the limit of open files as far as permitted, so that the last client gets descriptors too.
-/// Returns the limit.
+/// Raises the limit of open files as far as permitted, so that the last client gets descriptors
+/// too. Returns the limit.
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! Real-time scheduling and locked memory for a thread, file descriptors, other processes and their deaths,
-//! and systemd.
+//! Real-time scheduling and locked memory for a thread, file descriptors, other processes and their
+//! deaths, and systemd.
 
 pub mod deaths;
 pub mod denial;
@@ -102,8 +102,8 @@ fn why_refused(priority: u8) -> String {
     format!("The reason: {denial}. The remedy: {}", denial.remedy())
 }
 
-/// Locks all present and future memory of the process. Fails with `ENOMEM` where the limit would make later
-/// allocations fail.
+/// Locks all present and future memory of the process. Fails with `ENOMEM` where the limit would
+/// make later allocations fail.
 #[must_use]
 pub fn lock_memory() -> Step {
     let enough = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft >= MEMLOCK_LEAST);
@@ -141,8 +141,8 @@ pub fn forbid_deep_sleep() -> (Step, Option<File>) {
     (step, opened.ok())
 }
 
-/// Makes timers of this thread fire when they are due, not up to 50 µs later. Has an effect only without
-/// `SCHED_FIFO`.
+/// Makes timers of this thread fire when they are due, not up to 50 µs later. Has an effect only
+/// without `SCHED_FIFO`.
 #[must_use]
 pub fn tighten_timers() -> Step {
     Step {

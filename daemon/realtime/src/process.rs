@@ -2,8 +2,8 @@
 
 pub use crate::kernel::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
 
-/// Returns the name of the program that process `pid` runs: its first 15 bytes, as `comm` of proc(5). A process
-/// may choose any name. Reads a file of the kernel, which does not block.
+/// Returns the name of the program that process `pid` runs: its first 15 bytes, as `comm` of
+/// proc(5). A process may choose any name. Reads a file of the kernel, which does not block.
 #[must_use]
 pub fn program(pid: u32) -> Option<String> {
     let name = std::fs::read(format!("/proc/{pid}/comm")).ok()?;

@@ -1,4 +1,5 @@
-//! Messages to systemd (`sd_notify(3)`). They have no effect where systemd does not run this process.
+//! Messages to systemd (`sd_notify(3)`). They have no effect where systemd does not run this
+//! process.
 
 use core::time::Duration;
 use sd_notify::NotifyState;
@@ -22,8 +23,8 @@ pub fn feed_watchdog() {
     send(&[NotifyState::Watchdog]);
 }
 
-/// Reports that the process stops its motors and then ends. Requests `damp` plus `STOP_MARGIN` for that, which
-/// may be longer than `TimeoutStopSec=` of the unit.
+/// Reports that the process stops its motors and then ends. Requests `damp` plus `STOP_MARGIN` for
+/// that, which may be longer than `TimeoutStopSec=` of the unit.
 pub fn stopping(damp: Duration) {
     let micros = u32::try_from((damp + STOP_MARGIN).as_micros()).unwrap_or(u32::MAX);
     let time = NotifyState::ExtendTimeoutUsec(micros);

@@ -7,7 +7,8 @@ use motord_bus::{Adapter, Bus, BusLock, Identity};
 use motord_settings::settings::{BusSettings, Settings};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// The locks of all buses, shared by the cycle, which holds them until the motors are stopped, and the reconnector.
+/// The locks of all buses, shared by the cycle, which holds them until the motors are stopped, and
+/// the reconnector.
 pub type SharedClaims = Arc<Mutex<Claims>>;
 
 /// The claim of each bus, by index; `None` for a simulated one.
@@ -33,7 +34,8 @@ impl Claim {
         self.notes = notes.to_vec();
     }
 
-    /// Returns the interface or device that has the name of the bus now, with its adapter; `None` without one.
+    /// Returns the interface or device that has the name of the bus now, with its adapter; `None`
+    /// without one.
     ///
     /// # Errors
     ///
@@ -62,8 +64,8 @@ impl Claims {
         self.reopen(settings, index)
     }
 
-    /// Opens a bus, after locking what has its name now. The adapter must be the one that was opened first: the kernel may
-    /// give its name to another when several return.
+    /// Opens a bus, after locking what has its name now. The adapter must be the one that was
+    /// opened first: the kernel may give its name to another when several return.
     ///
     /// # Errors
     ///
@@ -73,7 +75,8 @@ impl Claims {
             return open_one(settings, index).map(|opened| opened.bus);
         };
         let bus = &settings.buses[index];
-        // Before it is locked: what has the name of this bus now may be another bus, whose lock it must not take.
+        // Before it is locked: what has the name of this bus now may be another bus, whose lock it
+        // must not take.
         let expected = claim.expected(bus).inspect_err(|_| claim.lock.leave())?;
         claim.lock.follow().map_err(|source| BusError::of(bus, source))?;
         let Some((identity, adapter)) = expected else { return Err(absent(settings, index)) };

@@ -45,12 +45,13 @@ pub enum FaultLineError {
     Unanswered(Duration),
 }
 
-/// Reads a line such as `fl-knee delayed 2ms` or `fl-knee fault over-voltage`, whose target is of `settings`. Of the vendor's
-/// faults the name stands for the number.
+/// Reads a line such as `fl-knee delayed 2ms` or `fl-knee fault over-voltage`, whose target is of
+/// `settings`. Of the vendor's faults the name stands for the number.
 ///
 /// # Errors
 ///
-/// All but [`FaultLineError::Inject`] and [`FaultLineError::Unanswered`]. An unknown name is answered by the one most like it.
+/// All but [`FaultLineError::Inject`] and [`FaultLineError::Unanswered`]. An unknown name is
+/// answered by the one most like it.
 pub fn read(line: &str, settings: &Settings) -> Result<FaultVerb, FaultLineError> {
     let words: Vec<&str> = line.split_whitespace().collect();
     if let Some(target) = words.first() {
@@ -83,7 +84,8 @@ fn check_target(target: &str, settings: &Settings) -> Result<(), FaultLineError>
     Err(FaultLineError::Target { target: target.to_owned(), suggestion })
 }
 
-/// The number that the vendor of `motor` gives the fault `name`. For a bus, which has no such fault, it is 0.
+/// The number that the vendor of `motor` gives the fault `name`. For a bus, which has no such
+/// fault, it is 0.
 fn vendor_number(motor: &str, name: &str, settings: &Settings) -> Result<u32, FaultLineError> {
     let Some(found) = settings.motors.iter().find(|other| other.name == motor) else { return Ok(0) };
     let mut known = Vec::new();

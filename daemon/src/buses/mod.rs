@@ -45,8 +45,8 @@ pub enum PlantedError {
     Plant(#[from] PlantError),
 }
 
-/// Makes every bus and IMU of `settings` a simulated one, whose joints the plant on the socket at `path` moves. Blocks until the
-/// plant has answered, at most 2 minutes.
+/// Makes every bus and IMU of `settings` a simulated one, whose joints the plant on the socket at
+/// `path` moves. Blocks until the plant has answered, at most 2 minutes.
 ///
 /// # Errors
 /// The robot has a serial line, or there is no plant that takes it.

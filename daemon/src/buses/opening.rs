@@ -48,7 +48,8 @@ impl BusError {
         if let Self::Open { source, .. } = self { Some(source.cause()) } else { None }
     }
 
-    /// Returns `true` when the interface or port may come by itself, such as when an adapter is plugged in.
+    /// Returns `true` when the interface or port may come by itself, such as when an adapter is
+    /// plugged in.
     #[must_use]
     pub fn may_pass(&self) -> bool {
         matches!(self, Self::Exchanged { .. }) || self.cause() == Some(Cause::Absent)
@@ -61,7 +62,8 @@ impl BusError {
     }
 }
 
-/// Opens one bus, for the first time or again. A serial port must be closed before it is opened again.
+/// Opens one bus, for the first time or again. A serial port must be closed before it is opened
+/// again.
 ///
 /// # Errors
 ///
@@ -84,7 +86,8 @@ pub(super) fn open_expected(
     .map_err(|source| BusError::of(bus, source))
 }
 
-/// The nodes of the bus with this index. A request on a line is given up a while before the plan has the next one sent. Allocates.
+/// The nodes of the bus with this index. A request on a line is given up a while before the plan
+/// has the next one sent. Allocates.
 #[must_use]
 pub fn nodes(settings: &Settings, index: usize) -> Nodes {
     let reply_timeout = BusPlan::of(settings)[index].transaction_worst * 3 / 4;

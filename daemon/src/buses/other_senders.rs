@@ -1,10 +1,11 @@
 //! Listens for another sender of commands before the daemon sends its first frame.
 //!
-//! The lock of a bus holds within a network namespace. Another daemon may command the same motors from another namespace, over `vxcan`
-//! or a gateway, or from another computer. It sends a frame to each motor in every cycle.
+//! The lock of a bus holds within a network namespace. Another daemon may command the same motors
+//! from another namespace, over `vxcan` or a gateway, or from another computer. It sends a frame to
+//! each motor in every cycle.
 //!
-//! A daemon that died leaves a few frames in the queues, and its dead man's switch damps and stops its motors. The new daemon waits
-//! until that is over.
+//! A daemon that died leaves a few frames in the queues, and its dead man's switch damps and stops
+//! its motors. The new daemon waits until that is over.
 
 use motord_bus::transport::Hardware;
 use motord_bus::{Bus, Clock, Content, Duration, Frame, IdFilter, Inbox, Instant, Readiness};
@@ -64,10 +65,12 @@ struct Monitor<'a> {
     last: Frame,
 }
 
-/// Returns when no other sender commands a motor of `settings` on the buses that show other senders, or soon after `is_ended` returns
-/// true. Blocks for 0.3 s, or at most 1.1 s longer than damping takes while safe frames arrive. Asks `is_ended` every 0.1 s.
+/// Returns when no other sender commands a motor of `settings` on the buses that show other
+/// senders, or soon after `is_ended` returns true. Blocks for 0.3 s, or at most 1.1 s longer than
+/// damping takes while safe frames arrive. Asks `is_ended` every 0.1 s.
 ///
-/// An excluded motor may have another sender. Without `stop-on-foreign-master` every motor may, and the log names that sender.
+/// An excluded motor may have another sender. Without `stop-on-foreign-master` every motor may, and
+/// the log names that sender.
 ///
 /// # Errors
 ///
@@ -185,8 +188,8 @@ impl<'a> Monitor<'a> {
         self.windows.iter().map(|window| window.commands).sum()
     }
 
-    /// Returns whether a sender, perhaps a dead man's switch, sent to its motors in the last windows. Beside a sender that is tolerated
-    /// only a switch counts.
+    /// Returns whether a sender, perhaps a dead man's switch, sent to its motors in the last
+    /// windows. Beside a sender that is tolerated only a switch counts.
     fn is_used(&self) -> bool {
         let tolerated = if self.is_tolerant { self.commands() } else { 0 };
         self.frames() - tolerated >= FRAMES_MIN
@@ -298,8 +301,8 @@ mod tests {
         assert!(after <= 3500 * MILLI, "{after:?}");
     }
 
-    /// Goal: a daemon that died, and its switch, keep no successor away. Method: the frames of its queue; then its switch damps for
-    /// 2 s.
+    /// Goal: a daemon that died, and its switch, keep no successor away. Method: the frames of its
+    /// queue; then its switch damps for 2 s.
     #[test]
     fn dead_daemon_and_its_switch_are_waited_for() {
         let BusFrames { damp, stop } = BusFrames::of(&settings(), 0);
@@ -341,7 +344,8 @@ mod tests {
         }
     }
 
-    /// Goal: the setting cuts no damping short. Method: a device chatters while a switch damps for 2 s.
+    /// Goal: the setting cuts no damping short. Method: a device chatters while a switch damps for
+    /// 2 s.
     #[test]
     fn switch_beside_tolerated_sender_is_waited_for() {
         let damp = BusFrames::of(&settings(), 0).damp[0][0];

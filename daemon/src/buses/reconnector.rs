@@ -8,11 +8,12 @@
 //!
 //! A bus that is back has stopped motors: opening it enables nothing.
 //!
-//! A serial port is closed before it is opened again: it is locked, and while it is open, the kernel gives another name to the
-//! adapter that is plugged in again. The cycle gets an `Unplugged` bus for it meanwhile. It also gets one while another adapter
-//! has the name of the bus.
+//! A serial port is closed before it is opened again: it is locked, and while it is open, the
+//! kernel gives another name to the adapter that is plugged in again. The cycle gets an `Unplugged`
+//! bus for it meanwhile. It also gets one while another adapter has the name of the bus.
 //!
-//! A simulated bus is never opened again: it comes back by itself when its fault ends, with the same motors.
+//! A simulated bus is never opened again: it comes back by itself when its fault ends, with the
+//! same motors.
 
 use crate::buses::claims::Claims;
 use crate::buses::opening::BusError;
@@ -77,14 +78,15 @@ pub struct Reconnector {
 }
 
 impl Reconnector {
-    /// A reconnector that hands opened buses to `supply`, and locks each in `claims` before it is opened.
+    /// A reconnector that hands opened buses to `supply`, and locks each in `claims` before it is
+    /// opened.
     #[must_use]
     pub const fn new(supply: Supply, claims: Weak<Mutex<Claims>>) -> Self {
         Self { supply, claims, failures: BTreeMap::new(), exchanged: BTreeSet::new() }
     }
 
-    /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that cannot be opened is tried
-    /// again after 1, 2, 4, then every 8 s.
+    /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that
+    /// cannot be opened is tried again after 1, 2, 4, then every 8 s.
     pub fn run(&mut self, settings: &Settings, broken: &Receiver<usize>, stop: impl Fn() -> bool) {
         let mut waiting: Vec<usize> = Vec::new();
         let (mut back_off, mut wait) = (BackOff(BACK_OFF), BACK_OFF);
@@ -135,7 +137,8 @@ impl Reconnector {
         }
     }
 
-    /// Logs a failure that is another one than before. The state shows whether the adapter is missing or exchanged.
+    /// Logs a failure that is another one than before. The state shows whether the adapter is
+    /// missing or exchanged.
     fn fail(&mut self, index: usize, error: &BusError) {
         let failure = error.to_string();
         if self.failures.get(&index) == Some(&failure) {

@@ -50,11 +50,12 @@ impl BusWatch {
         self.recorded.push((bus, condition));
     }
 
-    /// Reports the buses that are gone, and those whose interfaces were down and are up again: they may have another bit rate,
-    /// or be in listen-only mode, which opening them checks. The kernel also announces what happened between two frames, which
-    /// the cycle did not notice.
+    /// Reports the buses that are gone, and those whose interfaces were down and are up again: they
+    /// may have another bit rate, or be in listen-only mode, which opening them checks. The kernel
+    /// also announces what happened between two frames, which the cycle did not notice.
     pub fn turn(&mut self) {
-        // Whatever was announced before a condition is taken in before it: motord itself takes down an interface that it sets up.
+        // Whatever was announced before a condition is taken in before it: motord itself takes down
+        // an interface that it sets up.
         let announced = self.announced();
         let mut reports: BTreeSet<usize> =
             announced.into_iter().filter_map(|(bus, up)| self.announce(bus, up)).collect();
@@ -81,7 +82,8 @@ impl BusWatch {
             .collect()
     }
 
-    /// Returns a bus whose interface was down and is up again. While the cycle does not use it, the reconnector does.
+    /// Returns a bus whose interface was down and is up again. While the cycle does not use it, the
+    /// reconnector does.
     fn announce(&mut self, bus: usize, up: bool) -> Option<usize> {
         use BusCondition::{Active, Passive, Warning};
         let was_down = self.announced_down.remove(&bus);
@@ -112,7 +114,8 @@ impl BusWatch {
         None
     }
 
-    /// Reports the buses that are still off. A controller that left its bus returns by itself where `restart-ms` is set.
+    /// Reports the buses that are still off. A controller that left its bus returns by itself where
+    /// `restart-ms` is set.
     pub fn report_off(&mut self) {
         std::mem::take(&mut self.off).into_iter().for_each(|bus| self.report(bus));
     }

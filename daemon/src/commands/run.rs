@@ -1,4 +1,5 @@
-//! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
+//! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the
+//! robot is damped first.
 
 use crate::arming;
 use crate::buses::other_senders::{self, Listened};
@@ -95,7 +96,8 @@ fn drive(
     daemon.end()
 }
 
-/// Feeds the watchdog and handles signals until the daemon has ended. Calls `ready` once the first state is published.
+/// Feeds the watchdog and handles signals until the daemon has ended. Calls `ready` once the first
+/// state is published.
 fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration, ready: impl Fn()) {
     let mut watchdog = Watchdog::new();
     let mut is_ready = false;
@@ -113,7 +115,8 @@ fn serve(daemon: &Daemon, signals: &mut SignalsInfo<WithOrigin>, damp: Duration,
     }
 }
 
-/// Opens the buses. For at most `bus_timeout`, waits for those that are missing or down, and reports each once.
+/// Opens the buses. For at most `bus_timeout`, waits for those that are missing or down, and
+/// reports each once.
 fn await_buses(settings: &Settings, bus_timeout: Duration) -> Result<Buses, BusError> {
     let end = clock::monotonic() + bus_timeout;
     let mut reported = String::new();

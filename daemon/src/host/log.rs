@@ -1,15 +1,16 @@
 //! The log: a thread of its own writes the lines to standard error.
 //!
-//! No other thread waits for the reader of the log. A pipe that is not read, a terminal that is held, or a slow disk would
-//! block the thread that feeds the watchdog of systemd, or the one that ends the process. A line that does not fit into the
-//! queue is dropped and counted.
+//! No other thread waits for the reader of the log. A pipe that is not read, a terminal that is
+//! held, or a slow disk would block the thread that feeds the watchdog of systemd, or the one that
+//! ends the process. A line that does not fit into the queue is dropped and counted.
 //!
-//! Where the journal of systemd reads, each line begins with its priority, as in `<3>` (`sd-daemon(3)`), and bears no time: the
-//! journal has its own. `journalctl -p err` then shows the errors.
+//! Where the journal of systemd reads, each line begins with its priority, as in `<3>`
+//! (`sd-daemon(3)`), and bears no time: the journal has its own. `journalctl -p err` then shows the
+//! errors.
 //!
-//! `tracing-appender` 0.2 does not serve: when the queue is full at the end of the process, its guard prints to standard
-//! output, which can block for ever and panics when it is closed; it writes nothing about dropped lines; and it panics when
-//! there can be no more threads.
+//! `tracing-appender` 0.2 does not serve: when the queue is full at the end of the process, its
+//! guard prints to standard output, which can block for ever and panics when it is closed; it
+//! writes nothing about dropped lines; and it panics when there can be no more threads.
 
 use motord_terminal::printable;
 use std::borrow::Cow;
@@ -26,7 +27,8 @@ use tracing_subscriber::fmt::MakeWriter;
 
 /// The most lines in the queue.
 const LINES_MAX: usize = 1024;
-/// The thread only writes lines. The memory of the process is locked, so every byte of its stack is resident.
+/// The thread only writes lines. The memory of the process is locked, so every byte of its stack is
+/// resident.
 const STACK_BYTES: usize = 128 * 1024;
 /// The most time that the end of the process waits for the reader.
 const FLUSH_TIME: Duration = Duration::from_millis(500);
@@ -90,8 +92,8 @@ impl Log {
         }
     }
 
-    /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not wait
-    /// for the writing.
+    /// Writes the messages of panics from now on. The cycle damps its motors after the message of
+    /// its panic, and must not wait for the writing.
     pub fn capture_panics(&self) {
         let log = self.clone();
         std::panic::set_hook(Box::new(move |panic| {
@@ -148,7 +150,8 @@ impl Write for Lines {
     }
 }
 
-/// Returns true if standard error is the stream of systemd's journal, whose device and inode are in the environment.
+/// Returns true if standard error is the stream of systemd's journal, whose device and inode are in
+/// the environment.
 fn is_read_by_journal() -> bool {
     let stream = std::env::var("JOURNAL_STREAM").ok();
     let device_and_inode = std::fs::metadata("/proc/self/fd/2").ok();
@@ -156,8 +159,8 @@ fn is_read_by_journal() -> bool {
     stream.is_some() && stream == named
 }
 
-/// Spells out what [`printable`] does, without the escapes of colours. `tracing_subscriber` has spelled out the escapes
-/// in the values.
+/// Spells out what [`printable`] does, without the escapes of colours. `tracing_subscriber` has
+/// spelled out the escapes in the values.
 fn except_colours(text: &str) -> String {
     const ESCAPE: char = '\u{1b}';
     text.split_inclusive(ESCAPE)
@@ -180,7 +183,8 @@ fn with_priority(level: Level, text: &[u8]) -> Vec<u8> {
     lines.flat_map(|line| [priority.as_bytes(), line].concat()).collect()
 }
 
-/// Writes lines until the last sender is gone. A line that cannot be written is lost: there is no place to report it.
+/// Writes lines until the last sender is gone. A line that cannot be written is lost: there is no
+/// place to report it.
 fn write(mut out: impl Write, messages: &Receiver<Message>, dropped: &AtomicU64) {
     for message in messages {
         match message {

@@ -1,7 +1,9 @@
-//! Panics on request, for the tests of what follows a panic: the feature `panic-on-request`, which no package has.
+//! Panics on request, for the tests of what follows a panic: the feature `panic-on-request`, which
+//! no package has.
 //!
-//! The real-time signals `SIGRTMIN`, `SIGRTMIN + 1` and so on ask the threads of [`THREADS`] in their order. The thread of the
-//! log is not among them: without it there is no log, and nothing else changes.
+//! The real-time signals `SIGRTMIN`, `SIGRTMIN + 1` and so on ask the threads of [`THREADS`] in
+//! their order. The thread of the log is not among them: without it there is no log, and nothing
+//! else changes.
 
 use signal_hook::flag::register_usize;
 use std::io;
@@ -37,8 +39,8 @@ pub(crate) fn register_requests() -> io::Result<()> {
     Ok(())
 }
 
-/// Panics once if the calling thread was asked to. Writes the time to standard error, in seconds since 1970, and not to the
-/// log, which may end before all of its lines are written.
+/// Panics once if the calling thread was asked to. Writes the time to standard error, in seconds
+/// since 1970, and not to the log, which may end before all of its lines are written.
 pub(crate) fn panic_if_asked() {
     let asked = ASKED.load(Ordering::Relaxed);
     let Some(thread) = asked.checked_sub(1).map(|index| THREADS[index]) else { return };

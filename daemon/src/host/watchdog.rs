@@ -20,8 +20,8 @@ impl Watchdog {
         Self { fed: clock::monotonic(), cycle: 0 }
     }
 
-    /// Feeds it once a second while `cycle`, the number of the newest cycle, moves: a watchdog that is fed by a thread of its own proves
-    /// nothing.
+    /// Feeds it once a second while `cycle`, the number of the newest cycle, moves: a watchdog that
+    /// is fed by a thread of its own proves nothing.
     pub fn feed(&mut self, cycle: u64) {
         let now = clock::monotonic();
         if now.since(self.fed) < PERIOD {

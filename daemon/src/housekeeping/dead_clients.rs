@@ -5,10 +5,11 @@ use motord_ports::Housekeeper;
 use motord_ports::instance::InstanceLock;
 use std::time::SystemTime;
 
-/// Period of the checks whether a client has connected or left: one that is started again and again must find a slot.
+/// Period of the checks whether a client has connected or left: one that is started again and again
+/// must find a slot.
 const CHECK: Duration = Duration::from_millis(250);
-/// Longest time without a cleaning: a connected client waits at most this long for the slot of a dead one. Each cleaning opens files
-/// and allocates thousands of times.
+/// Longest time without a cleaning: a connected client waits at most this long for the slot of a
+/// dead one. Each cleaning opens files and allocates thousands of times.
 const SWEEP: Duration = Duration::from_secs(2);
 
 /// Removes dead clients and their files.
@@ -22,7 +23,8 @@ pub struct DeadClients {
 }
 
 impl DeadClients {
-    /// Registers this process as the one that cleans up the instance of `lock`. A refusal is logged.
+    /// Registers this process as the one that cleans up the instance of `lock`. A refusal is
+    /// logged.
     #[must_use]
     pub fn open(lock: &InstanceLock) -> Self {
         let housekeeper = Housekeeper::open(lock);
@@ -33,8 +35,8 @@ impl DeadClients {
         Self { housekeeper, changed: None, checked: Instant::ZERO, cleaned: Instant::ZERO }
     }
 
-    /// Cleans up when a client has connected or left since the last cleaning, or after `SWEEP`. At most one check
-    /// in `CHECK`.
+    /// Cleans up when a client has connected or left since the last cleaning, or after `SWEEP`. At
+    /// most one check in `CHECK`.
     pub fn clean(&mut self) {
         let now = clock::monotonic();
         let Some(housekeeper) = self.housekeeper.as_ref().filter(|_| now.since(self.checked) >= CHECK) else {

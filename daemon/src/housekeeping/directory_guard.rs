@@ -27,11 +27,12 @@ impl DirectoryGuard {
         Arc::clone(&self.lost)
     }
 
-    /// Checks the files: some system calls that do not block. `ends` returns whether the daemon ends; it then removes its files
-    /// itself.
+    /// Checks the files: some system calls that do not block. `ends` returns whether the daemon
+    /// ends; it then removes its files itself.
     pub fn check(&mut self, ends: impl Fn() -> bool) {
         let Some(path) = self.presence.as_ref().and_then(Presence::lost).map(Path::to_owned) else { return };
-        // Asked after the check of the files: a daemon that ends has its order before it removes them.
+        // Asked after the check of the files: a daemon that ends has its order before it removes
+        // them.
         if ends() {
             return;
         }
@@ -40,7 +41,8 @@ impl DirectoryGuard {
             "{} was removed or replaced: no new client can reach this daemon",
             path.display()
         );
-        // The cause is stored first: `lost` makes the main thread order a stop, and that order would be the cause.
+        // The cause is stored first: `lost` makes the main thread order a stop, and that order
+        // would be the cause.
         self.counters.alarms.stop(Cause::DirectoryLost);
         let _not_the_first = self.lost.set(path);
         self.presence = None;

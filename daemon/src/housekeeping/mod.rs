@@ -1,4 +1,5 @@
-//! Work that keeps a running daemon reachable. None of it is urgent; all of it runs on the telemetry thread.
+//! Work that keeps a running daemon reachable. None of it is urgent; all of it runs on the
+//! telemetry thread.
 //!
 //! | type | job |
 //! |---|---|

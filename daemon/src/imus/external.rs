@@ -72,9 +72,10 @@ impl Source {
         }
     }
 
-    /// Passes a sample that is sound, newer than the one before, and of the publisher that is used. Counts any other. Its time
-    /// of receipt is that of the measurement, so that its age contains the way from the publisher. Wait-free, and allocates nothing
-    /// but for a line of the log, whose number is limited.
+    /// Passes a sample that is sound, newer than the one before, and of the publisher that is used.
+    /// Counts any other. Its time of receipt is that of the measurement, so that its age contains
+    /// the way from the publisher. Wait-free, and allocates nothing but for a line of the log,
+    /// whose number is limited.
     fn receive(&mut self, message: &ImuMessage, now: Instant) {
         let time = Instant::from_nanos(message.time_ns);
         let used = self.used.filter(|used| now.since(used.received) <= self.lost_after);
@@ -174,7 +175,8 @@ impl ExternalImus {
         Self { sources, boot_id }
     }
 
-    /// Takes a message that arrived at `now`. Returns false when it is for no external IMU of this daemon. Bounded by IMUs.
+    /// Takes a message that arrived at `now`. Returns false when it is for no external IMU of this
+    /// daemon. Bounded by IMUs.
     pub fn receive(&mut self, message: &ImuMessage, now: Instant) -> bool {
         let index = message.imu as usize;
         let source = self.sources.iter_mut().find(|source| source.index == index);
@@ -232,7 +234,8 @@ mod tests {
         Instant::from_nanos(ms * MILLI)
     }
 
-    /// Receives the messages, each at the given ms. Returns numbers of samples used, missing and rejected.
+    /// Receives the messages, each at the given ms. Returns numbers of samples used, missing and
+    /// rejected.
     fn counts(messages: &[(ImuMessage, u64)]) -> [u64; 3] {
         let (mut imus, mut output) = external();
         messages.iter().for_each(|(message, ms)| assert!(imus.receive(message, at(*ms))));
@@ -264,7 +267,8 @@ mod tests {
         }
     }
 
-    /// The second publisher is rejected while samples of the first are used, and takes over when they end.
+    /// The second publisher is rejected while samples of the first are used, and takes over when
+    /// they end.
     #[test]
     fn one_publisher_at_a_time() {
         let (mut imus, mut output) = external();
@@ -279,7 +283,8 @@ mod tests {
         assert_eq!(publisher(&message(5, 10, 112), 112), 6);
     }
 
-    /// A sensor measures noise at rest. Angular velocity and acceleration of [`message`] are always equal.
+    /// A sensor measures noise at rest. Angular velocity and acceleration of [`message`] are always
+    /// equal.
     #[test]
     fn repeated_measurement_is_rejected_after_a_second() {
         let (mut imus, mut output) = external();

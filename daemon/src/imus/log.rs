@@ -61,7 +61,8 @@ impl ImuLog {
         tracing::warn!(imu = self.imu, see = "imu-lost", "{text}");
     }
 
-    /// Logs the text if the remark is the first of its kind since the restart. Otherwise does not call `text`.
+    /// Logs the text if the remark is the first of its kind since the restart. Otherwise does not
+    /// call `text`.
     pub(super) fn remark(&mut self, remark: Remark, text: impl FnOnce() -> String) {
         if self.is_first(remark) {
             self.warn(text());

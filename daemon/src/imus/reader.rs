@@ -10,7 +10,7 @@ pub trait Reader: Send {
     /// Returns the name of its thread, without the prefix of the daemon.
     fn thread(&self) -> &'static str;
 
-    /// Waits for samples, and passes those that have arrived. Returns after 50 ms at most, but for the time in which the kernel
-    /// opens a device, and for the rest after a hostile stream.
+    /// Waits for samples, and passes those that have arrived. Returns after 50 ms at most, but for
+    /// the time in which the kernel opens a device, and for the rest after a hostile stream.
     fn turn(&mut self);
 }

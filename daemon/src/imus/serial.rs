@@ -13,13 +13,13 @@ use nix::errno::Errno;
 
 /// Wait before a device that is not there is tried again.
 const REOPEN: Duration = Duration::from_millis(250);
-/// Bytes of one read: more than a line carries while the thread waits for a processor. Only a stream that is faster than the
-/// line can be fills it again and again.
+/// Bytes of one read: more than a line carries while the thread waits for a processor. Only a
+/// stream that is faster than the line can be fills it again and again.
 const READ_BYTES: usize = 1024;
 /// A stream that fills every read is read this many times as fast as its line can be.
 const FLOOD_FACTOR: u32 = 4;
-/// While no sample arrives, the thread pauses for this many times the time that it decoded: a hostile stream takes at most a
-/// fifth of a processor.
+/// While no sample arrives, the thread pauses for this many times the time that it decoded: a
+/// hostile stream takes at most a fifth of a processor.
 const REST_FACTOR: u32 = 4;
 /// Bytes without a sample after which the baud rate or the type is wrong.
 const NO_SAMPLE_BYTES: usize = 2000;
@@ -186,7 +186,8 @@ impl SerialImu {
         }
     }
 
-    /// Warns once of a device with another rate than the configured one: too low, its samples count as missing.
+    /// Warns once of a device with another rate than the configured one: too low, its samples count
+    /// as missing.
     fn compare_rate(&mut self, received: Instant) {
         let (since, count) = self.begun.map_or((received, 0), |(since, count)| (since, count + 1));
         self.begun = Some((since, count));

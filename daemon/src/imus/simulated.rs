@@ -9,7 +9,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use triple_buffer::Output;
 
-/// A simulated IMU and its next sample. With a plant, the IMU measures the body at the due time; the sample arrives a delay later.
+/// A simulated IMU and its next sample. With a plant, the IMU measures the body at the due time;
+/// the sample arrives a delay later.
 pub(super) struct Source {
     name: String,
     device: Imu,

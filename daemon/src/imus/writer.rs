@@ -17,8 +17,8 @@ impl Writer {
         Self { input, mount, reading: ImuReading::default() }
     }
 
-    /// Passes a sample, in the frame of the sensor, that was received at `received`. One that is not sound is counted
-    /// instead, and this returns false. Wait-free.
+    /// Passes a sample, in the frame of the sensor, that was received at `received`. One that is
+    /// not sound is counted instead, and this returns false. Wait-free.
     pub(super) fn sample(&mut self, sample: &ImuSample, received: Instant) -> bool {
         self.reading.is_connected = true;
         let sound = sample.checked();
@@ -46,7 +46,8 @@ impl Writer {
         self.input.write(self.reading);
     }
 
-    /// Passes with the next sample the publisher that it is from, and the number of its samples that were missing before.
+    /// Passes with the next sample the publisher that it is from, and the number of its samples
+    /// that were missing before.
     pub(super) const fn published(&mut self, publisher: u64, missing: u32) {
         self.reading.publisher = publisher;
         self.reading.missing = self.reading.missing.wrapping_add(missing);

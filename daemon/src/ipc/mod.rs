@@ -1,7 +1,7 @@
 //! The ipc thread: owns every iceoryx2 port, and stands between the clients and the cycle.
 //!
-//! Not real-time: iceoryx2 may allocate, and maps files when a client connects or disconnects. If this
-//! thread stalls, setpoints expire and the cycle damps the robot.
+//! Not real-time: iceoryx2 may allocate, and maps files when a client connects or disconnects. If
+//! this thread stalls, setpoints expire and the cycle damps the robot.
 
 pub mod owners;
 mod pending;
@@ -28,7 +28,8 @@ use std::sync::mpsc::Sender;
 
 /// Requests taken from clients each time the thread wakes.
 const REQUESTS_PER_WAKE: usize = 64;
-/// A thread that spins checks for requests once in this number of turns: each check delays the states for the controllers.
+/// A thread that spins checks for requests once in this number of turns: each check delays the
+/// states for the controllers.
 const TURNS_PER_REQUEST: u32 = 8;
 /// Request slots that are reserved for emergency stops.
 const STOPS: usize = ADMINS_MAX;
@@ -46,7 +47,8 @@ pub struct CycleEnd {
 }
 
 impl CycleEnd {
-    /// Divides `ends` into the clients' part, the telemetry's part, and the part of the thread that opens buses again.
+    /// Divides `ends` into the clients' part, the telemetry's part, and the part of the thread that
+    /// opens buses again.
     #[must_use]
     pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd, Supply) {
         let Ends {
@@ -89,8 +91,8 @@ pub struct IpcThread {
 }
 
 impl IpcThread {
-    /// Takes the ends of the services, the cycle and telemetry. `description` is the answer to [`Operation::Describe`]. Without
-    /// `owners`, no process of an owner is watched.
+    /// Takes the ends of the services, the cycle and telemetry. `description` is the answer to
+    /// [`Operation::Describe`]. Without `owners`, no process of an owner is watched.
     #[must_use]
     pub fn new(
         ports: DaemonPorts,
@@ -153,8 +155,8 @@ impl IpcThread {
         self.give_answers();
     }
 
-    /// Does what is urgent: publishes the states for the waiting controllers, and fetches the setpoints for the next cycle. After new
-    /// states it makes the message of the next ones ready.
+    /// Does what is urgent: publishes the states for the waiting controllers, and fetches the
+    /// setpoints for the next cycle. After new states it makes the message of the next ones ready.
     fn relay(&mut self) {
         let has_published = self.publish_states();
         self.fetch_setpoints();
@@ -192,7 +194,8 @@ impl IpcThread {
         let taken = ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
-            // Another's message would push the owner's out of the buffer, so it is counted here and goes no further.
+            // Another's message would push the owner's out of the buffer, so it is counted here and
+            // goes no further.
             if leases[lease.group()] == Some(lease) {
                 buffer.input_buffer_mut().copy_from(message);
                 buffer.publish();
@@ -252,8 +255,9 @@ impl IpcThread {
         self.count(failed);
     }
 
-    /// Takes new requests. Drops those whose requester gave up, because a client with too many requests under way can send no
-    /// further one. A dropped request counts until its answer arrives.
+    /// Takes new requests. Drops those whose requester gave up, because a client with too many
+    /// requests under way can send no further one. A dropped request counts until its answer
+    /// arrives.
     fn take_requests(&mut self) {
         self.requested.drop_unless(Request::is_awaited);
         self.questioned.drop_unless(Request::is_awaited);

@@ -1,8 +1,10 @@
-//! Watches the processes of group owners. The kernel reports an exit immediately, long before the setpoint timeout.
+//! Watches the processes of group owners. The kernel reports an exit immediately, long before the
+//! setpoint timeout.
 //!
-//! An owner in another process namespace, such as a container's, is not watched: its process id means another process here. Only
-//! its silence shows that it has ended. The process that claims is the one that is watched: a child that uses the lease of its
-//! parent loses it when the parent ends.
+//! An owner in another process namespace, such as a container's, is not watched: its process id
+//! means another process here. Only its silence shows that it has ended. The process that claims is
+//! the one that is watched: a child that uses the lease of its parent loses it when the parent
+//! ends.
 
 use core::time::Duration;
 use motord_ports::instance::pid_namespace;
@@ -31,8 +33,8 @@ pub fn owners() -> Result<(Owners, Deaths), Errno> {
 }
 
 impl Owners {
-    /// Watches the process that made the request which `lease` answers. Returns whether it has ended already. A few system
-    /// calls, none of which blocks.
+    /// Watches the process that made the request which `lease` answers. Returns whether it has
+    /// ended already. A few system calls, none of which blocks.
     pub fn watch(&mut self, lease: Lease, request: &AdminRequest) -> bool {
         if self.namespace == 0 || request.pid_namespace != self.namespace {
             self.processes.forget(lease.group());

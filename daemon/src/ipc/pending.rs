@@ -2,8 +2,8 @@
 
 /// Requests under their tickets, until their answers come.
 ///
-/// A request that was dropped is still in the queue of the other thread, so its ticket counts until it is answered. A client
-/// that sends requests and gives up cannot fill that queue.
+/// A request that was dropped is still in the queue of the other thread, so its ticket counts until
+/// it is answered. A client that sends requests and gives up cannot fill that queue.
 pub(super) struct Pending<R> {
     /// `None` where no client waits for the answer.
     requests: Vec<(u32, Option<R>)>,
@@ -30,7 +30,8 @@ impl<R> Pending<R> {
         Ok(self.next_ticket)
     }
 
-    /// Removes and returns the request with this ticket; `None` when no client waits for the answer.
+    /// Removes and returns the request with this ticket; `None` when no client waits for the
+    /// answer.
     pub(super) fn take(&mut self, ticket: u32) -> Option<R> {
         let index = self.requests.iter().position(|(pending, _)| *pending == ticket)?;
         self.requests.swap_remove(index).1

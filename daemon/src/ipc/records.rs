@@ -3,8 +3,8 @@
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::{CycleRecord, Lease, SetpointMessage, StateMessage};
 
-/// The setpoint in use is one of the last that came: the cycle takes the newest in each tick, and keeps it when a newer one has
-/// an error.
+/// The setpoint in use is one of the last that came: the cycle takes the newest in each tick, and
+/// keeps it when a newer one has an error.
 const RECENT: usize = 4;
 
 /// The last messages of a group's owner.

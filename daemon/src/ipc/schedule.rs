@@ -8,7 +8,8 @@ const SENDING: Duration = Duration::from_micros(10);
 /// An earlier fetch is at least this long before the last one. Most wake-ups are less late.
 const EARLIER_MIN: Duration = Duration::from_micros(60);
 
-/// The times of a cycle that this thread wakes for, and all that it learned of them. Nothing here allocates or blocks.
+/// The times of a cycle that this thread wakes for, and all that it learned of them. Nothing here
+/// allocates or blocks.
 pub struct Schedule {
     period: Duration,
     lead: Duration,
@@ -29,8 +30,9 @@ pub struct Schedule {
 /// The next time for which this thread wakes by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// The end of the sleep: the expected fetch or publication, minus the usual lateness of wake-ups. The thread polls for the
-    /// remaining time, so an early wake-up does not fetch too early.
+    /// The end of the sleep: the expected fetch or publication, minus the usual lateness of
+    /// wake-ups. The thread polls for the remaining time, so an early wake-up does not fetch too
+    /// early.
     pub sleeps_until: Instant,
     /// The end of the waiting.
     pub at: Instant,
@@ -39,8 +41,8 @@ pub struct Wake {
 }
 
 impl Schedule {
-    /// Before every cycle of this `period` the setpoints are fetched, by `lead`. States are polled for at most as long as
-    /// `busy_poll`; zero never polls.
+    /// Before every cycle of this `period` the setpoints are fetched, by `lead`. States are polled
+    /// for at most as long as `busy_poll`; zero never polls.
     #[must_use]
     pub fn new(period: Duration, lead: Duration, busy_poll: Duration) -> Self {
         Self {
@@ -69,8 +71,8 @@ impl Schedule {
         self.arrival.observe(sent.since(self.tick).min(self.period));
     }
 
-    /// The next fetch, or before it the publication of the next states where that is polled for. A publication ends the waiting
-    /// at any time.
+    /// The next fetch, or before it the publication of the next states where that is polled for. A
+    /// publication ends the waiting at any time.
     #[must_use]
     pub fn next(&mut self, now: Instant) -> Wake {
         let fetch = self.fetch_after(now);
@@ -96,9 +98,11 @@ impl Schedule {
         }
     }
 
-    /// Returns the next fetch. The last fetch is `lead` before a cycle, which uses the setpoints that were sent by then. An earlier
-    /// fetch follows the usual arrival of the setpoints, so that they are in time even if the thread wakes late for the last one.
-    /// While no client may send setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
+    /// Returns the next fetch. The last fetch is `lead` before a cycle, which uses the setpoints
+    /// that were sent by then. An earlier fetch follows the usual arrival of the setpoints, so that
+    /// they are in time even if the thread wakes late for the last one. While no client may send
+    /// setpoints and nothing moves, the thread wakes only for new states, or when a cycle is
+    /// missing.
     fn fetch_after(&self, now: Instant) -> Instant {
         let last = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
         let earlier = self.tick + self.arrival.latest() + SENDING;

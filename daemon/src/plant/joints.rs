@@ -4,8 +4,8 @@ use motord_bus::{Duration, Instant, clock};
 use motord_twin::Mechanics;
 use triple_buffer::{Input, Output};
 
-/// Steps after the last answer of the plant in which the joints turn on: 10 ms. A cycle that is slow or late computes more of them
-/// in a row.
+/// Steps after the last answer of the plant in which the joints turn on: 10 ms. A cycle that is
+/// slow or late computes more of them in a row.
 const STEPS_MAX: u32 = 40;
 /// The joints stand still after this time without an answer.
 const STILL: Duration = Duration::from_millis(10);
@@ -24,7 +24,8 @@ impl Push {
         Self { impulses: vec![0.0; joints], seconds: 0.0 }
     }
 
-    /// Writes the mean torques since `before` into `torques`, and this into `before`. Changes nothing when no time has passed.
+    /// Writes the mean torques since `before` into `torques`, and this into `before`. Changes
+    /// nothing when no time has passed.
     pub(super) fn mean_since(&self, before: &mut Self, torques: &mut [f64]) {
         let seconds = self.seconds - before.seconds;
         if seconds <= 0.0 {
@@ -53,7 +54,8 @@ impl Motion {
     }
 }
 
-/// The mechanics as the simulated motors see them. Between two answers of the plant a joint turns with its last velocity.
+/// The mechanics as the simulated motors see them. Between two answers of the plant a joint turns
+/// with its last velocity.
 pub(super) struct Joints {
     sum: Push,
     pushes: Input<Push>,
@@ -118,7 +120,8 @@ mod tests {
         (Joints::new(push, moved, None), pushes, motion)
     }
 
-    /// The cycle computes several steps at once; the plant gets the mean of all of them, and none twice.
+    /// The cycle computes several steps at once; the plant gets the mean of all of them, and none
+    /// twice.
     #[test]
     fn plant_gets_mean_torque_of_skipped_steps() {
         let (mut joints, mut pushes, _motion) = joints();

@@ -118,7 +118,8 @@ pub struct PlantLink {
 }
 
 impl PlantLink {
-    /// Connects to the plant on the socket at `path`, and shows it the robot. Blocks until it has answered, at most 2 minutes.
+    /// Connects to the plant on the socket at `path`, and shows it the robot. Blocks until it has
+    /// answered, at most 2 minutes.
     ///
     /// # Errors
     /// No process accepts connections there, or the plant refuses this robot.
@@ -153,7 +154,8 @@ impl PlantLink {
         self.answer.begin.clone()
     }
 
-    /// Asks for a step with these torques. Returns the body's IMU values, if the plant has an IMU. Blocks at most 2 s.
+    /// Asks for a step with these torques. Returns the body's IMU values, if the plant has an IMU.
+    /// Blocks at most 2 s.
     pub(super) fn step(
         &mut self,
         torques: &[f64],
@@ -179,7 +181,8 @@ impl PlantLink {
         Ok(imu)
     }
 
-    /// Reads the answer to a step. Blocks at most twice [`SILENCE`]: an answer that arrives in parts must be complete in that time.
+    /// Reads the answer to a step. Blocks at most twice [`SILENCE`]: an answer that arrives in
+    /// parts must be complete in that time.
     fn read_answer(&mut self) -> Result<(), PlantError> {
         let (expected, begun) = (self.incoming.len() - 1, clock::monotonic());
         let mut count = 0;
@@ -273,7 +276,8 @@ fn greet(stream: &mut UnixStream, settings: &Settings) -> Result<Answer, PlantEr
     }
 }
 
-/// Reads a line, for at most twice [`GREETING`]. The bytes after it are those of steps, and stay in the socket.
+/// Reads a line, for at most twice [`GREETING`]. The bytes after it are those of steps, and stay in
+/// the socket.
 fn line(stream: &mut UnixStream) -> io::Result<Vec<u8>> {
     let mut line = Vec::new();
     let (mut byte, begun) = ([0], clock::monotonic());

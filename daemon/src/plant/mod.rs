@@ -6,8 +6,9 @@
 //!   IMUs  ◀──body───── triple buffer ◀──
 //! ```
 //!
-//! The cycle never waits for the plant. The thread asks for a step every 250 µs; a plant that is slower than real time loses time,
-//! which is logged. A plant that ends or is silent for a second ends the daemon: the motors are damped and stopped first.
+//! The cycle never waits for the plant. The thread asks for a step every 250 µs; a plant that is
+//! slower than real time loses time, which is logged. A plant that ends or is silent for a second
+//! ends the daemon: the motors are damped and stopped first.
 
 mod joints;
 mod link;
@@ -30,7 +31,8 @@ const LATE: Duration = Duration::from_millis(20);
 const WINDOW: Duration = Duration::from_secs(10);
 /// A larger part of the time is worth a line of the log.
 const LOST_SHARE: f64 = 0.01;
-/// So much lost time is worth a line immediately: the stop that it may cause names a motor, not the plant.
+/// So much lost time is worth a line immediately: the stop that it may cause names a motor, not the
+/// plant.
 const LOST_MAX: Duration = Duration::from_millis(200);
 
 /// The thread that asks the plant for its steps.
@@ -78,8 +80,8 @@ impl Plant {
         Arc::clone(&self.ended)
     }
 
-    /// Asks for a step every 250 µs until `stop` returns true, or until the plant ends. Blocks in each step, at most 2 s.
-    /// Adds the time that the plant loses to `lost_us`, µs.
+    /// Asks for a step every 250 µs until `stop` returns true, or until the plant ends. Blocks in
+    /// each step, at most 2 s. Adds the time that the plant loses to `lost_us`, µs.
     pub fn run(mut self, lost_us: &AtomicU64, stop: impl Fn() -> bool) {
         let mut clock = Monotonic;
         let mut pace = Pace::new(clock.now());

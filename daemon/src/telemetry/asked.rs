@@ -3,8 +3,8 @@
 use motord_shared::{AdminReply, AdminRequest};
 use rtrb::{Consumer, Producer, RingBuffer};
 
-/// Most requests on their way. Further ones are not logged, so that a process that sends requests without pause fills neither
-/// memory nor log.
+/// Most requests on their way. Further ones are not logged, so that a process that sends requests
+/// without pause fills neither memory nor log.
 const ASKED_MAX: usize = 64;
 
 /// A request that was answered.

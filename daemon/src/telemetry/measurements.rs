@@ -1,4 +1,5 @@
-//! The measurements of the cycle: histograms and metrics, and the answers and texts that come from them.
+//! The measurements of the cycle: histograms and metrics, and the answers and texts that come from
+//! them.
 
 use super::questions::Answers;
 use motord_core::control::Event;

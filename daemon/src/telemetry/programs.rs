@@ -1,6 +1,7 @@
 //! The programs of the processes that sent requests.
 //!
-//! A process may have exited when the log reports its request, so its name is read while it waits for its answer.
+//! A process may have exited when the log reports its request, so its name is read while it waits
+//! for its answer.
 
 use motord_bus::{Duration, Instant, clock};
 use motord_ports::instance::pid_namespace;
@@ -14,7 +15,8 @@ const PROGRAMS_MAX: usize = 64;
 /// Least time between two reads of a process's name: a process may send requests without pause.
 const FRESH: Duration = Duration::from_secs(1);
 
-/// The last requesters and their programs. Clones share them. No call waits for another one: if the lock is taken, it skips.
+/// The last requesters and their programs. Clones share them. No call waits for another one: if the
+/// lock is taken, it skips.
 #[derive(Debug, Clone, Default)]
 pub struct Programs(Arc<Mutex<VecDeque<Requester>>>);
 
@@ -27,13 +29,14 @@ struct Requester {
 }
 
 impl Programs {
-    /// Remembers the program of process `pid` of this namespace, which waits for an answer. Reads a file of the kernel, and
-    /// allocates.
+    /// Remembers the program of process `pid` of this namespace, which waits for an answer. Reads a
+    /// file of the kernel, and allocates.
     pub fn note(&self, pid: u32) {
         self.note_as(pid, true);
     }
 
-    /// Works like [`note`](Self::note), for the process that sent `request`, in whatever namespace of processes it is.
+    /// Works like [`note`](Self::note), for the process that sent `request`, in whatever namespace
+    /// of processes it is.
     pub fn note_request(&self, request: &AdminRequest) {
         self.note_as(request.pid, [0, pid_namespace()].contains(&request.pid_namespace));
     }
@@ -60,8 +63,8 @@ impl Programs {
         }
     }
 
-    /// The program of process `pid`; `None` when the kernel does not tell it, as of a process that has ended, or one in another
-    /// namespace of processes.
+    /// The program of process `pid`; `None` when the kernel does not tell it, as of a process that
+    /// has ended, or one in another namespace of processes.
     #[must_use]
     pub fn program(&self, pid: u32) -> Option<String> {
         let programs = self.list()?;

@@ -1,4 +1,5 @@
-//! Between the ipc thread and telemetry: questions and their answers, and the ipc thread's measurements.
+//! Between the ipc thread and telemetry: questions and their answers, and the ipc thread's
+//! measurements.
 
 use super::asked::{Answered, Asked, asked};
 use super::programs::Programs;
@@ -27,8 +28,8 @@ pub struct Questions {
 }
 
 impl Questions {
-    /// Passes `request` to telemetry; the answer has the same ticket. Without a telemetry thread there is none. The caller
-    /// bounds the number of open questions.
+    /// Passes `request` to telemetry; the answer has the same ticket. Without a telemetry thread
+    /// there is none. The caller bounds the number of open questions.
     pub fn ask(&self, ticket: u32, request: AdminRequest) {
         let _lost = self.questions.send((ticket, request));
     }
@@ -39,8 +40,8 @@ impl Questions {
         self.answers.try_recv().ok()
     }
 
-    /// All clients that wait for `state` were woken by `now`. Returns whether telemetry could take the measurement. Neither
-    /// allocates nor blocks.
+    /// All clients that wait for `state` were woken by `now`. Returns whether telemetry could take
+    /// the measurement. Neither allocates nor blocks.
     #[must_use]
     pub fn delivered(&mut self, state: &StateMessage, now: Instant) -> bool {
         if now >= self.next_state {

@@ -35,7 +35,8 @@ impl RegisterLog {
         }
     }
 
-    /// Logs a motor that does not report its registers. With `is_assumed` its group may start with the ends of the configuration.
+    /// Logs a motor that does not report its registers. With `is_assumed` its group may start with
+    /// the ends of the configuration.
     pub(super) fn log_unread(&self, cycle: u64, motor: usize, is_assumed: bool) {
         let Some(MotorSettings { name, .. }) = self.0.get(motor) else { return };
         match is_assumed {

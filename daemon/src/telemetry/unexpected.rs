@@ -55,7 +55,8 @@ impl UnexpectedCounts {
             let interface = described.interface()?;
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
             let replies = motors.clone().map(|motor| motor.addresses().replies).collect();
-            // A socket receives what other sockets of this computer send: the requests of the cycle to registers.
+            // A socket receives what other sockets of this computer send: the requests of the cycle
+            // to registers.
             let requests = motors.clone().filter(|motor| motor.profile.has_registers).take(1);
             let requests = requests.filter_map(|_| FrameId::new(register::REQUEST_ID)).map(IdFilter::exact);
             let expected = motors.flat_map(ids).chain(requests).collect();
@@ -66,8 +67,8 @@ impl UnexpectedCounts {
         Self(interfaces.collect())
     }
 
-    /// Opens a socket on every interface that has none. An interface that cannot be opened is logged by the opening of its
-    /// bus, not here.
+    /// Opens a socket on every interface that has none. An interface that cannot be opened is
+    /// logged by the opening of its bus, not here.
     pub(super) fn open(&mut self) {
         for interface in self.0.iter_mut().filter(|interface| interface.unexpected_ids.is_none()) {
             let link = Link::read(interface.name);
@@ -76,7 +77,8 @@ impl UnexpectedCounts {
         }
     }
 
-    /// Closes the socket of `bus`, whose interface is gone: the kernel takes one that comes back for another interface.
+    /// Closes the socket of `bus`, whose interface is gone: the kernel takes one that comes back
+    /// for another interface.
     pub(super) fn close(&mut self, bus: usize) {
         for interface in self.0.iter_mut().filter(|interface| interface.bus == bus) {
             interface.before +=
@@ -93,8 +95,8 @@ impl UnexpectedCounts {
         }
     }
 
-    /// Begins the requested searches, ends those that the last call began, and passes what they found to `found`. A silent
-    /// motor is asked ten times a second.
+    /// Begins the requested searches, ends those that the last call began, and passes what they
+    /// found to `found`. A silent motor is asked ten times a second.
     pub(super) fn step_searches(&mut self, mut found: impl FnMut(OtherFormats)) {
         for interface in &mut self.0 {
             let extended = interface.unexpected_ids.as_ref().map_or(0, UnexpectedIds::extended);

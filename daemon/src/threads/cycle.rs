@@ -43,7 +43,8 @@ pub(super) fn start(starter: &Starter, mut owned: Owned) -> Result<Handle, RunEr
     Ok(Handle { thread, realtime })
 }
 
-/// Reports the outcomes to `prepared`. Returns false if the thread is refused something that is required.
+/// Reports the outcomes to `prepared`. Returns false if the thread is refused something that is
+/// required.
 fn become_realtime(
     cycle: &mut Cycle,
     request: SchedulingRequest,
@@ -66,7 +67,8 @@ fn become_realtime(
 }
 
 impl Owned {
-    /// Runs the cycle until it is ordered to stop and the motors are stopped. Closes the buses before it releases them.
+    /// Runs the cycle until it is ordered to stop and the motors are stopped. Closes the buses
+    /// before it releases them.
     fn run(self, orders: &Orders, names: &[String]) {
         let Self { claims: _claims, mut cycle, heartbeat } = self;
         let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| orders.cycle_order())));

@@ -47,8 +47,8 @@ pub(super) fn start(starter: &Starter, ends: Ends) -> Result<Handle, RunError> {
         schedule_thread(&setup.settings);
         let _starter_ended = opened.send(Ok(()));
         let mut thread = setup.with_ports(ports).announcing(published);
-        // The files of the ports are closed after the last cycle: to give back their memory takes longer than the robot may be
-        // without damping.
+        // The files of the ports are closed after the last cycle: to give back their memory takes
+        // longer than the robot may be without damping.
         orders.outlive_the_cycle("ipc", || thread.run(|| orders.are(Orders::END)));
     })?;
     await_report(&ready, "ipc")??;
@@ -76,7 +76,8 @@ fn schedule_thread(settings: &IpcSettings) {
     let mut steps = prepare_thread(SchedulingRequest { cpu: settings.cpu, priority: None });
     steps.push(tighten_timers());
     let scheduled = prepare_thread(SchedulingRequest { cpu: None, priority: settings.priority });
-    // This thread is refused real-time priority for the same reason as the cycle; the cycle's log line says so.
+    // This thread is refused real-time priority for the same reason as the cycle; the cycle's log
+    // line says so.
     steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
     steps.iter().for_each(|step| step.log("ipc"));
 }

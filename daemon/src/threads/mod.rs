@@ -14,8 +14,9 @@
 //! | `motord-reconnector` | reopens buses that disconnected |
 //! | `motord-simulation` | receives faults for simulated buses; only where no bus is real |
 //!
-//! A panic in any of them stops the robot and ends the daemon, because the work of that thread is missing. The main
-//! thread waits for signals and feeds the watchdog of systemd; a panic there ends the process, and the dead man's switch acts.
+//! A panic in any of them stops the robot and ends the daemon, because the work of that thread is
+//! missing. The main thread waits for signals and feeds the watchdog of systemd; a panic there ends
+//! the process, and the dead man's switch acts.
 //!
 //! The main thread joins the first three; the others end with the process.
 
@@ -67,8 +68,8 @@ impl Daemon {
         self.counters.cycle.load(Ordering::Acquire)
     }
 
-    /// Returns true when the last cycle is over, by request or because a thread panicked. Orders the stop itself when no new
-    /// client can reach the daemon, or when the plant has ended.
+    /// Returns true when the last cycle is over, by request or because a thread panicked. Orders
+    /// the stop itself when no new client can reach the daemon, or when the plant has ended.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         if self.lost.get().is_some() || self.unplanted.get().is_some() {

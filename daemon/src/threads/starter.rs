@@ -12,8 +12,9 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
-/// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
-/// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
+/// The stack of each thread. The memory of the process is locked, so every byte of it is resident.
+/// In a debug build the ipc thread needs most, 300 KiB; 256 KiB of that are touched in advance by
+/// [`prepare_thread`].
 const STACK_BYTES: usize = 384 * 1024;
 /// Period in which a thread that panicked checks whether the last cycle is over.
 const END_TURN: Duration = Duration::from_millis(50);
@@ -37,8 +38,8 @@ impl Orders {
         self.order.fetch_max(order, Ordering::Relaxed);
     }
 
-    /// Returns true when `order` or a stronger one was given. Each thread that orders can end checks this in every turn of its
-    /// loop.
+    /// Returns true when `order` or a stronger one was given. Each thread that orders can end
+    /// checks this in every turn of its loop.
     pub(super) fn are(&self, order: u32) -> bool {
         #[cfg(feature = "panic-on-request")]
         crate::host::panics::panic_if_asked();
@@ -60,8 +61,8 @@ impl Orders {
         self.give(Self::STOP);
     }
 
-    /// Runs `body` of `thread`. When it panics, the order to stop the robot is given at once, and this returns after the last
-    /// cycle: what `body` uses lives on until then.
+    /// Runs `body` of `thread`. When it panics, the order to stop the robot is given at once, and
+    /// this returns after the last cycle: what `body` uses lives on until then.
     pub(super) fn outlive_the_cycle(&self, thread: &'static str, body: impl FnOnce()) {
         if catch_unwind(AssertUnwindSafe(body)).is_err() {
             self.stop_without(thread);
@@ -110,8 +111,8 @@ impl Starter {
         Ok(Builder::new().name(format!("motord-{thread}")).stack_size(STACK_BYTES).spawn(run)?)
     }
 
-    /// Starts a thread that ends with the process, sleeps most of the time, and must not wait when it is needed: its priority is
-    /// below the cycle.
+    /// Starts a thread that ends with the process, sleeps most of the time, and must not wait when
+    /// it is needed: its priority is below the cycle.
     pub(super) fn detach_below_the_cycle(
         &self,
         thread: &'static str,

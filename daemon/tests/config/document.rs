@@ -95,7 +95,8 @@ pub(crate) fn warnings(text: &str) -> Vec<String> {
     validate(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
 }
 
-/// The message about a limit names the highest usable one, at the motor; at the joint it is a sum that rounds.
+/// The message about a limit names the highest usable one, at the motor; at the joint it is a sum
+/// that rounds.
 #[test]
 fn recommended_position_limit_is_accepted_with_every_offset() {
     for tenths in -125..=125 {

@@ -1,4 +1,5 @@
-//! The ends of a motor's codes: from its model or by keys, and never beyond what the file says of the motor.
+//! The ends of a motor's codes: from its model or by keys, and never beyond what the file says of
+//! the motor.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -78,7 +79,8 @@ fn peak_or_velocity_beyond_ends_is_an_error() {
     );
 }
 
-/// A motor in GIM mode takes velocities as floats. In MIT mode the velocity codes of every SteadyWin motor end at 65 rad/s.
+/// A motor in GIM mode takes velocities as floats. In MIT mode the velocity codes of every
+/// SteadyWin motor end at 65 rad/s.
 #[test]
 fn velocity_end_is_that_of_the_protocol() {
     let keys =

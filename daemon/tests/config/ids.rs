@@ -18,7 +18,8 @@ fn wrong_reply_id_suggests_vendor_default() {
     }
 }
 
-/// A RobStride motor 1 reads and writes its parameters at 0x301 and 0x401 (RS01 manual of 2026-04-28, section 6).
+/// A RobStride motor 1 reads and writes its parameters at 0x301 and 0x401 (RS01 manual of
+/// 2026-04-28, section 6).
 #[test]
 fn reply_that_writes_a_parameter_is_refused() {
     let text = |host_id: &str| {
@@ -41,8 +42,8 @@ fn reply_that_writes_a_parameter_is_refused() {
     }
 }
 
-/// A Damiao motor takes frames with the id 0x7FF for writes to its registers (DM_CAN.py), a HiPNUC IMU those with 0x000 and 0x600 + node
-/// for commands (CiA 301).
+/// A Damiao motor takes frames with the id 0x7FF for writes to its registers (DM_CAN.py), a HiPNUC
+/// IMU those with 0x000 and 0x600 + node for commands (CiA 301).
 #[test]
 fn reply_that_another_device_obeys_is_refused() {
     let text = |other: &str, host_id: &str| {
@@ -70,7 +71,8 @@ fn reply_that_another_device_obeys_is_refused() {
     }
 }
 
-/// Motors that obey the commands of another bus, after adapters or cables were exchanged, answer as the expected ones.
+/// Motors that obey the commands of another bus, after adapters or cables were exchanged, answer as
+/// the expected ones.
 #[test]
 fn ids_on_two_buses_are_a_warning() {
     let bus = |name: &str, kind: &str| format!("[[bus]]\nname = '{name}'\n{kind}\nevery = 5\n");

@@ -1,4 +1,5 @@
-//! Settings that are permitted but are often mistakes: each causes a warning with its line and the remedy.
+//! Settings that are permitted but are often mistakes: each causes a warning with its line and the
+//! remedy.
 
 use crate::document::{damaged, validate, warnings, with_serial};
 use motord_configuration::{Problem, Wrong};

@@ -1,4 +1,5 @@
-//! The dead man's switch, between real processes. Its bus is a recorder: interfaces are for `verify/rigs/test-deaths`.
+//! The dead man's switch, between real processes. Its bus is a recorder: interfaces are for
+//! `verify/rigs/test-deaths`.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 

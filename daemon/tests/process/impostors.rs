@@ -1,5 +1,5 @@
-//! Other users who pretend to be a process of motord, or hide one: they create its files and sockets
-//! first, or fill a queue. Most tests need root, to become another user.
+//! Other users who pretend to be a process of motord, or hide one: they create its files and
+//! sockets first, or fill a queue. Most tests need root, to become another user.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -100,7 +100,8 @@ fn daemon_registers_with_no_switch_of_a_member() {
     registration.end();
 }
 
-/// Runs in the process of a member that has the name of the socket for emergency stops; not a test of its own.
+/// Runs in the process of a member that has the name of the socket for emergency stops; not a test
+/// of its own.
 #[test]
 fn plays_the_stop_socket() {
     let Some(runtime) = std::env::var_os(PLAY_STOP) else { return };
@@ -145,7 +146,8 @@ fn safe_stop_believes_no_switch_of_a_member() {
 /// Variable for a process that becomes another user and holds the lock of an interface: its name.
 const PLAY_HOLDER: &str = "MOTORD_TEST_PLAY_HOLDER";
 
-/// Starts a process of an outsider that holds the lock of `interface`. `None` where no outsider can be played.
+/// Starts a process of an outsider that holds the lock of `interface`. `None` where no outsider can
+/// be played.
 fn outsider(interface: &str) -> Option<Player> {
     if !nix::unistd::geteuid().is_root() {
         println!("NOT TESTED: only root can become another user");
@@ -169,7 +171,8 @@ fn hidden(interface: &str) -> bool {
     name.is_some_and(|holder| holder.uid.is_none())
 }
 
-/// Fills the queue of connections to the lock of `interface`, as any user can: no connection shows the holder from then on.
+/// Fills the queue of connections to the lock of `interface`, as any user can: no connection shows
+/// the holder from then on.
 fn hide_holder(interface: &str) {
     let begun = Instant::now();
     while !hidden(interface) {
@@ -177,8 +180,8 @@ fn hide_holder(interface: &str) {
     }
 }
 
-/// Returns the number of frames that a switch sends for a daemon that died. `hold` makes another process hold the lock of the interface
-/// meanwhile. The switch is frozen for `frozen`.
+/// Returns the number of frames that a switch sends for a daemon that died. `hold` makes another
+/// process hold the lock of the interface meanwhile. The switch is frozen for `frozen`.
 fn frames_beside<T>(name: &str, frozen: Duration, hold: impl FnOnce(&str) -> T) -> usize {
     let directory = TempDir::new().unwrap();
     let instance = Instance::below(directory.path(), "test").unwrap();
@@ -223,7 +226,8 @@ fn frozen_switch_leaves_hidden_successor_alone() {
     assert!(frames_beside("hide", Duration::ZERO, hidden_successor) > 3, "no successor can be there so soon");
 }
 
-/// Goal: an outsider who takes the name of a lock, which is free once the daemon is dead, keeps no motor driven.
+/// Goal: an outsider who takes the name of a lock, which is free once the daemon is dead, keeps no
+/// motor driven.
 #[test]
 fn outsider_with_lock_stops_no_damping() {
     let plays = |interface: &str| outsider(interface).unwrap();
@@ -242,7 +246,8 @@ fn outsider_with_lock_stops_no_damping() {
     }
 }
 
-/// Goal: the same for `motord safe-stop`, which ends with success. It names the holder, and what ends it.
+/// Goal: the same for `motord safe-stop`, which ends with success. It names the holder, and what
+/// ends it.
 #[test]
 fn safe_stop_damps_beside_outsider() {
     for hides in [false, true] {

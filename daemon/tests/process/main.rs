@@ -1,4 +1,5 @@
-//! Programs that run: `motord`, its dead man's switch, `motord-sim`, and serial lines with the clock of the wall.
+//! Programs that run: `motord`, its dead man's switch, `motord-sim`, and serial lines with the
+//! clock of the wall.
 
 mod deadman;
 mod deadman_serial;

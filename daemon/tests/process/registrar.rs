@@ -1,4 +1,5 @@
-//! The daemon's side of the dead man's switch: it registers, and waits for a switch that is missing, late or hangs.
+//! The daemon's side of the dead man's switch: it registers, and waits for a switch that is
+//! missing, late or hangs.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -55,8 +56,9 @@ fn daemon_finds_a_switch_that_starts_later() {
     registration.end();
 }
 
-/// A switch may be stopped, or opens an interface while another process configures one. A daemon that gives up
-/// meanwhile would look dead to it, and it would stop the motors of a robot that walks.
+/// A switch may be stopped, or opens an interface while another process configures one. A daemon
+/// that gives up meanwhile would look dead to it, and it would stop the motors of a robot that
+/// walks.
 #[test]
 fn late_switch_leaves_living_daemon_alone() {
     let (_directory, instance) = runtime();

@@ -85,9 +85,9 @@ fn safe_stop_names_motors_that_do_not_answer() {
     assert!(error.ends_with("cut the power: hip, jaw"), "{error}");
 }
 
-/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, zero above and below
-/// the middle of the codes of velocity and torque. Stop is its special frame. The native stop has
-/// a tail that is neutral in MIT.
+/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, zero above
+/// and below the middle of the codes of velocity and torque. Stop is its special frame. The native
+/// stop has a tail that is neutral in MIT.
 #[test]
 fn safe_frames_match_documented_damping_and_stop() {
     let directory = TempDir::new().unwrap();

@@ -32,7 +32,8 @@ const REQUESTS: [([u8; 8], usize); 8] = [
     ([0xB4, 0x13, 0, 0, 0, 0, 0, 0], 1),
 ];
 
-/// Random numbers that are the same for a seed on every machine (SplitMix64, Steele, Lea and Flood 2014).
+/// Random numbers that are the same for a seed on every machine (SplitMix64, Steele, Lea and Flood
+/// 2014).
 struct Random(u64);
 
 impl Random {

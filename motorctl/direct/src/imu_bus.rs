@@ -1,4 +1,5 @@
-//! `motorctl imu find --bus`: HiPNUC IMUs on a CAN interface. Only listens: a request to an unknown id could be a command to a motor.
+//! `motorctl imu find --bus`: HiPNUC IMUs on a CAN interface. Only listens: a request to an unknown
+//! id could be a command to a motor.
 
 use crate::failure::DirectFailure;
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
@@ -53,8 +54,8 @@ impl Nodes {
         }
     }
 
-    /// Returns the devices. Every quantity must have arrived, and every orientation must have been a unit quaternion: other
-    /// frames with these ids are those of motors.
+    /// Returns the devices. Every quantity must have arrived, and every orientation must have been
+    /// a unit quaternion: other frames with these ids are those of motors.
     fn devices(&self) -> Vec<Node> {
         let is_device = |frames: &[Frames; NEEDED.len()]| {
             frames.iter().all(|frames| frames.sound >= FRAMES && frames.unsound == 0)
@@ -108,7 +109,8 @@ pub(crate) fn listen(interface: &str, interrupt: &Interrupt) -> Result<Vec<Node>
 mod tests {
     use super::*;
 
-    /// At 100 Hz, with these bytes of the quaternion: the device of the vendor's manual, or a motor.
+    /// At 100 Hz, with these bytes of the quaternion: the device of the vendor's manual, or a
+    /// motor.
     fn nodes(quaternion: [u8; 8]) -> Nodes {
         let mut nodes = Nodes::default();
         for sample in 0..10_u64 {

@@ -29,7 +29,8 @@ struct Device<'a> {
 ///
 /// # Errors
 ///
-/// The device or its line cannot have the value, the port or bus is in use, or the device does not do as asked.
+/// The device or its line cannot have the value, the port or bus is in use, or the device does not
+/// do as asked.
 pub(crate) fn set(
     interface: &str,
     node: u8,
@@ -69,7 +70,8 @@ impl Device<'_> {
         DirectFailure::Imu { address: format!("{} node {}", self.interface, self.node), reason }
     }
 
-    /// Returns the requests with their values, or refuses values that the device or the bus cannot have.
+    /// Returns the requests with their values, or refuses values that the device or the bus cannot
+    /// have.
     fn requests(&self, values: Values) -> Result<Vec<(CanRequest, u32)>, DirectFailure> {
         let usage = DirectFailure::Usage;
         let mut requests = Vec::new();
@@ -112,7 +114,8 @@ impl Device<'_> {
         Ok(())
     }
 
-    /// Returns the HiPNUC devices that send, among which this one must be: a request to another one could command a motor.
+    /// Returns the HiPNUC devices that send, among which this one must be: a request to another one
+    /// could command a motor.
     fn present(&self, interrupt: &Interrupt) -> Result<Vec<Node>, DirectFailure> {
         let nodes = imu_bus::listen(self.interface, interrupt)?;
         if nodes.iter().any(|one| one.id == self.node) {

@@ -33,7 +33,8 @@ struct Device<'a> {
 ///
 /// # Errors
 ///
-/// The device or its line cannot have the value, the port or bus is in use, or the device does not do as asked.
+/// The device or its line cannot have the value, the port or bus is in use, or the device does not
+/// do as asked.
 pub(crate) fn set(
     name: &str,
     baud: Option<u32>,
@@ -144,7 +145,8 @@ impl<'a> Device<'a> {
         Ok(())
     }
 
-    /// Sends bytes, and passes what arrives to `found` until it returns something, or [`ANSWER`] is over.
+    /// Sends bytes, and passes what arrives to `found` until it returns something, or [`ANSWER`] is
+    /// over.
     fn ask<T>(
         &self,
         bytes: &[u8],

@@ -8,7 +8,8 @@ const CYCLE: &str = "motord-cycle";
 const REALTIME_POLICIES: [&str; 2] = ["1", "2"];
 /// The parent of all kernel threads, which has no other children.
 const MAKER_OF_KERNEL_THREADS: &str = "2";
-/// The fields of `/proc/PID/stat` that follow the name of the program begin with the third of proc(5).
+/// The fields of `/proc/PID/stat` that follow the name of the program begin with the third of
+/// proc(5).
 const FIRST_FIELD: usize = 3;
 const PARENT: usize = 4;
 const RT_PRIORITY: usize = 40;
@@ -28,8 +29,8 @@ pub(crate) fn program(tree: &Tree, pid: u32) -> Option<String> {
     tree.text(&format!("proc/{pid}/comm"))
 }
 
-/// Returns the daemon with a running cycle that was `asked` for, by its process id; otherwise the first one that this user can
-/// see.
+/// Returns the daemon with a running cycle that was `asked` for, by its process id; otherwise the
+/// first one that this user can see.
 pub(crate) fn daemon(tree: &Tree, asked: Option<u32>) -> Option<RunningDaemon> {
     let programs = asked.into_iter().chain(tree.numbers("proc"));
     programs.filter(|&pid| program(tree, pid).as_deref() == Some("motord")).find_map(|pid| {

@@ -136,8 +136,8 @@ impl Robot {
         }
     }
 
-    /// Loads the configuration at `file` or at the default path of `instance`. A refused one becomes a finding, and the defaults
-    /// are returned.
+    /// Loads the configuration at `file` or at the default path of `instance`. A refused one
+    /// becomes a finding, and the defaults are returned.
     pub(crate) fn configured(file: Option<&Path>, instance: Option<&str>, tree: &Tree) -> (Self, Finding) {
         let default = Path::new(DEFAULT_CONFIG);
         let of_instance = instance.map(|name| default.with_file_name(format!("{name}.toml")));

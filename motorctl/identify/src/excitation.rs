@@ -27,7 +27,8 @@ const POSITION_MARGIN_MIN: f64 = 0.02;
 const AMPLITUDE_MIN: f64 = 0.05;
 /// Amplitude where the limits permit it, rad.
 const AMPLITUDE_DEFAULT: f64 = 0.3;
-/// Steps of the gains of MIT motors: 500 N·m/rad and 5 N·m·s/rad in 12 bits. Other gains would be rounded by the drive.
+/// Steps of the gains of MIT motors: 500 N·m/rad and 5 N·m·s/rad in 12 bits. Other gains would be
+/// rounded by the drive.
 const KP_STEP: f64 = 500.0 / 4095.0;
 const KD_STEP: f64 = 5.0 / 4095.0;
 /// Several codes of velocity, rad/s.
@@ -181,7 +182,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Plans the excitation of a joint that is at `centre`, rad. Takes milliseconds: it tries sets of phases.
+    /// Plans the excitation of a joint that is at `centre`, rad. Takes milliseconds: it tries sets
+    /// of phases.
     ///
     /// # Errors
     ///
@@ -197,7 +199,8 @@ impl Plan {
         Ok(Self { limits, centre, amplitude, shape, phases, sines })
     }
 
-    /// Plans the same excitation around another position, rad. Takes microseconds: a cycle of the daemon may wait for it.
+    /// Plans the same excitation around another position, rad. Takes microseconds: a cycle of the
+    /// daemon may wait for it.
     ///
     /// # Errors
     ///
@@ -244,7 +247,8 @@ impl Plan {
         [RAMP, RAMP + MULTISINE_SHARE * self.shape.seconds, RAMP + self.shape.seconds]
     }
 
-    /// Returns the setpoint at `time`, s, of a joint that is at `position`, rad, with `velocity`, rad/s. `None`: the end.
+    /// Returns the setpoint at `time`, s, of a joint that is at `position`, rad, with `velocity`,
+    /// rad/s. `None`: the end.
     #[must_use]
     pub fn command(&self, time: f64, position: f64, velocity: f64) -> Option<Command> {
         let [begin, middle, end] = self.times();
@@ -332,7 +336,8 @@ fn amplitude(limits: &Limits, centre: f64, shape: Shape) -> Result<f64, PlanErro
     })
 }
 
-/// A velocity around 0, rad/s, that differs from cycle to cycle: the drive rounds a constant one always to the same side.
+/// A velocity around 0, rad/s, that differs from cycle to cycle: the drive rounds a constant one
+/// always to the same side.
 fn dither(time: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     DITHER * ((time * 1e3).round() * GOLDEN).fract() - DITHER / 2.0
@@ -381,7 +386,8 @@ impl Phases {
         (1..PHASE_SETS).fold(first, lower)
     }
 
-    /// The sines with this peak, rad, or a lower one where they would be faster than `velocity`, rad/s.
+    /// The sines with this peak, rad, or a lower one where they would be faster than `velocity`,
+    /// rad/s.
     fn scaled(&self, peak: f64, velocity: f64) -> Sines {
         let [distance, speed] = self.peaks;
         // A fade adds at most 1.5 times the distance in a second.
@@ -468,7 +474,8 @@ mod tests {
         assert!(crest < 2.2, "{crest}");
     }
 
-    /// No setpoint is sent while the joint that begins to follow is planned for, and the daemon stops a silent group.
+    /// No setpoint is sent while the joint that begins to follow is planned for, and the daemon
+    /// stops a silent group.
     #[test]
     fn moved_joint_needs_no_second_search() {
         let begun = Instant::now();

@@ -40,7 +40,8 @@ impl fmt::Display for Why {
     }
 }
 
-/// An identified value. Without `why` the truth is between `lower` and `upper` with a probability of 95 %.
+/// An identified value. Without `why` the truth is between `lower` and `upper` with a probability
+/// of 95 %.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Value {
     /// The estimate; NaN without data.
@@ -59,7 +60,8 @@ impl Value {
         Self { value: f64::NAN, lower: f64::NAN, upper: f64::NAN, why: Some(why) }
     }
 
-    /// An estimate with half of its interval. It is not identifiable if the interval contains 0 or is wide.
+    /// An estimate with half of its interval. It is not identifiable if the interval contains 0 or
+    /// is wide.
     pub(crate) fn around(value: f64, half: f64) -> Self {
         Self::within(value, value - half, value + half)
     }

@@ -9,8 +9,9 @@ pub struct KnownLoad {
     pub inertia: f64,
 }
 
-/// Returns the true torque by the torque that the motor reports. A motor that gives less than it reports needs more of it for
-/// the same load: the difference of the identified inertias is too large by the same factor.
+/// Returns the true torque by the torque that the motor reports. A motor that gives less than it
+/// reports needs more of it for the same load: the difference of the identified inertias is too
+/// large by the same factor.
 #[must_use]
 pub fn torque_scale(without: &Value, with: &Value, load: KnownLoad) -> Value {
     let (Some(before), Some(after)) = (without.identified(), with.identified()) else {

@@ -18,7 +18,8 @@ pub struct Applied {
 /// The answer of the motor to one command.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
-    /// When the command was sent, s, on any clock that does not jump. The state is younger by a part of `latency`.
+    /// When the command was sent, s, on any clock that does not jump. The state is younger by a
+    /// part of `latency`.
     pub time: f64,
     /// Time from the command to the answer, s.
     pub latency: f64,

@@ -18,8 +18,8 @@ const EVENTS_MAX: usize = 8;
 /// Friction before and after a motion began, N·m.
 type Event = [f64; 2];
 
-/// Returns the static friction of a joint with this inertia, kg·m². `gravity` is the torque that the position takes, N·m, and
-/// `gravity_error` half of its interval.
+/// Returns the static friction of a joint with this inertia, kg·m². `gravity` is the torque that
+/// the position takes, N·m, and `gravity_error` half of its interval.
 pub(crate) fn stiction(
     samples: &[Sample],
     torque: &Torque,
@@ -41,8 +41,9 @@ pub(crate) fn stiction(
     Value::within((low[0] + high[0]) / 2.0, lower, upper)
 }
 
-/// Bounds of the friction at the start of a motion. Upper: at the first sample that shows motion. Lower: at the last sample at which
-/// the joint was at rest: the torque rise since then would produce the whole displacement without a step in friction.
+/// Bounds of the friction at the start of a motion. Upper: at the first sample that shows motion.
+/// Lower: at the last sample at which the joint was at rest: the torque rise since then would
+/// produce the whole displacement without a step in friction.
 fn bracket(
     samples: &[Sample],
     begin: Begin,

@@ -26,7 +26,8 @@ pub(crate) enum Term {
     Stribeck { at: f64, power: i32 },
     /// The torque acts later than the stamps say, s.
     Late,
-    /// Torque around a position, N·m: one for a triangle between two neighbours, the first and the last up to the end.
+    /// Torque around a position, N·m: one for a triangle between two neighbours, the first and the
+    /// last up to the end.
     Knot(usize),
     /// The part of a basic term in the upper half of a property.
     Split(usize, By),

@@ -1,4 +1,5 @@
-//! The equation of motion in its weak form: one line for each window of time in which the joint turns in one direction.
+//! The equation of motion in its weak form: one line for each window of time in which the joint
+//! turns in one direction.
 
 use crate::law::Torque;
 use crate::sample::Sample;
@@ -14,7 +15,8 @@ const SAMPLES_MIN: usize = 12;
 /// A longer time between two samples, relative to the median, ends a window.
 const GAP: f64 = 1.5;
 
-/// Number of unknowns: inertia, viscous and Coulomb friction, and three of the torque that depends on the position.
+/// Number of unknowns: inertia, viscous and Coulomb friction, and three of the torque that depends
+/// on the position.
 pub(crate) const UNKNOWNS: usize = 6;
 
 /// A line of the regression, N·m.
@@ -27,7 +29,8 @@ pub(crate) struct Row {
     pub(crate) travel: f64,
     /// Middle of the window, s.
     pub(crate) time: f64,
-    /// Factors of the unknowns: acceleration, velocity, direction, 1, sine, and 1 - cosine of the distance from the centre.
+    /// Factors of the unknowns: acceleration, velocity, direction, 1, sine, and 1 - cosine of the
+    /// distance from the centre.
     pub(crate) factors: [f64; UNKNOWNS],
     /// Torque, N·m.
     pub(crate) torque: f64,
@@ -49,7 +52,8 @@ impl Row {
     }
 }
 
-/// Returns the lines of a recording. `centre` is the position from which the gravity is counted, rad.
+/// Returns the lines of a recording. `centre` is the position from which the gravity is counted,
+/// rad.
 pub(crate) fn rows(samples: &[Sample], velocities: &[f64], torque: &Torque, centre: f64) -> Vec<Row> {
     let period = period(samples);
     let runs = runs(samples, velocities, GAP * period);

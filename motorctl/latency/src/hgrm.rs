@@ -1,4 +1,5 @@
-//! Percentile distributions as HdrHistogram prints them (`outputPercentileDistribution`), values in µs.
+//! Percentile distributions as HdrHistogram prints them (`outputPercentileDistribution`), values in
+//! µs.
 
 use hdrhistogram::Histogram;
 use std::io::{self, Write};

@@ -1,5 +1,5 @@
-//! Percentiles as a picture: the share of the values on the axis of HdrHistogram, where each decade comes ten times closer to
-//! 100 %, and the latency on a logarithmic axis.
+//! Percentiles as a picture: the share of the values on the axis of HdrHistogram, where each decade
+//! comes ten times closer to 100 %, and the latency on a logarithmic axis.
 
 use crate::failure::LatencyFailure;
 use crate::hgrm::Point;

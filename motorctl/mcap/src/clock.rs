@@ -104,8 +104,8 @@ impl Clock {
         (self.read)().origin()
     }
 
-    /// Returns the step of the clock since the last call that checked it. Checks at most ten times a
-    /// second; corrections that are smaller than 50 ms in that time are no step.
+    /// Returns the step of the clock since the last call that checked it. Checks at most ten times
+    /// a second; corrections that are smaller than 50 ms in that time are no step.
     pub fn step(&mut self) -> Option<ClockStep> {
         let reading = (self.read)();
         if reading.monotonic_ns < self.due_ns {

@@ -9,8 +9,8 @@ use std::io::{ErrorKind, Read};
 /// Limit on the bytes of a record, and on those of a chunk, compressed or not. Messages of motord
 /// have a kilobyte, the description of the robot some more, chunks a megabyte.
 const RECORD_BYTES_MAX: usize = 16 << 20;
-/// Largest size of the records as a multiple of the bytes of the file. A recording of a robot at rest
-/// has 8 times its size.
+/// Largest size of the records as a multiple of the bytes of the file. A recording of a robot at
+/// rest has 8 times its size.
 const EXPANSION_MAX: u64 = 256;
 /// Bytes of records that a file of any size may have.
 const RECORDS_BYTES_MIN: u64 = 2 * RECORD_BYTES_MAX as u64;

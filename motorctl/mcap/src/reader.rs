@@ -80,7 +80,8 @@ impl<R: Read> Reader<R> {
         None
     }
 
-    /// Stores the next message. Returns `true` if its cycle is complete; `None` at the end of the file.
+    /// Stores the next message. Returns `true` if its cycle is complete; `None` at the end of the
+    /// file.
     fn advance(&mut self) -> Result<Option<bool>, String> {
         let Self { messages, topics, robot, record, .. } = self;
         let Some((topic, data)) = messages.next().map_err(|error| error.to_string())? else {

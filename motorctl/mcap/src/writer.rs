@@ -155,7 +155,8 @@ impl<W: Write> Writer<W> {
         put(channels.cycle, &encode::cycle(record))
     }
 
-    /// Writes that the computer's clock was set, as an event. The times of the file keep their origin.
+    /// Writes that the computer's clock was set, as an event. The times of the file keep their
+    /// origin.
     ///
     /// # Errors
     /// The file cannot be written.

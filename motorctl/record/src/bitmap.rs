@@ -1,4 +1,5 @@
-//! A picture of pixels, as a PNG. The letters are part of the program: a robot's computer may have no font.
+//! A picture of pixels, as a PNG. The letters are part of the program: a robot's computer may have
+//! no font.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 use plotters::prelude::DrawingBackend;
@@ -20,8 +21,8 @@ pub(crate) struct Bitmap<'a> {
 }
 
 impl<'a> Bitmap<'a> {
-    /// Draws into `pixels`, three bytes each. `dashes` has the lengths of the lines and gaps of a colour, which `scale` multiplies;
-    /// none for a continuous line.
+    /// Draws into `pixels`, three bytes each. `dashes` has the lengths of the lines and gaps of a
+    /// colour, which `scale` multiplies; none for a continuous line.
     pub(crate) fn new(
         pixels: &'a mut [u8],
         size: (u32, u32),
@@ -215,7 +216,8 @@ mod tests {
         assert_eq!(drawn(|_| &[], "→"), drawn(|_| &[], "?"), "a letter that the font lacks");
     }
 
-    /// Lengths of slanted lines are no multiples of the dashes: a rest that rounding left never ended.
+    /// Lengths of slanted lines are no multiples of the dashes: a rest that rounding left never
+    /// ended.
     #[test]
     fn dashes_of_any_path_end() {
         let mut pen = Pen::new(&[7, 3], 2);

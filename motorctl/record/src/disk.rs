@@ -90,8 +90,8 @@ impl Disk {
         })
     }
 
-    /// Queues a cycle, and the `step` of the clock before it; drops the cycle when the queue is full.
-    /// Never blocks.
+    /// Queues a cycle, and the `step` of the clock before it; drops the cycle when the queue is
+    /// full. Never blocks.
     pub(crate) fn take(&mut self, record: &CycleRecord, step: Option<ClockStep>) {
         self.taken += 1;
         self.step = step.or(self.step);

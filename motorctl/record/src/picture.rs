@@ -1,4 +1,5 @@
-//! Curves over time as an SVG or a PNG: a row for each joint or IMU, a panel for each quantity, and a line for each stop and fault.
+//! Curves over time as an SVG or a PNG: a row for each joint or IMU, a panel for each quantity, and
+//! a line for each stop and fault.
 
 use crate::bitmap::{self, Bitmap};
 use plotters::coord::Shift;
@@ -15,8 +16,8 @@ use std::ops::Range;
 const PANEL: (u32, u32) = (480, 260);
 /// Limit on the steps of a curve: more than a panel has pixels.
 const STEPS_MAX: usize = 1024;
-/// From the palette of Okabe and Ito, for people with a colour vision deficiency, with the dashes that distinguish them in black and
-/// white.
+/// From the palette of Okabe and Ito, for people with a colour vision deficiency, with the dashes
+/// that distinguish them in black and white.
 const STYLES: [(RGBColor, &[u32]); 3] =
     [(RGBColor(230, 159, 0), &[2, 2]), (RGBColor(0, 158, 115), &[7, 3]), (RGBColor(0, 114, 178), &[])];
 const MARK: (RGBColor, &[u32]) = (RGBColor(204, 0, 0), &[1, 3]);
@@ -76,7 +77,8 @@ impl Curve {
         }
     }
 
-    /// Merges pairs of steps. It keeps pairs that contain a gap apart, unless most pairs contain one.
+    /// Merges pairs of steps. It keeps pairs that contain a gap apart, unless most pairs contain
+    /// one.
     fn halve(&mut self) {
         let steps = merged(&self.steps, |next| !next.follows_gap);
         let is_shorter = steps.len() <= STEPS_MAX * 3 / 4;

@@ -39,7 +39,8 @@ impl FileStore {
         written
     }
 
-    /// Removes what has the name `path`, and creates the file. Another user may have created a link or a FIFO there.
+    /// Removes what has the name `path`, and creates the file. Another user may have created a link
+    /// or a FIFO there.
     fn fill(path: &Path, remembered: &Remembered) -> io::Result<u64> {
         match fs::remove_file(path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -62,8 +63,8 @@ impl FileStore {
         )
     }
 
-    /// Returns the number in the name of a file of this instance; 0 for a name without a number. The
-    /// name of another instance may begin with the name of this one.
+    /// Returns the number in the name of a file of this instance; 0 for a name without a number.
+    /// The name of another instance may begin with the name of this one.
     fn number(&self, name: &str) -> Option<u64> {
         let rest = name.strip_suffix(".mcap")?.strip_prefix(&self.instance)?.strip_prefix('-')?;
         let (time, rest) = rest.split_once("Z-")?;
@@ -153,7 +154,8 @@ mod tests {
         fs::remove_dir_all(&directory).unwrap();
     }
 
-    /// Goal: a user who may write to the directory has no file elsewhere overwritten, and blocks no write.
+    /// Goal: a user who may write to the directory has no file elsewhere overwritten, and blocks no
+    /// write.
     #[test]
     fn prepared_unfinished_file_is_not_written_into() {
         let directory = std::env::temp_dir().join(format!("motord-flight-link-{}", std::process::id()));

@@ -1,4 +1,5 @@
-//! A trot on the spot: diagonal legs swing together, the two pairs in antiphase. Pure: time is an argument.
+//! A trot on the spot: diagonal legs swing together, the two pairs in antiphase. Pure: time is an
+//! argument.
 
 use std::f64::consts::{PI, TAU};
 
@@ -78,7 +79,8 @@ mod tests {
             for step in 0..3000 {
                 let time = f64::from(step) * STEP;
                 let slope = (swing.at(time + STEP / 2.0).0 - swing.at(time - STEP / 2.0).0) / STEP;
-                // The blend has a kink in its second derivative at its ends, hence the coarse bound there.
+                // The blend has a kink in its second derivative at its ends, hence the coarse bound
+                // there.
                 assert!((slope - swing.at(time).1).abs() < 2e-3, "{joint} at {time} s");
             }
         }

@@ -28,7 +28,8 @@ impl Motion {
         [self.kp.min(limits.kp), self.kd.min(limits.kd)]
     }
 
-    /// Returns the setpoint of a joint that was at `centre`, rad, at `time`, s, after its motor follows setpoints.
+    /// Returns the setpoint of a joint that was at `centre`, rad, at `time`, s, after its motor
+    /// follows setpoints.
     pub(crate) fn setpoint(&self, time: f64, centre: f32, limits: &JointLimits) -> Setpoint {
         let [kp, kd] = self.gains(limits);
         let (risen, rise) = ramp(time);
@@ -66,7 +67,8 @@ impl Motion {
     }
 }
 
-/// Returns the share to which the ramp has risen at `time`, s, and its rise, 1/s. Both are continuous.
+/// Returns the share to which the ramp has risen at `time`, s, and its rise, 1/s. Both are
+/// continuous.
 fn ramp(time: f64) -> (f64, f64) {
     let part = (time / RAMP).clamp(0.0, 1.0);
     (part * part * (3.0 - 2.0 * part), 6.0 * part * (1.0 - part) / RAMP)

@@ -39,8 +39,8 @@ impl Printer {
         self.pass(Text::Sentences(sentences))
     }
 
-    /// Prints the joints at one time, or leaves them out where the reader is slow. Never blocks. Returns false once the output
-    /// cannot be written.
+    /// Prints the joints at one time, or leaves them out where the reader is slow. Never blocks.
+    /// Returns false once the output cannot be written.
     pub(crate) fn line(&self, line: Line) -> bool {
         self.pass(Text::Line(line))
     }

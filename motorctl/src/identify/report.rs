@@ -190,7 +190,8 @@ impl Report {
 /// Least value of `armature-kg-m2`, kg·m².
 const ARMATURE_MIN: f64 = 1e-6;
 
-/// Lines for the configuration with what was identified, and a note about a rotor that is estimated too heavy.
+/// Lines for the configuration with what was identified, and a note about a rotor that is estimated
+/// too heavy.
 fn lines(joint: &JointDescription, found: &Identified) -> (Vec<String>, Option<String>) {
     let mut lines = vec!["[motor.simulation]".to_owned()];
     let mut lighter = None;
@@ -220,7 +221,8 @@ fn lines(joint: &JointDescription, found: &Identified) -> (Vec<String>, Option<S
 ///
 /// # Errors
 ///
-/// [`IdentifyFailure::Nothing`] or [`IdentifyFailure::Misfit`] without an inertia: the table was printed.
+/// [`IdentifyFailure::Nothing`] or [`IdentifyFailure::Misfit`] without an inertia: the table was
+/// printed.
 pub(crate) fn outcome(joint: &str, found: &Identified) -> Result<(), IdentifyFailure> {
     match found.inertia.why {
         None => Ok(()),

@@ -1,4 +1,5 @@
-//! The motion of `motorctl identify`: from the claim to the stopped group, with a record of every cycle.
+//! The motion of `motorctl identify`: from the claim to the stopped group, with a record of every
+//! cycle.
 
 use crate::failure::Failure;
 use crate::hold::{Printer, SILENCE, START, Target, disable, owned, refuse_latched};
@@ -12,7 +13,8 @@ use motord_terminal::Interrupt;
 const PROGRESS: f64 = 5.0;
 /// Damping of the other joints of the group, N·m·s/rad, where their limits permit it.
 const DAMPING: f32 = 0.5;
-/// Share of the gains before the motor follows. With a stiffness of 0 the daemon would not check the pose.
+/// Share of the gains before the motor follows. With a stiffness of 0 the daemon would not check
+/// the pose.
 const FIRST_SHARE: f64 = 0.05;
 
 /// Plans the motion of a joint that is at `position`, rad.
@@ -117,7 +119,8 @@ impl Session {
         Ok(())
     }
 
-    /// Answers every state with the next setpoint and records it, until the end, a signal, or a limit.
+    /// Answers every state with the next setpoint and records it, until the end, a signal, or a
+    /// limit.
     pub(crate) fn follow(&mut self, interrupt: &Interrupt, printer: &Printer) -> Result<(), Failure> {
         let (mut begun, mut due) = (None, 0.0);
         loop {
@@ -164,7 +167,8 @@ impl Session {
         Ok(self.claim.commit()?)
     }
 
-    /// Damps and stops the motors. A second signal ends the wait; the daemon then stops them without this program.
+    /// Damps and stops the motors. A second signal ends the wait; the daemon then stops them
+    /// without this program.
     pub(crate) fn stop(&mut self, interrupt: &Interrupt) -> Result<(), Failure> {
         disable(&mut self.claim, interrupt)
     }

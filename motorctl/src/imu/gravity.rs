@@ -5,7 +5,8 @@ use crate::status;
 use motord_client::{Imu, ImuContradiction, ImuDescription};
 use motord_doctor::Finding;
 
-/// Returns a finding of `doctor` for each IMU of a running daemon; none without a daemon. Waits for a state only where there is an IMU.
+/// Returns a finding of `doctor` for each IMU of a running daemon; none without a daemon. Waits for
+/// a state only where there is an IMU.
 pub(crate) fn findings(instance: &str) -> Vec<Finding> {
     let Ok(client) = status::connect(instance) else { return Vec::new() };
     let imus = client.description().imus.clone();

@@ -4,8 +4,8 @@ use crate::report::RobotReport;
 use crossterm::event::{KeyCode, KeyEvent};
 use std::time::{Duration, Instant};
 
-/// A `y` that follows sooner is no answer of a person who has read the question: a terminal without bracketed paste passes pasted
-/// text as keys.
+/// A `y` that follows sooner is no answer of a person who has read the question: a terminal without
+/// bracketed paste passes pasted text as keys.
 const READ_MIN: Duration = Duration::from_millis(500);
 
 /// A question, until the next key.
@@ -19,7 +19,8 @@ pub(super) struct Question {
 }
 
 impl Question {
-    /// Returns the question for those of the chosen groups that are stopped by a cause; `None` when there is none.
+    /// Returns the question for those of the chosen groups that are stopped by a cause; `None` when
+    /// there is none.
     pub(super) fn about(robot: &RobotReport, chosen: &[String], now: Instant) -> Option<Self> {
         let stopped = robot.groups.iter().filter(|group| chosen.contains(&group.name));
         let stops: Vec<_> = stopped.filter_map(|group| Some((group, group.stop.as_ref()?))).collect();

@@ -122,7 +122,8 @@ impl StopProgress {
     }
 }
 
-/// The question and the outcomes that are shown. Outcomes stand for ten seconds, except that of a stop that is not confirmed.
+/// The question and the outcomes that are shown. Outcomes stand for ten seconds, except that of a
+/// stop that is not confirmed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Notice {
     stop: StopProgress,

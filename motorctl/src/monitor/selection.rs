@@ -1,4 +1,5 @@
-//! The joint whose details are shown, the joints of the curves, and the time and the scale of the curves.
+//! The joint whose details are shown, the joints of the curves, and the time and the scale of the
+//! curves.
 
 use crossterm::event::KeyCode;
 
@@ -14,7 +15,8 @@ pub(super) struct Selection {
     cursor: Option<String>,
     chosen: Vec<String>,
     time: usize,
-    /// True if the scale always includes the limits; otherwise only where the values come near them.
+    /// True if the scale always includes the limits; otherwise only where the values come near
+    /// them.
     pub(super) has_limits: bool,
 }
 
@@ -40,8 +42,8 @@ impl Selection {
         TIMES[self.time]
     }
 
-    /// Returns at most `most` joints: the chosen ones, the last of them if there are more; otherwise the rows from the
-    /// cursor on.
+    /// Returns at most `most` joints: the chosen ones, the last of them if there are more;
+    /// otherwise the rows from the cursor on.
     pub(super) fn shown(&self, most: usize) -> Vec<&str> {
         let is_row = |name: &&String| self.rows.contains(*name);
         let chosen: Vec<&str> = self.chosen.iter().filter(is_row).map(String::as_str).collect();

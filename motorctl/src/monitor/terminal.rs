@@ -1,4 +1,5 @@
-//! The terminal, as a resource that is given back: at the end, on an error, on a signal and on a panic.
+//! The terminal, as a resource that is given back: at the end, on an error, on a signal and on a
+//! panic.
 
 use super::events::Event;
 use super::keys::{Input, Keys, SILENCE};
@@ -28,8 +29,9 @@ pub(super) struct Screen {
 }
 
 impl Screen {
-    /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to `events`. The key of the
-    /// emergency stop calls `stop` at once: it does not wait until a slow terminal has taken the next picture.
+    /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to
+    /// `events`. The key of the emergency stop calls `stop` at once: it does not wait until a slow
+    /// terminal has taken the next picture.
     ///
     /// # Errors
     ///
@@ -163,7 +165,8 @@ mod tests {
         let Some(tmux) = Tmux::start(&[]) else { return };
         let program = std::env::current_exe().unwrap();
         let line = "--ignored --exact --nocapture monitor::terminal::tests::counting_process";
-        // Without `exec` the shell would take the terminal while the test holds the program with SIGSTOP.
+        // Without `exec` the shell would take the terminal while the test holds the program with
+        // SIGSTOP.
         tmux.enter(&format!("exec {} {line}", program.display()));
         let screen = tmux.until("the program", |screen| screen.contains("keys 0 sizes 0 ."));
         let pid = screen.split_whitespace().skip_while(|word| *word != "pid").nth(1).unwrap();

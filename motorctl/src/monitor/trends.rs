@@ -1,4 +1,5 @@
-//! The last minute of every joint: position, velocity and torque, and its stops and faults, in the time of the states.
+//! The last minute of every joint: position, velocity and torque, and its stops and faults, in the
+//! time of the states.
 
 use motord_client::{JointState, Kind, RobotDescription, State};
 use motord_record::{Event, Events, concerns, is_mark};
@@ -37,7 +38,8 @@ pub(super) struct Mark {
 /// A mark, or a value of a curve: time before the newest state, s, and value.
 pub(super) type Point = (f64, f64);
 
-/// The remembered states. The memory has a bound: `SLOTS_MAX` slots of the robot's joints, and `MARKS_MAX` marks.
+/// The remembered states. The memory has a bound: `SLOTS_MAX` slots of the robot's joints, and
+/// `MARKS_MAX` marks.
 #[derive(Debug, Default)]
 pub(super) struct Trends {
     slots: VecDeque<Slot>,

@@ -7,7 +7,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// Returns the words that bash offers for the last word of `line`, with daemons in `runtime`; `None` without bash.
+/// Returns the words that bash offers for the last word of `line`, with daemons in `runtime`;
+/// `None` without bash.
 fn offered(runtime: &Path, line: &str) -> Option<Vec<String>> {
     const ASK: &str = r#"
         source <(motorctl completions bash)

@@ -7,14 +7,16 @@ use serde_json::Value;
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
-/// Runs a script of bash in network and mount namespaces of its own: it sees no daemon of another test, and stops none. `start DIRECTORY
-/// INSTANCE` starts a daemon. `None` where the computer allows no namespaces.
+/// Runs a script of bash in network and mount namespaces of its own: it sees no daemon of another
+/// test, and stops none. `start DIRECTORY INSTANCE` starts a daemon. `None` where the computer
+/// allows no namespaces.
 fn alone(script: &str) -> Option<Output> {
     alone_in(&["--user", "--map-root-user", "--net", "--mount"], script)
 }
 
-/// Like [`alone`], where `as_outsider COMMAND` runs a command as another user, `start_outside DIRECTORY` a daemon of that user, and
-/// `listen_outside` a Python program of that user, until it prints a line. `None` also where this user is not root.
+/// Like [`alone`], where `as_outsider COMMAND` runs a command as another user,
+/// `start_outside DIRECTORY` a daemon of that user, and `listen_outside` a Python program of that
+/// user, until it prints a line. `None` also where this user is not root.
 fn beside_outsider(script: &str) -> Option<Output> {
     const OUTSIDER: &str = r#"
         as_outsider() { setpriv --reuid=65534 --regid=65534 --clear-groups "$@"; }
@@ -54,7 +56,8 @@ $1" >listening.log &
     Some(output)
 }
 
-/// Like [`beside_outsider`], beside a daemon of that user, whose directory is `other` and whose process is `$other`.
+/// Like [`beside_outsider`], beside a daemon of that user, whose directory is `other` and whose
+/// process is `$other`.
 fn beside_daemon_of_outsider(script: &str) -> Option<Output> {
     beside_outsider(&format!("start_outside other; other=$!\n{script}"))
 }
@@ -188,7 +191,8 @@ fn only_daemon_elsewhere_is_stopped() {
     assert!(printed.contains("MOTORD_RUNTIME_DIR=/") && printed.contains("motorctl reset`"), "{printed}");
 }
 
-/// Goal: an operator who names the wrong instance sees the line of each running instance, and the line that stops all.
+/// Goal: an operator who names the wrong instance sees the line of each running instance, and the
+/// line that stops all.
 #[test]
 fn wrong_instance_prints_lines_that_stop() {
     let Some(output) = alone("start other arm; motorctl --instance leg estop") else { return };
@@ -247,7 +251,8 @@ fn one_alarm_precedes_daemons_that_are_not_confirmed() {
     assert!(text(&output.stdout).contains("confirmed: every motor of instance arm"), "{output:?}");
 }
 
-/// Goal: a client that finds no space is not told that files are damaged. The emergency stop needs none.
+/// Goal: a client that finds no space is not told that files are damaged. The emergency stop needs
+/// none.
 #[test]
 fn client_on_full_file_system_is_told_so() {
     let script = "mkdir small; mount -t tmpfs -o size=40m tmpfs small || exit 42\n\
@@ -264,9 +269,9 @@ fn client_on_full_file_system_is_told_so() {
     assert!(text(&output.stdout).contains("confirmed: every motor"), "{output:?}");
 }
 
-/// Goal: files and sockets of another user end, delay and fake no emergency stop.
-/// Method: the files of a daemon of that user are cut to nothing, and 20 of that user's sockets with names of daemons take every
-/// connection and never answer.
+/// Goal: files and sockets of another user end, delay and fake no emergency stop. Method: the files
+/// of a daemon of that user are cut to nothing, and 20 of that user's sockets with names of daemons
+/// take every connection and never answer.
 #[test]
 fn outsider_neither_ends_nor_delays_stop_of_all() {
     const SILENT: &str = r#"
@@ -301,9 +306,9 @@ time.sleep(100)
     assert!(elapsed < 5000, "20 silent sockets took 22 s: {elapsed} ms");
 }
 
-/// Goal: more names than this process may have descriptors keep the stop from no daemon, and a full queue is mentioned.
-/// Method: 1500 sockets of an outsider, one of them with a full queue, have names before that of the daemon. `estop` may have 1024
-/// descriptors, then 64.
+/// Goal: more names than this process may have descriptors keep the stop from no daemon, and a full
+/// queue is mentioned. Method: 1500 sockets of an outsider, one of them with a full queue, have
+/// names before that of the daemon. `estop` may have 1024 descriptors, then 64.
 #[test]
 fn more_names_than_descriptors_hide_no_daemon() {
     const CROWD: &str = r#"
@@ -345,7 +350,8 @@ time.sleep(100)
     );
 }
 
-/// Goal: a lone process of another user is not the daemon that is meant, and confirms nothing. It is sent the stop of all.
+/// Goal: a lone process of another user is not the daemon that is meant, and confirms nothing. It
+/// is sent the stop of all.
 #[test]
 fn lone_foreign_instance_confirms_no_stop() {
     let script = "motorctl estop && exit 98; is_stopped_outside other && exit 97\n\
@@ -368,7 +374,8 @@ fn lone_foreign_instance_confirms_no_stop() {
     assert_eq!(printed.matches("65534, foreign").count(), 1, "{printed}");
 }
 
-/// Goal: a user who runs a daemon and has become root stops it, and so does root who names its directory.
+/// Goal: a user who runs a daemon and has become root stops it, and so does root who names its
+/// directory.
 #[test]
 fn root_stops_daemon_of_its_user() {
     let script = "SUDO_UID=65534 motorctl estop || exit 98; is_stopped_outside other || exit 97\n\
@@ -378,7 +385,8 @@ fn root_stops_daemon_of_its_user() {
     assert_eq!(text(&output.stdout).matches("confirmed: every motor").count(), 3, "{output:?}");
 }
 
-/// Goal: an instance whose name no shell can print keeps no robot moving: it is taken for the default name, which means any daemon.
+/// Goal: an instance whose name no shell can print keeps no robot moving: it is taken for the
+/// default name, which means any daemon.
 #[test]
 fn instance_that_is_not_utf8_stops_default() {
     let script = "start here/own robot; export MOTORD_RUNTIME_DIR=$PWD/here/own\n\

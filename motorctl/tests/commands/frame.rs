@@ -113,7 +113,8 @@ fn encode_reproduces_vectors_from_decode_output() {
 
 #[test]
 fn encode_reproduces_vectors_from_their_keys() {
-    // A truncating driver's choice of codes, a danger to avoid, and a reply that is longer than the document's.
+    // A truncating driver's choice of codes, a danger to avoid, and a reply that is longer than the
+    // document's.
     let is_ours =
         |name: &str| !["_trunc", "ALIAS", "hazard", "dlc8"].iter().any(|variant| name.contains(variant));
     for vector in vectors().iter().filter(|vector| is_ours(&vector.name)) {

@@ -43,7 +43,8 @@ fn rate_is_written_stored_and_measured() {
     }
 }
 
-/// The port has the old baud rate before, and the new one after; the terminal garbles bytes of another one.
+/// The port has the old baud rate before, and the new one after; the terminal garbles bytes of
+/// another one.
 #[test]
 fn baud_rate_is_changed_with_the_rate() {
     for vendor in [ImuVendor::Hipnuc, ImuVendor::Xsens] {
@@ -121,7 +122,8 @@ fn mounted(turn: f32) -> ImuSample {
     }
 }
 
-/// A sensor at rest whose x points down, on a body whose nose is lowered by this angle, °: pitch 90° and the angle.
+/// A sensor at rest whose x points down, on a body whose nose is lowered by this angle, °: pitch
+/// 90° and the angle.
 fn pitched(lowered: f32) -> ImuSample {
     let (sine, cosine) = (90.0 + lowered).to_radians().sin_cos();
     let (half_sine, half_cosine) = ((90.0 + lowered) / 2.0).to_radians().sin_cos();
@@ -148,7 +150,8 @@ fn publish(client: &Client, samples: [ImuSample; 2], moved: &AtomicBool, end: &A
     }
 }
 
-/// Runs `imu level base` beside a publisher, which sends the second sample when the command asks for the second pose.
+/// Runs `imu level base` beside a publisher, which sends the second sample when the command asks
+/// for the second pose.
 fn level(daemon: &Daemon, samples: [ImuSample; 2], arguments: &[&str]) -> (Option<i32>, String, String) {
     let (client, moved, end) = (daemon.connect(), AtomicBool::new(false), AtomicBool::new(false));
     until("the end of the last publisher", || daemon.status()["imus"][0]["lost"].as_bool()?.then_some(()));

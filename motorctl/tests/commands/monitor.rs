@@ -90,7 +90,8 @@ fn keys_stop_reset_and_disable_the_robot() {
     tmux.assert_given_back();
 }
 
-/// Goal: text that is meant for another window does nothing here, also in a terminal without bracketed paste.
+/// Goal: text that is meant for another window does nothing here, also in a terminal without
+/// bracketed paste.
 #[test]
 fn pasted_text_neither_stops_nor_clears_a_stop() {
     let daemon = Daemon::start(&slow_quadruped());

@@ -27,7 +27,8 @@ pub(crate) fn help(name: &str, command: &[String]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The words of every command of a program, those of its commands' commands included; the program itself has none.
+/// The words of every command of a program, those of its commands' commands included; the program
+/// itself has none.
 pub(crate) fn commands(name: &str) -> Vec<Vec<String>> {
     let mut found = vec![Vec::new()];
     let mut next = 0;

@@ -218,7 +218,8 @@ fn every_table_line_is_a_motorctl_command() {
     }
 }
 
-/// Goal: each row names tests that exist, the one on CAN among those of `wire_vcan.rs`, the one on RS485 among those of `wire.rs`.
+/// Goal: each row names tests that exist, the one on CAN among those of `wire_vcan.rs`, the one on
+/// RS485 among those of `wire.rs`.
 #[test]
 fn every_table_test_runs_motorctl_on_wire() {
     let on_can = include_str!("../wire_vcan.rs");

@@ -51,7 +51,8 @@ fn schemas_are_valid_and_belong_to_commands() {
     }
 }
 
-/// The keys of a joint and of an IMU, their types and descriptions come from the tables of their states.
+/// The keys of a joint and of an IMU, their types and descriptions come from the tables of their
+/// states.
 #[test]
 fn state_schemas_are_generated_from_their_tables() {
     let status = &schema("motorctl-status")["properties"];

@@ -354,7 +354,8 @@ fn wrong_arguments_are_refused_before_anybody_is_asked() {
     }
 }
 
-/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its line.
+/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the
+/// other on its line.
 #[test]
 fn factory_reset_is_undone_by_dump_and_apply() {
     for id in [3, 17, 99] {

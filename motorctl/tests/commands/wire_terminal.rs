@@ -3,7 +3,8 @@
 use crate::line::Line;
 use motord_harness::tmux::Tmux;
 
-/// Enters a call of motorctl with the knee of `line`; `done STATUS` is on the screen when it has ended.
+/// Enters a call of motorctl with the knee of `line`; `done STATUS` is on the screen when it has
+/// ended.
 fn enter(terminal: &Tmux, line: &Line, call: &str) {
     let motorctl = env!("CARGO_BIN_EXE_motorctl");
     terminal.enter(&format!("clear; {motorctl} {call} --bus {} --id 3; echo done $?", line.device()));

@@ -1,4 +1,5 @@
-//! The main job, end to end: 12 simulated motors at 1 kHz, moved by a controller process through shared memory.
+//! The main job, end to end: 12 simulated motors at 1 kHz, moved by a controller process through
+//! shared memory.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 

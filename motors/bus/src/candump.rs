@@ -1,4 +1,5 @@
-//! The log format of can-utils: a line of `candump -L`, such as `(1436509052.249713) vcan0 044#2A366C2BBA`.
+//! The log format of can-utils: a line of `candump -L`, such as
+//! `(1436509052.249713) vcan0 044#2A366C2BBA`.
 //!
 //! Source: can-utils, `candump.c` and `lib.h` (`snprintf_canframe`).
 
@@ -115,7 +116,8 @@ fn format(data: &str) -> Result<(Format, &str), InvalidLine> {
     Ok((format, payload))
 }
 
-/// Returns the error message frame of this class and payload; [`Unsupported::Length`] for a payload of more than eight bytes.
+/// Returns the error message frame of this class and payload; [`Unsupported::Length`] for a payload
+/// of more than eight bytes.
 #[must_use]
 pub fn report(class: u32, payload: &[u8]) -> Content {
     let mut data = [0; 8];

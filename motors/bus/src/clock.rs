@@ -5,7 +5,8 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use crate::time::{Duration, Instant};
 
-/// Reads `CLOCK_MONOTONIC`. Neither allocates nor blocks; on most machines it is no system call (vDSO).
+/// Reads `CLOCK_MONOTONIC`. Neither allocates nor blocks; on most machines it is no system call
+/// (vDSO).
 #[must_use]
 #[inline]
 pub fn monotonic() -> Instant {
@@ -60,7 +61,8 @@ impl RealtimeOffset {
             let realtime = read(ClockId::Realtime);
             let after = read(ClockId::Monotonic);
             let width = after.saturating_sub(before);
-            // At the latest: a stamp may become later by the width of the reading, never earlier than its frame.
+            // At the latest: a stamp may become later by the width of the reading, never earlier
+            // than its frame.
             (width, realtime.wrapping_sub(after) as i64, after)
         };
         // A reading that was interrupted is wide. Three consecutive readings are not all
@@ -72,10 +74,10 @@ impl RealtimeOffset {
         Self { offset, measured: Instant::from_nanos(measured) }
     }
 
-    /// Returns the instant of a stamp that was taken between `earliest` and `now`, which has passed. The
-    /// result always lies between them. A stamp from before `sent_at`, the last request, is late, or the
-    /// time was set back by less than makes a stamp impossible. Neither allocates nor blocks; measures
-    /// at most once per value of `now`.
+    /// Returns the instant of a stamp that was taken between `earliest` and `now`, which has
+    /// passed. The result always lies between them. A stamp from before `sent_at`, the last
+    /// request, is late, or the time was set back by less than makes a stamp impossible. Neither
+    /// allocates nor blocks; measures at most once per value of `now`.
     #[inline]
     pub(crate) fn monotonic(
         &mut self,

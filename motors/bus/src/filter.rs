@@ -2,7 +2,8 @@
 
 use crate::frame::FrameId;
 
-/// Ids of one width that agree in the bits of a mask, like those of a `can_filter` of `linux/can.h`.
+/// Ids of one width that agree in the bits of a mask, like those of a `can_filter` of
+/// `linux/can.h`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IdFilter {
     word: u32,

@@ -1,7 +1,8 @@
 //! The process that holds a lock of a bus, found without its help.
 //!
-//! A connection shows the process that listens. A process hides if it never listens, or if its queue of connections is full, which any
-//! user can bring about. The kernel's table of sockets still shows its user.
+//! A connection shows the process that listens. A process hides if it never listens, or if its
+//! queue of connections is full, which any user can bring about. The kernel's table of sockets
+//! still shows its user.
 
 use core::fmt::{self, Display, Formatter};
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -20,7 +21,8 @@ const SEARCH_MAX: Duration = Duration::from_millis(20);
 /// The process that holds a bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holder {
-    /// Its process id. `None` when it is in another process namespace, hides, or is just taking the lock.
+    /// Its process id. `None` when it is in another process namespace, hides, or is just taking the
+    /// lock.
     pub pid: Option<u32>,
     /// Its user, as the kernel recorded it. `None` when it hides, or is just taking the lock.
     pub uid: Option<u32>,
@@ -54,7 +56,8 @@ impl Display for Holder {
     }
 }
 
-/// Returns the name of the program of process `pid`. The process chooses it, so other characters than printable ASCII are omitted.
+/// Returns the name of the program of process `pid`. The process chooses it, so other characters
+/// than printable ASCII are omitted.
 fn program(pid: u32) -> Option<String> {
     let name = std::fs::read(format!("/proc/{pid}/comm")).ok()?;
     let name: String =
@@ -62,8 +65,8 @@ fn program(pid: u32) -> Option<String> {
     (!name.is_empty()).then_some(name)
 }
 
-/// Returns the process that listens at the abstract name `name`; `None` without one. The kernel stores its credentials, so it
-/// need not accept connections. Four system calls; does not block.
+/// Returns the process that listens at the abstract name `name`; `None` without one. The kernel
+/// stores its credentials, so it need not accept connections. Four system calls; does not block.
 pub(crate) fn listener(name: &[u8]) -> Option<Holder> {
     let socket = open().ok()?;
     match connect(socket.as_raw_fd(), &UnixAddr::new_abstract(name).ok()?) {
@@ -82,8 +85,9 @@ pub(crate) fn open() -> nix::Result<OwnedFd> {
     socket(AddressFamily::Unix, SockType::Stream, flags, None)
 }
 
-/// Returns the user who bound the abstract name `name`, listening or not; `None` without one, and where the kernel does not tell
-/// (before Linux 5.3, or without `unix_diag`). Allocates, and takes at most 40 ms.
+/// Returns the user who bound the abstract name `name`, listening or not; `None` without one, and
+/// where the kernel does not tell (before Linux 5.3, or without `unix_diag`). Allocates, and takes
+/// at most 40 ms.
 pub(crate) fn owner(name: &[u8]) -> Option<u32> {
     let end = Instant::now() + SEARCH_MAX;
     let table = ask_for_table().ok()?;

@@ -9,8 +9,8 @@ use nix::sys::stat::{major, minor};
 /// Major device numbers of pseudo terminals. Each mounted `devpts` counts them from 0.
 const PSEUDO_TERMINALS: core::ops::RangeInclusive<u64> = 136..=143;
 
-/// A CAN interface or a serial port. Two names of one bus, such as `can0` and an alternative name of
-/// it, have one identity. It holds until the adapter is unplugged.
+/// A CAN interface or a serial port. Two names of one bus, such as `can0` and an alternative name
+/// of it, have one identity. It holds until the adapter is unplugged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Identity {
     /// The index of an interface in the network namespace of this process.

@@ -4,8 +4,8 @@
 //! could delete or replace, and the name disappears with its process. Such names belong to a
 //! network namespace, as CAN interfaces do.
 //!
-//! A bus has two of them. One is for its [`Identity`], which is the same under all names of the bus.
-//! The other is for the name, and also holds while the interface or the device does not exist.
+//! A bus has two of them. One is for its [`Identity`], which is the same under all names of the
+//! bus. The other is for the name, and also holds while the interface or the device does not exist.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 
@@ -90,17 +90,18 @@ impl BusLock {
         Self::acquire(Named::Device(device.to_owned()))
     }
 
-    /// Prepares the kernel for [`holders_of_interface`](Self::holders_of_interface): a first search may load a module from the
-    /// disk. Blocks until that is done; allocates.
+    /// Prepares the kernel for [`holders_of_interface`](Self::holders_of_interface): a first search
+    /// may load a module from the disk. Blocks until that is done; allocates.
     pub fn prepare_search() {
         let _no_name_is_empty = owner(b"");
     }
 
-    /// Returns the processes that hold the interface or the name `interface`: one in each, of which one may be another process
-    /// than the other. Neither blocks nor waits for them; at most twelve system calls.
+    /// Returns the processes that hold the interface or the name `interface`: one in each, of which
+    /// one may be another process than the other. Neither blocks nor waits for them; at most twelve
+    /// system calls.
     ///
-    /// Any user may hold a free name, and hide: see [`Holder`]. If `thorough`, names the user of one that hides, which takes at
-    /// most 80 ms and allocates.
+    /// Any user may hold a free name, and hide: see [`Holder`]. If `thorough`, names the user of
+    /// one that hides, which takes at most 80 ms and allocates.
     #[must_use]
     pub fn holders_of_interface(interface: &str, thorough: bool) -> [Option<Holder>; 2] {
         let interface = interface.parse().map(Named::Interface);
@@ -114,8 +115,9 @@ impl BusLock {
         Named::Device(device.to_owned()).holders(thorough)
     }
 
-    /// Locks the interface or device that has the name now, and lets another one go: its index or number may already be that of
-    /// another bus. The name stays locked. Call it before a bus is opened again: a reconnected adapter has another index or number.
+    /// Locks the interface or device that has the name now, and lets another one go: its index or
+    /// number may already be that of another bus. The name stays locked. Call it before a bus is
+    /// opened again: a reconnected adapter has another index or number.
     ///
     /// # Errors
     ///
@@ -268,12 +270,14 @@ mod tests {
         BusLock::interface(name).unwrap();
     }
 
-    /// A terminal and a node of the same device number elsewhere, as a container or `mknod` makes them.
+    /// A terminal and a node of the same device number elsewhere, as a container or `mknod` makes
+    /// them.
     #[test]
     fn device_number_is_locked_under_every_path() {
         let directory = tempfile::tempdir().unwrap();
         let node = directory.path().join("leg");
-        // No child process: until it executes its program, it also holds the locks of the other tests.
+        // No child process: until it executes its program, it also holds the locks of the other
+        // tests.
         let null = makedev(1, 3);
         if mknod(&node, SFlag::S_IFCHR, Mode::S_IRUSR, null).is_err() {
             println!("skipped: mknod needs root");

@@ -1,15 +1,16 @@
 //! The families of motors: one row for each protocol that a motor may be configured for.
 //!
-//! A family is one folder of this crate. It holds the codec, the [`Family`] with the facts that other crates ask for and,
-//! with the features `drive` and `commissioning`, the dialect that a cycle speaks and the transactions.
+//! A family is one folder of this crate. It holds the codec, the [`Family`] with the facts that
+//! other crates ask for and, with the features `drive` and `commissioning`, the dialect that a
+//! cycle speaks and the transactions.
 
 #[cfg(feature = "drive")]
 use crate::drive::{Dialect, DriveSettings, dispatch};
 use crate::family::Family;
 use core::str::FromStr;
 
-/// Defines the protocols, and dispatches to the folder of each. A row has the documentation, the name in Rust, the folder,
-/// and the dialect in it.
+/// Defines the protocols, and dispatches to the folder of each. A row has the documentation, the
+/// name in Rust, the folder, and the dialect in it.
 macro_rules! families {
     ($($(#[$doc:meta])* $protocol:ident = $folder:ident :: $dialect:ident),+ $(,)?) => {
         /// Protocol that a motor is configured for.
@@ -18,7 +19,8 @@ macro_rules! families {
             $($(#[$doc])* $protocol),+
         }
 
-        /// Every family: its name in configurations and on command lines, and its protocol. The usual one is first.
+        /// Every family: its name in configurations and on command lines, and its protocol. The
+        /// usual one is first.
         pub const FAMILIES: &[(&str, MotorProtocol)] =
             &[$((crate::$folder::FAMILY.name, MotorProtocol::$protocol)),+];
 

@@ -11,10 +11,11 @@ pub type AnswersOnLine = fn(request: &[u8], reply: &[u8]) -> bool;
 pub struct Family {
     /// Its name in configurations and on command lines.
     pub name: &'static str,
-    /// Returns whether a reply can answer a request on a serial line, by their payloads alone. `None`: its motors are on CAN
-    /// only.
+    /// Returns whether a reply can answer a request on a serial line, by their payloads alone.
+    /// `None`: its motors are on CAN only.
     pub answers_on_line: Option<AnswersOnLine>,
-    /// Positions and velocities are codes with ends, which the configuration must know. Otherwise they are floats.
+    /// Positions and velocities are codes with ends, which the configuration must know. Otherwise
+    /// they are floats.
     pub has_codes: bool,
     /// Each control command ends by itself after a duration.
     pub has_durations: bool,
@@ -27,7 +28,8 @@ pub struct Family {
     /// Returns how the lock file names the answer of a vendor's motor.
     #[cfg(feature = "commissioning")]
     pub reported: fn(&Profile) -> crate::reported::ReportedProtocol,
-    /// Returns the lengths of a command and of the shortest reply with a state, for the plan of a bus.
+    /// Returns the lengths of a command and of the shortest reply with a state, for the plan of a
+    /// bus.
     #[cfg(feature = "drive")]
     pub frame_lengths: fn(&Profile) -> [motord_bus::arithmetic::FrameLength; 2],
     /// Returns the ids on the bus of a motor with this id and host id.

@@ -152,7 +152,8 @@ impl Faults {
     }
 }
 
-/// The fault number of a SteadyWin motor, read as bits. Source: GIM document Table 9, MIT document 1.2.
+/// The fault number of a SteadyWin motor, read as bits. Source: GIM document Table 9, MIT document
+/// 1.2.
 ///
 /// Both documents call it a number. Its values are powers of two without 0x20, so it is decoded as
 /// a bit mask. The bit without a name is kept.

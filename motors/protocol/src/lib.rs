@@ -10,9 +10,10 @@
 //! name speak other protocols with the same leading bytes. A motor's protocol is therefore
 //! declared, never inferred from its replies.
 //!
-//! - [`Family`]: one row of facts for each protocol of motors, and [`MotorProtocol`], its name in code.
-//! - `drive`, with the feature of this name: commands and reports of a motor in a cycle, for every family. It uses the standard
-//!   library.
+//! - [`Family`]: one row of facts for each protocol of motors, and [`MotorProtocol`], its name in
+//!   code.
+//! - `drive`, with the feature of this name: commands and reports of a motor in a cycle, for every
+//!   family. It uses the standard library.
 //! - `commissioning`, with the feature of this name: transactions with motors, one at a time.
 //! - [`mit`]: impedance control over CAN, with requests of 8 bytes and replies of 6 to 8.
 //! - [`profile`]: the differences between vendors, as data.
@@ -26,8 +27,8 @@
 //!
 //! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad. Other units are named where they occur. All
 //! values are on the motor side: this crate does not apply signs and offsets of joints. No function
-//! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes of a
-//! frame or by a table's length.
+//! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes
+//! of a frame or by a table's length.
 
 #![cfg_attr(not(any(feature = "drive", feature = "commissioning")), no_std)]
 #![forbid(unsafe_code)]

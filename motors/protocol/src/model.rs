@@ -82,8 +82,8 @@ pub(crate) const fn model(
     }
 }
 
-/// Name, gear ratio, rotor torque constant, torque rated and peak, current rated and peak, velocity, resistance, pole
-/// pairs, voltage.
+/// Name, gear ratio, rotor torque constant, torque rated and peak, current rated and peak,
+/// velocity, resistance, pole pairs, voltage.
 #[expect(clippy::approx_constant, reason = "6.28 N·m is a torque")]
 pub const MODELS: [Model; 19] = [
     model("GIM3505-8", 8.0, 0.056, [0.67, 1.79], [1.53, 3.99], 41.9, 5.47, 11, 24.0),

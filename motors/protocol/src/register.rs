@@ -1,5 +1,6 @@
-//! Access to the registers of Damiao motors: one request id for all motors of a bus, and an answer with the motor's reply id that
-//! repeats the first four bytes. Sources: DM_CAN.py, motorbridge, openarm_can, LeRobot; not confirmed on hardware.
+//! Access to the registers of Damiao motors: one request id for all motors of a bus, and an answer
+//! with the motor's reply id that repeats the first four bytes. Sources: DM_CAN.py, motorbridge,
+//! openarm_can, LeRobot; not confirmed on hardware.
 
 /// Id of every request.
 pub const REQUEST_ID: u16 = 0x7FF;
@@ -17,17 +18,17 @@ pub const END_NAMES: [&str; 3] = ["PMAX", "VMAX", "TMAX"];
 /// The largest number of a register.
 const LARGEST: u8 = 81;
 
-/// Returns `true` when `payload` is the answer of the motor `id` to an access to any of its registers, and no state: a state
-/// with these bytes has the position code 0x33, 0x55 or 0xAA and a third of the velocity range backward, in a motor
-/// that is disabled. Real-time: constant time.
+/// Returns `true` when `payload` is the answer of the motor `id` to an access to any of its
+/// registers, and no state: a state with these bytes has the position code 0x33, 0x55 or 0xAA and a
+/// third of the velocity range backward, in a motor that is disabled. Real-time: constant time.
 #[must_use]
 #[inline]
 pub const fn is_answer(id: u8, payload: &[u8]) -> bool {
     matches!(*payload, [first, 0, 0x33 | 0x55 | 0xAA, register, _, _, _, _] if first == id && register <= LARGEST)
 }
 
-/// Returns the index in [`ENDS`] of the register in the answer to [`read`], and its value; `None` for any other payload. The
-/// number may be anything.
+/// Returns the index in [`ENDS`] of the register in the answer to [`read`], and its value; `None`
+/// for any other payload. The number may be anything.
 #[must_use]
 pub fn end_of(id: u8, payload: &[u8]) -> Option<(usize, f32)> {
     let found = |(index, &register)| Some((index, value(id, register, payload)?));
@@ -40,7 +41,8 @@ pub const fn read(id: u8, register: u8) -> [u8; 8] {
     [id, 0, 0x33, register, 0, 0, 0, 0]
 }
 
-/// Returns the value in the answer to [`read`]; `None` for any other payload. The number may be anything.
+/// Returns the value in the answer to [`read`]; `None` for any other payload. The number may be
+/// anything.
 #[must_use]
 pub fn value(id: u8, register: u8, payload: &[u8]) -> Option<f32> {
     let [first, rest] = [payload.first_chunk::<4>()?, payload.get(4..)?.first_chunk::<4>()?];
@@ -52,7 +54,8 @@ pub fn value(id: u8, register: u8, payload: &[u8]) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// Bytes from DM_CAN.py `__send_data` with 0x33 (read_motor_param), and IEEE 754: 12.5 is 0x41480000, 8 is 0x41000000.
+    /// Bytes from DM_CAN.py `__send_data` with 0x33 (read_motor_param), and IEEE 754: 12.5 is
+    /// 0x41480000, 8 is 0x41000000.
     #[test]
     fn request_and_answer_are_the_vendors_bytes() {
         assert_eq!(read(1, 21), [0x01, 0x00, 0x33, 0x15, 0, 0, 0, 0]);

@@ -122,8 +122,8 @@ impl Scales {
         }
     }
 
-    /// Returns the scales with these ends of position, rad, velocity, rad/s, and torque, N·m: those that a motor's registers
-    /// contain. The gains keep theirs.
+    /// Returns the scales with these ends of position, rad, velocity, rad/s, and torque, N·m: those
+    /// that a motor's registers contain. The gains keep theirs.
     #[must_use]
     pub fn with_ends(&self, ends: [f32; 3]) -> Self {
         let [position, velocity, torque] = ends.map(f64::from);

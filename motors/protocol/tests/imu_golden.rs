@@ -1,6 +1,6 @@
 //! Golden frames of IMUs, worked out by hand from the vendors' manuals, or printed in them. The sum
-//! of each value stands beside its bytes. `docs/imu-protocols.md` names the independent decoders that
-//! read the same frames.
+//! of each value stands beside its bytes. `docs/imu-protocols.md` names the independent decoders
+//! that read the same frames.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -72,8 +72,9 @@ fn hipnuc_frame_of_manual_has_printed_values() {
     points_up(&sample, 3.0);
 }
 
-/// The packet of the manual's frame, with other packets beside it, as the vendor's `parse_data` reads them. The checksums are
-/// those of `binascii.crc_hqx` of Python, which also gives the manual's 0x516C.
+/// The packet of the manual's frame, with other packets beside it, as the vendor's `parse_data`
+/// reads them. The checksums are those of `binascii.crc_hqx` of Python, which also gives the
+/// manual's 0x516C.
 #[test]
 fn hipnuc_packet_beside_others_has_printed_values() {
     let expected = only(hipnuc(&hex(MANUAL_0X91)));
@@ -207,7 +208,8 @@ fn damiao_replies_by_hand_have_their_values() {
         let Reply::Measured { measured, temperature_celsius } = reply else { panic!("{reply:?}") };
         (measured, temperature_celsius)
     };
-    // 0x8000 is 32768 x 470.4 / 65535 - 235.2 = 0.00359; 0x8555 is 34133 x 470.4 / 65535 - 235.2 = 9.80135.
+    // 0x8000 is 32768 x 470.4 / 65535 - 235.2 = 0.00359; 0x8555 is 34133 x 470.4 / 65535 - 235.2 =
+    // 9.80135.
     let (acceleration, temperature) = measured(&damiao::FIRMWARE_1024, "01 28 00 80 00 00 55 85");
     let Measured::Acceleration(value) = acceleration else { panic!("{acceleration:?}") };
     close(value, [0.003_589, -235.2, 9.801_346]);
@@ -224,7 +226,8 @@ fn damiao_replies_by_hand_have_their_values() {
     let (angles, _) = measured(&damiao::FIRMWARE_1024, "03 00 FF FF 00 00 00 80");
     let Measured::Angles(value) = angles else { panic!("{angles:?}") };
     close(value, degrees([0.002_747, 90.0, -180.0]));
-    // 0x3FFF is 1, 0x1FFF is 8191 x 2 / 16383 - 1 = -0.000061: 11111111 111111|01 11111111 1111|0111 ...
+    // 0x3FFF is 1, 0x1FFF is 8191 x 2 / 16383 - 1 = -0.000061: 11111111 111111|01 11111111
+    // 1111|0111 ...
     let (orientation, _) = measured(&damiao::FIRMWARE_1024, "04 FF FD FF F7 FF DF FF");
     let Measured::Orientation(value) = orientation else { panic!("{orientation:?}") };
     close(value.parts(), [1.0, -0.000_061, -0.000_061, -0.000_061]);
@@ -269,14 +272,15 @@ fn damiao_requests_are_those_of_manual_and_sample() {
 
 #[test]
 fn xsens_precisions_by_hand_have_their_values() {
-    // 12.20: 1 is 0x00100000, -9.5 is -9961472 = 0xFF680000, 9.75 is 0x009C0000. The sum of the bytes from 0xFF on is
-    // 0x418: 0xE8 completes it to 0x500.
+    // 12.20: 1 is 0x00100000, -9.5 is -9961472 = 0xFF680000, 9.75 is 0x009C0000. The sum of the
+    // bytes from 0xFF on is 0x418: 0xE8 completes it to 0x500.
     let fixed = only(xsens(&hex("FA FF 36 22 \
         20 11 10 00 10 00 00 00 00 00 00 00 00 00 00 00 00 00 00 \
         40 21 0C 00 00 00 00 FF 68 00 00 00 9C 00 00 E8")));
     assert_eq!(fixed.orientation.unwrap().parts(), [1.0, 0.0, 0.0, 0.0]);
     assert_eq!(fixed.acceleration, Some([0.0, -9.5, 9.75]));
-    // 16.32, fraction first: 1.5 is 0x80000000 and 0x0001, -0.25 is -1 + 0.75: 0xC0000000 and 0xFFFF. The sum is 0x53D.
+    // 16.32, fraction first: 1.5 is 0x80000000 and 0x0001, -0.25 is -1 + 0.75: 0xC0000000 and
+    // 0xFFFF. The sum is 0x53D.
     let fixed =
         only(xsens(&hex("FA FF 36 15 80 22 12 80 00 00 00 00 01 C0 00 00 00 FF FF 00 00 00 00 00 00 C3")));
     assert_eq!((fixed.angular_velocity, fixed.orientation), (Some([1.5, -0.25, 0.0]), None));
@@ -307,8 +311,8 @@ fn xsens_coordinate_systems_are_converted_to_enu() {
     assert_eq!(events, [Err(SampleError::CoordinateSystem { received: 3 })]);
 }
 
-/// Recorded from an MTi-300 by the vendor's MT Manager, which also decoded it: from the tests of the library
-/// Scottapotamas/xsens-mti, with its checksum.
+/// Recorded from an MTi-300 by the vendor's MT Manager, which also decoded it: from the tests of
+/// the library Scottapotamas/xsens-mti, with its checksum.
 const RECORDED: &str = "FA FF 36 92 10 20 02 91 8D 10 60 04 01 36 3F A6 \
         20 10 10 3F 35 E0 42 3F 31 CD 15 BD 9F 49 DB BD A9 38 CF 40 20 0C BD 63 5A 90 41 1D 08 D4 3E 5F AA 50 \
         40 10 0C B9 11 68 00 3C C9 01 00 3A 0F 7D 00 40 30 0C BC 3B 29 80 3C 35 FC 00 3C A4 6E 00 \
@@ -316,8 +320,8 @@ const RECORDED: &str = "FA FF 36 92 10 20 02 91 8D 10 60 04 01 36 3F A6 \
         C0 20 0C BE FB FB F2 3F 33 C4 85 BF A0 A2 C1 08 10 04 42 16 80 00 30 10 04 00 01 86 E1 \
         E0 20 04 00 40 00 03 DD";
 
-/// The same items, and 108 bytes of an item that is not decoded: 257 bytes of data, so the length is FF 01 01. The sum of the
-/// bytes from 0xFF on is 0x353E.
+/// The same items, and 108 bytes of an item that is not decoded: 257 bytes of data, so the length
+/// is FF 01 01. The sum of the bytes from 0xFF on is 0x353E.
 #[test]
 fn xsens_message_of_extended_length_has_its_values() {
     let recorded = hex(RECORDED);
@@ -405,7 +409,8 @@ fn xsens_baud_rate_has_vendors_code() {
         let mut answers = Answers::to(&xsens::command::GO_TO_CONFIG);
         hex(stream).into_iter().find_map(|byte| answers.push(byte))
     };
-    // Behind half a sample; damaged; the answer to another message; an error 0x04: FF+42+01+04 = 0x146.
+    // Behind half a sample; damaged; the answer to another message; an error 0x04: FF+42+01+04 =
+    // 0x146.
     assert_eq!(answered("FA FF 36 36 10 FA FF 31 00 D0"), Some(Answer::Done));
     assert_eq!(answered("FA FF 31 00 D1"), None);
     assert_eq!(answered("FA FF 11 00 F0"), None);

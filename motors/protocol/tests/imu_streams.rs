@@ -1,6 +1,7 @@
 //! Properties of the decoders of IMU streams, tested by random samples, noise and damage.
 //!
-//! The checksum of Xsens has eight bits: one of 256 beginnings in noise, whose items end where they must, passes for a message.
+//! The checksum of Xsens has eight bits: one of 256 beginnings in noise, whose items end where they
+//! must, passes for a message.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -90,9 +91,11 @@ fn noise(most: usize) -> impl Strategy<Value = Vec<(u8, u8)>> {
     prop::collection::vec((any::<u8>(), any::<u8>()), 0..most)
 }
 
-/// Returns the numbers of `expected` that are not in `found` in their order, and of `found` that are not in `expected`.
+/// Returns the numbers of `expected` that are not in `found` in their order, and of `found` that
+/// are not in `expected`.
 ///
-/// Each of the latter passed the checksum by chance, and can take the place of one that it overlaps.
+/// Each of the latter passed the checksum by chance, and can take the place of one that it
+/// overlaps.
 fn lost_and_false(found: &[Sample], expected: &[Sample]) -> (usize, usize) {
     let mut at = 0;
     let kept = expected.iter().filter(|sample| match found[at..].iter().position(|other| other == *sample) {

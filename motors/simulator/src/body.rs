@@ -12,7 +12,8 @@ const STEP_SECONDS: f64 = STEP_NS as f64 / 1e9;
 /// of the resistance from line to line.
 pub(crate) const COPPER_LOSS: f64 = 0.75;
 
-/// The torque that a drive commands: `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
+/// The torque that a drive commands:
+/// `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Law {
     /// rad; moves towards `target`.

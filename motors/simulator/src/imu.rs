@@ -75,8 +75,8 @@ struct Faults {
 }
 
 impl Imu {
-    /// `noise` is the standard deviation of each axis of the angular velocity and `bias` its constant error, rad/s. A sample is
-    /// `delay` old when it arrives.
+    /// `noise` is the standard deviation of each axis of the angular velocity and `bias` its
+    /// constant error, rad/s. A sample is `delay` old when it arrives.
     #[must_use]
     pub fn new(noise: f64, bias: f64, delay: Duration, seed: u64) -> Self {
         Self { noise, bias, delay, random: Random::new(seed), faults: Faults::default() }
@@ -87,7 +87,8 @@ impl Imu {
         self.sample_of(&motion(time.saturating_sub(self.delay())))
     }
 
-    /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time that the sample was taken.
+    /// As [`sample`](Self::sample), of a body that the caller moves: `values` are those of the time
+    /// that the sample was taken.
     pub fn sample_of(&mut self, values: &ImuValues) -> ImuOutput {
         let Faults { is_disconnected, is_off, is_garbage, lost, .. } = self.faults;
         if is_disconnected {
@@ -142,7 +143,8 @@ impl Imu {
         }
     }
 
-    /// A random number of mean 0 and standard deviation 1: the sum of twelve uniform ones (Irwin-Hall), at most ±6.
+    /// A random number of mean 0 and standard deviation 1: the sum of twelve uniform ones
+    /// (Irwin-Hall), at most ±6.
     fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.random.fraction()).sum::<f64>() - 6.0
     }
@@ -158,7 +160,8 @@ fn motion(time: Duration) -> ImuValues {
     let ((sr, cr), (sp, cp)) = (roll.sin_cos(), pitch.sin_cos());
     ImuValues {
         orientation: quaternion([roll, pitch, yaw]),
-        // The rates of yaw, pitch and roll act about z of the world, y after the yaw, and x of the body.
+        // The rates of yaw, pitch and roll act about z of the world, y after the yaw, and x of the
+        // body.
         angular_velocity: [
             roll_rate - sp * yaw_rate,
             cr * pitch_rate + sr * cp * yaw_rate,
@@ -195,7 +198,8 @@ mod tests {
         }
     }
 
-    /// The orientation turned by the angular velocity for 1 ms is the next one, and gravity is up in both frames.
+    /// The orientation turned by the angular velocity for 1 ms is the next one, and gravity is up
+    /// in both frames.
     #[test]
     fn angular_velocity_and_acceleration_agree_with_orientation() {
         let mut imu = ideal();

@@ -174,7 +174,8 @@ impl ImuNode {
         }
     }
 
-    /// Takes a complete frame of another node. Returns the reply, and the time that passes before it.
+    /// Takes a complete frame of another node. Returns the reply, and the time that passes before
+    /// it.
     pub(crate) fn receive(&mut self, at: Instant, frame: &Frame) -> Option<(Duration, Frame)> {
         match self.device {
             ImuNodeDevice::Hipnuc { node, .. } => {
@@ -200,7 +201,8 @@ impl ImuNode {
         }
     }
 
-    /// SDO requests (user manual, "CANopen commands"; reads: CiA 301). A new period acts now, a new node after a power cycle.
+    /// SDO requests (user manual, "CANopen commands"; reads: CiA 301). A new period acts now, a new
+    /// node after a power cycle.
     fn configure(&mut self, at: Instant, node: u8, frame: &Frame) -> Option<Frame> {
         let [command, low, high, sub, a, b, c, d] = *frame.payload() else { return None };
         if frame.id().raw() != u32::from(SDO + u16::from(node)) {
@@ -345,7 +347,8 @@ mod tests {
         assert_eq!(format!("{orientation:?}"), "488#1027000000000000");
     }
 
-    /// By hand: 0 is 32767.5, so 0x8000; 9.8 of ±235.2 is (245 / 470.4) · 65535 = 34133 = 0x8555, of ±58.8 is 38229 = 0x9555.
+    /// By hand: 0 is 32767.5, so 0x8000; 9.8 of ±235.2 is (245 / 470.4) · 65535 = 34133 = 0x8555,
+    /// of ±58.8 is 38229 = 0x9555.
     #[test]
     fn replies_have_documented_bytes() {
         assert_eq!(reply(1024, 1, &LEVEL), Some([1, 0xFB, 0x00, 0x80, 0x00, 0x80, 0x55, 0x85]));
@@ -354,7 +357,8 @@ mod tests {
         assert_eq!(reply(1024, 5, &LEVEL), None);
     }
 
-    /// The examples of the user manual for node 8: TPDO 1 every 5 ms, node 9; and a period that the device does not have.
+    /// The examples of the user manual for node 8: TPDO 1 every 5 ms, node 9; and a period that the
+    /// device does not have.
     #[test]
     fn hipnuc_obeys_requests_of_the_manual() {
         let device = ImuNodeDevice::Hipnuc { node: 8, period: Duration::from_millis(10) };

@@ -14,12 +14,14 @@ const BYTE_BITS: f64 = 10.0;
 /// After a longer stall the samples in between are not sent.
 const STALL: Duration = Duration::from_secs(1);
 
-/// An [`Imu`] that sends its samples on a pseudo terminal, and obeys the commands that set its rate and baud rate. A host may
-/// open and close it repeatedly. While the host has another baud rate than the device, both receive random bytes.
+/// An [`Imu`] that sends its samples on a pseudo terminal, and obeys the commands that set its rate
+/// and baud rate. A host may open and close it repeatedly. While the host has another baud rate
+/// than the device, both receive random bytes.
 ///
-/// Faults of the line, in addition to those of the IMU: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up.
-/// [`Fault::Garbage`] fills the line with random bytes, among them beginnings of samples. [`Fault::Corruption`] changes a
-/// fraction of the bytes. [`Fault::PowerCycle`] restarts the device with its stored settings. [`Fault::Ok`] ends all; the
+/// Faults of the line, in addition to those of the IMU: [`Fault::Gone`] unplugs it, so that the
+/// host's descriptor hangs up. [`Fault::Garbage`] fills the line with random bytes, among them
+/// beginnings of samples. [`Fault::Corruption`] changes a fraction of the bytes.
+/// [`Fault::PowerCycle`] restarts the device with its stored settings. [`Fault::Ok`] ends all; the
 /// pseudo terminal may then have another name.
 #[derive(Debug)]
 pub struct ImuPort {
@@ -38,9 +40,9 @@ pub struct ImuPort {
 }
 
 impl ImuPort {
-    /// Opens a pseudo terminal for `imu`, which fault verbs call `name`. It sends `rate_hz` samples per second from `start` on,
-    /// on a line of `baud` bit/s. `link` becomes a symbolic link to the terminal. It may replace an older symbolic link, but
-    /// no other file.
+    /// Opens a pseudo terminal for `imu`, which fault verbs call `name`. It sends `rate_hz` samples
+    /// per second from `start` on, on a line of `baud` bit/s. `link` becomes a symbolic link to the
+    /// terminal. It may replace an older symbolic link, but no other file.
     ///
     /// # Errors
     ///
@@ -136,7 +138,8 @@ impl ImuPort {
     ///
     /// # Errors
     ///
-    /// Another target, a fault that an IMU cannot have, or the kernel provides no new pseudo terminal.
+    /// Another target, a fault that an IMU cannot have, or the kernel provides no new pseudo
+    /// terminal.
     pub fn inject(&mut self, verb: &FaultVerb) -> Result<(), InjectError> {
         if verb.target != self.name {
             return Err(InjectError::NoSuchTarget);
@@ -188,7 +191,8 @@ impl ImuPort {
         bytes
     }
 
-    /// Returns a period of random bytes. Every other 64 bytes are beginnings of samples, the others have one.
+    /// Returns a period of random bytes. Every other 64 bytes are beginnings of samples, the others
+    /// have one.
     fn garbage(&mut self) -> Vec<u8> {
         let ImuConfiguration { rate_hz, baud } = self.console.configuration();
         let line_bytes = (f64::from(baud) / BYTE_BITS / rate_hz) as usize;

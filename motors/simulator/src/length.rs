@@ -1,9 +1,11 @@
-//! The exact length of a frame in bits: ISO 11898-1, with the CRC computed and the stuff bits counted.
+//! The exact length of a frame in bits: ISO 11898-1, with the CRC computed and the stuff bits
+//! counted.
 
 use motord_bus::arithmetic::{FdBits, IdWidth, wire_time};
 use motord_bus::{Duration, Format, Frame, FrameId};
 
-/// CRC delimiter, ACK slot, ACK delimiter, 7 bits end of frame, 3 bits interframe space: never stuffed.
+/// CRC delimiter, ACK slot, ACK delimiter, 7 bits end of frame, 3 bits interframe space: never
+/// stuffed.
 const TRAILER_BITS: u32 = 13;
 /// Generator of the 15-bit CRC: x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1.
 const CRC_POLYNOMIAL: u16 = 0x4599;

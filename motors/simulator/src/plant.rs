@@ -100,7 +100,8 @@ impl Coupling {
 }
 
 impl PlantBus {
-    /// Brings all buses of the plant to `now`, so that what the caller knows of its plant is of this time.
+    /// Brings all buses of the plant to `now`, so that what the caller knows of its plant is of
+    /// this time.
     pub fn advance(&self, now: Instant) {
         drop(self.at(now));
     }

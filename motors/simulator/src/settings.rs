@@ -1,4 +1,5 @@
-//! Settings of a simulated bus and its motors: physical properties, and the choices that the vendor documents leave open.
+//! Settings of a simulated bus and its motors: physical properties, and the choices that the vendor
+//! documents leave open.
 
 use crate::dialect::Dialect;
 use crate::imu_node::ImuNodeSettings;
@@ -19,7 +20,8 @@ pub struct BusSettings {
     pub wire_bitrate: Option<u32>,
     /// Bit rate of the wire for the payload of CAN FD frames with BRS, bit/s.
     pub data_bitrate: u32,
-    /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
+    /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux
+    /// has 10 by default.
     pub tx_queue: usize,
     /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's
     /// buffer.
@@ -173,8 +175,9 @@ impl Default for MotorSettings {
 }
 
 impl MotorSettings {
-    /// Returns the amplitude of the back EMF of a phase, V per rad/s of the rotor. The power balance of amplitude-invariant axes,
-    /// 3/2 · vq · iq = torque · velocity, gives it from the torque constant.
+    /// Returns the amplitude of the back EMF of a phase, V per rad/s of the rotor. The power
+    /// balance of amplitude-invariant axes, 3/2 · vq · iq = torque · velocity, gives it from the
+    /// torque constant.
     pub(crate) const fn back_emf(&self) -> f64 {
         self.torque_constant / 1.5
     }

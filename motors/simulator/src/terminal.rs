@@ -18,8 +18,9 @@ pub(crate) struct Terminal {
 }
 
 impl Terminal {
-    /// Opens a terminal in raw mode, in which the kernel interprets no byte. `link` becomes a symbolic link to it. It may
-    /// replace an older symbolic link, but no other file. It has `baud` until a host sets another one.
+    /// Opens a terminal in raw mode, in which the kernel interprets no byte. `link` becomes a
+    /// symbolic link to it. It may replace an older symbolic link, but no other file. It has `baud`
+    /// until a host sets another one.
     pub(crate) fn open(link: Option<&Path>, baud: u32) -> Result<Self, std::io::Error> {
         let ends = openpty(None, None)?;
         // A child of this process would keep the terminal from hanging up.

@@ -5,7 +5,8 @@
 
 use crate::settings::BeyondRange;
 
-/// A quantity as an unsigned code: `value = code · span / codes + min` (MIT document 1.1, GIM document 3.2.7).
+/// A quantity as an unsigned code: `value = code · span / codes + min` (MIT document 1.1, GIM
+/// document 3.2.7).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Scale {
     min: f64,

@@ -320,9 +320,10 @@ fn indicators_are_numbers_that_agree() {
     assert_eq!(bench.ask([0xB4, 0x16, 0, 0, 0, 0, 0, 0])[2], UNKNOWN_REGISTER);
 }
 
-/// Goal: the items of the configuration and the indicators describe one motor. Method: at a constant speed the voltage of the q axis
-/// is the drop at half the line-to-line resistance (item 0x00), and the back EMF; item 0x02 is its effective line-to-line value in
-/// V at 1000 rpm of the rotor. The torque is that of item 0x03.
+/// Goal: the items of the configuration and the indicators describe one motor. Method: at a
+/// constant speed the voltage of the q axis is the drop at half the line-to-line resistance (item
+/// 0x00), and the back EMF; item 0x02 is its effective line-to-line value in V at 1000 rpm of the
+/// rotor. The torque is that of item 0x03.
 #[test]
 fn items_and_indicators_describe_one_motor() {
     let mut bench = bench();

@@ -51,7 +51,8 @@ fn a_remembered_control_frame_kicks_at_the_start() {
     assert_eq!(forgetful.motor().velocity(), 0.0);
 }
 
-/// Goal: RobStride's two forms of a state (manuals of 2025-11-25 and of 2026-04-10): stopped, running, in fault.
+/// Goal: RobStride's two forms of a state (manuals of 2025-11-25 and of 2026-04-10): stopped,
+/// running, in fault.
 #[test]
 fn robstride_firmware_decides_the_status_beside_temperature() {
     for (firmware, status) in [
@@ -249,8 +250,9 @@ fn an_undamped_spring_swings_as_its_closed_form() {
     assert!(worst < 0.002, "{worst} rad");
 }
 
-/// The bytes of DM_CAN.py (`read_motor_param`, `write_motor_param`, `save_motor_param`, `refresh_motor_status`), and IEEE 754: 12.5 is
-/// 0x41480000, 8 is 0x41000000, 10 is 0x41200000, 28 is 0x41E00000.
+/// The bytes of DM_CAN.py (`read_motor_param`, `write_motor_param`, `save_motor_param`,
+/// `refresh_motor_status`), and IEEE 754: 12.5 is 0x41480000, 8 is 0x41000000, 10 is 0x41200000, 28
+/// is 0x41E00000.
 #[test]
 fn damiao_registers_answer_with_vendor_bytes() {
     let ends = Some([12.5, 8.0, 28.0]);

@@ -180,7 +180,8 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// Returns a file descriptor that becomes readable with each state. It survives a restart of the daemon.
+    /// Returns a file descriptor that becomes readable with each state. It survives a restart of
+    /// the daemon.
     ///
     /// # Errors
     /// No free slot, or no free file descriptor.
@@ -216,7 +217,8 @@ impl ClientPorts {
     /// Returns a port for the samples of external IMUs.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot; [`Obstacle::FullHere`].
+    /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot;
+    /// [`Obstacle::FullHere`].
     pub fn imu_sender(&self) -> Result<ImuSender, ServiceError> {
         let instance = self.attachment.instance();
         let service = service::imu(&locked(&self.node), instance).open();
@@ -229,7 +231,8 @@ impl ClientPorts {
         error.explained(&self.attachment.instance().root())
     }
 
-    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`](motord_shared::limits::REQUESTS_PER_CLIENT) may be open at a time.
+    /// Sends an administrative request. At most
+    /// [`REQUESTS_PER_CLIENT`](motord_shared::limits::REQUESTS_PER_CLIENT) may be open at a time.
     ///
     /// # Errors
     /// [`Obstacle::Missing`] when there is no daemon; otherwise a damaged connection.

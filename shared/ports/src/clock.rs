@@ -11,8 +11,8 @@ pub fn now_ns() -> u64 {
 /// Largest difference between a time and a clock that it fits, ns.
 const FIT_NS: u64 = 1_000_000_000;
 
-/// Returns the name of another clock, or of another unit of `CLOCK_MONOTONIC`, that `time_ns` fits within 1 s. Never allocates or
-/// blocks; at most 4 system calls.
+/// Returns the name of another clock, or of another unit of `CLOCK_MONOTONIC`, that `time_ns` fits
+/// within 1 s. Never allocates or blocks; at most 4 system calls.
 #[must_use]
 pub fn other_clock(time_ns: u64) -> Option<&'static str> {
     let fits = |time_ns: u64, clock| read(clock).is_some_and(|now| now.abs_diff(time_ns) <= FIT_NS);

@@ -124,7 +124,8 @@ impl DaemonPorts {
         self.damage
     }
 
-    /// Opens the service for the samples of external IMUs of the instance of `lock`. Opening takes milliseconds.
+    /// Opens the service for the samples of external IMUs of the instance of `lock`. Opening takes
+    /// milliseconds.
     ///
     /// # Errors
     /// The reason why it could not be opened.

@@ -76,9 +76,9 @@ impl Directory {
         }
     }
 
-    /// Opens the directory `name` in this one, and creates it if it is missing. [Displaces](Displaced)
-    /// a file or directory that another user created under this name: its owner could change the contents, or keep this
-    /// process from using it.
+    /// Opens the directory `name` in this one, and creates it if it is missing.
+    /// [Displaces](Displaced) a file or directory that another user created under this name: its
+    /// owner could change the contents, or keep this process from using it.
     ///
     /// # Errors
     /// Those of [`open`](Self::open); [`InstanceError::NotOurs`] where this user may displace
@@ -99,8 +99,8 @@ impl Directory {
         Ok(made)
     }
 
-    /// Opens the file `name` in this directory for a lock, and creates it if it is missing. Only its
-    /// owner may read or write it: a user who may read a file can lock it. Displaces like
+    /// Opens the file `name` in this directory for a lock, and creates it if it is missing. Only
+    /// its owner may read or write it: a user who may read a file can lock it. Displaces like
     /// [`make_below`](Self::make_below).
     ///
     /// # Errors
@@ -119,8 +119,8 @@ impl Directory {
         self.make_trusted(name, displaced, || self.make_file(name), owner)
     }
 
-    /// Removes the socket `name` of a dead process of motord, or [displaces](Displaced) what another
-    /// user created under this name.
+    /// Removes the socket `name` of a dead process of motord, or [displaces](Displaced) what
+    /// another user created under this name.
     ///
     /// # Errors
     /// [`InstanceError::NotOurs`]; the file cannot be removed.

@@ -1,11 +1,13 @@
 //! Values that belong to the process that created them.
 //!
-//! A forked process inherits the memory, the descriptors and the mappings of its parent. If it used or dropped a port, it would
-//! change what belongs to the parent: the state of a queue, a file, a claim. A [`ForkGuard`] prevents both.
+//! A forked process inherits the memory, the descriptors and the mappings of its parent. If it used
+//! or dropped a port, it would change what belongs to the parent: the state of a queue, a file, a
+//! claim. A [`ForkGuard`] prevents both.
 //!
-//! The kernel detects the fork: it clears a page (`MADV_WIPEONFORK`, madvise(2)) in every process with a copy of the memory,
-//! whichever call created it. A process that shares the memory is not distinguished: one of vfork(2), or of clone(2) with
-//! `CLONE_VM`. It may only call `execve` or `_exit`.
+//! The kernel detects the fork: it clears a page (`MADV_WIPEONFORK`, madvise(2)) in every process
+//! with a copy of the memory, whichever call created it. A process that shares the memory is not
+//! distinguished: one of vfork(2), or of clone(2) with `CLONE_VM`. It may only call `execve` or
+//! `_exit`.
 
 use crate::fork_gate::apart_from_forks;
 use crate::mapping::cleared_by_fork;
@@ -30,14 +32,15 @@ enum Identity {
 }
 
 impl Creator {
-    /// Returns the calling process. Takes no lock, and makes system calls in its first call of a process only.
+    /// Returns the calling process. Takes no lock, and makes system calls in its first call of a
+    /// process only.
     #[must_use]
     pub fn this() -> Self {
         Self(cleared_by_fork().map_or_else(|| Identity::Id(std::process::id()), numbered))
     }
 
-    /// Checks that the calling process is this one. Async-signal-safe. Makes no system call, except on a kernel before
-    /// Linux 4.14, which needs one.
+    /// Checks that the calling process is this one. Async-signal-safe. Makes no system call, except
+    /// on a kernel before Linux 4.14, which needs one.
     ///
     /// # Errors
     /// [`Forked`].
@@ -73,7 +76,8 @@ pub struct ForkGuard<T> {
 }
 
 impl<T> ForkGuard<T> {
-    /// Opens a value with `open` and binds it to the calling process. A fork in another thread waits until it is open.
+    /// Opens a value with `open` and binds it to the calling process. A fork in another thread
+    /// waits until it is open.
     ///
     /// # Errors
     /// Those of `open`.

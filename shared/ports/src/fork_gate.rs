@@ -1,10 +1,12 @@
 //! The order between forks and the connections of other threads.
 //!
-//! iceoryx2 has locks for the whole process, which it holds while a connection is opened or ended. A process that is forked meanwhile
-//! inherits them locked, and each connection of it would wait for ever. Therefore fork(3) waits until no connection is being opened or
-//! ended, and none begins before the fork is over (`pthread_atfork`, pthread_atfork(3)).
+//! iceoryx2 has locks for the whole process, which it holds while a connection is opened or ended.
+//! A process that is forked meanwhile inherits them locked, and each connection of it would wait
+//! for ever. Therefore fork(3) waits until no connection is being opened or ended, and none begins
+//! before the fork is over (`pthread_atfork`, pthread_atfork(3)).
 //!
-//! The registration is the only `unsafe` of this file. `_Fork` and a direct call of clone(2) do not wait.
+//! The registration is the only `unsafe` of this file. `_Fork` and a direct call of clone(2) do not
+//! wait.
 
 use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -20,8 +22,8 @@ const POLL: Duration = Duration::from_micros(100);
 /// Longest wait for the gate. A connection takes milliseconds.
 const WAIT_MAX: Duration = Duration::from_secs(1);
 
-/// Opens or ends a connection with `call`, while no thread forks. Waits for 1 s or a little more at most, and then calls all the same.
-/// `call` neither forks nor passes the gate again.
+/// Opens or ends a connection with `call`, while no thread forks. Waits for 1 s or a little more at
+/// most, and then calls all the same. `call` neither forks nor passes the gate again.
 pub(crate) fn apart_from_forks<T>(call: impl FnOnce() -> T) -> T {
     static REGISTRATION: Once = Once::new();
     REGISTRATION.call_once(register);
@@ -60,8 +62,8 @@ fn poll(mut is_done: impl FnMut() -> bool) -> bool {
 }
 
 fn register() {
-    // SAFETY: the handlers use an atomic number and sleep, and live as long as the library: the C library removes them when it is
-    // unloaded. Without memory for them, forks do not wait.
+    // SAFETY: the handlers use an atomic number and sleep, and live as long as the library: the C
+    // library removes them when it is unloaded. Without memory for them, forks do not wait.
     let _ = unsafe { nix::libc::pthread_atfork(Some(close), Some(open_in_parent), Some(open_in_child)) };
 }
 

@@ -1,4 +1,5 @@
-//! A number in a file that counts the published states. Clients sleep on it (`futex(2)`), and may only read it.
+//! A number in a file that counts the published states. Clients sleep on it (`futex(2)`), and may
+//! only read it.
 
 use crate::instance::{Instance, InstanceLock};
 use crate::instance_error::{InstanceError, refused};
@@ -74,7 +75,8 @@ impl Waiter {
         Ok(Self { mapping, path: instance.futex_path(), file: (found.st_dev, found.st_ino) })
     }
 
-    /// Returns whether a daemon that runs wakes it: its file is still the instance's. Does not allocate; one system call.
+    /// Returns whether a daemon that runs wakes it: its file is still the instance's. Does not
+    /// allocate; one system call.
     pub(crate) fn is_current(&self) -> bool {
         lstat(&self.path).is_ok_and(|found| (found.st_dev, found.st_ino) == self.file)
     }

@@ -1,4 +1,5 @@
-//! The `unsafe` code that iceoryx2 requires: messages as payloads, a lock for ports, and copies to and from shared memory.
+//! The `unsafe` code that iceoryx2 requires: messages as payloads, a lock for ports, and copies to
+//! and from shared memory.
 
 use core::fmt::Debug;
 use core::marker::PhantomData;
@@ -25,8 +26,8 @@ use std::os::fd::BorrowedFd;
 #[repr(transparent)]
 pub struct Payload<T: Message>(pub T);
 
-// SAFETY: only motord-shared implements `Message`, for `repr(C)` structures that consist of numbers: no pointer, no reference and no
-// resource. The name carries the version of the layout.
+// SAFETY: only motord-shared implements `Message`, for `repr(C)` structures that consist of
+// numbers: no pointer, no reference and no resource. The name carries the version of the layout.
 unsafe impl<T: Message> ZeroCopySend for Payload<T> {
     unsafe fn type_name() -> &'static str {
         T::TYPE_NAME
@@ -137,7 +138,8 @@ impl Block {
         block.cast()
     }
 
-    /// Keeps or frees the memory of [`filled`](Self::filled), whose value was dropped. Takes no lock.
+    /// Keeps or frees the memory of [`filled`](Self::filled), whose value was dropped. Takes no
+    /// lock.
     fn free<T>(value: NonNull<T>) {
         if !Self::holds::<T>() {
             // SAFETY: `filled` made it of a box, whose content needs no drop any more.
@@ -169,16 +171,17 @@ impl<T: Debug> Deref for PortGuard<'_, T> {
 
 impl<'parent, T: Send + Debug + Abandonable> LockGuard<'parent, T> for PortGuard<'parent, T> {}
 
-/// A message in memory that other processes may write at any time: every member of the group maps it.
+/// A message in memory that other processes may write at any time: every member of the group maps
+/// it.
 ///
 /// Nothing here makes a reference to the message. A number that decides how much is copied is read
 /// once, volatile, and limited to its array: no later change of it moves a bound. All other bytes
 /// are copied as they are, and every value of them is a `Message`.
 ///
-/// Two risks remain. iceoryx2 returns references to its payloads, from which this type takes the address.
-/// A copy that another process disturbs is a data race by the words of the language. It is a copy of
-/// bytes in a call or in a loop, from which the compiler draws no conclusion, and it may hold parts
-/// of two messages. iceoryx2's own headers and queues are in the same memory.
+/// Two risks remain. iceoryx2 returns references to its payloads, from which this type takes the
+/// address. A copy that another process disturbs is a data race by the words of the language. It is
+/// a copy of bytes in a call or in a loop, from which the compiler draws no conclusion, and it may
+/// hold parts of two messages. iceoryx2's own headers and queues are in the same memory.
 struct Exposed<T>(NonNull<T>);
 
 /// Arrays of a message.
@@ -251,8 +254,8 @@ impl<T: Sparse> Exposed<T> {
         }
     }
 
-    /// Writes to the used cache lines of the arrays, so that the cache of this processor holds them.
-    /// Destroys entries, and keeps their numbers.
+    /// Writes to the used cache lines of the arrays, so that the cache of this processor holds
+    /// them. Destroys entries, and keeps their numbers.
     fn fetch(&mut self) {
         const LINE_BYTES: usize = 64;
         for (array, (_, used)) in T::ARRAYS.iter().zip(self.counts()) {
@@ -285,7 +288,8 @@ pub(crate) fn read<T: Sparse>(payload: &Payload<T>, message: &mut T) {
     Exposed(NonNull::from_ref(&payload.0)).read(message);
 }
 
-/// Writes `reply` and `text`, truncated to its array, to a borrowed answer, and returns it, to be sent.
+/// Writes `reply` and `text`, truncated to its array, to a borrowed answer, and returns it, to be
+/// sent.
 pub(crate) fn answered<S: Service>(
     mut answer: ResponseMutUninit<S, MaybeUninit<Payload<AdminAnswer>>, ()>,
     reply: AdminReply,
@@ -328,7 +332,8 @@ impl<S: Service, T: Sparse> Lent<S, T> {
         self.message().write(message);
     }
 
-    /// Brings the memory of the message into the cache of this processor, for [`write`](Self::write).
+    /// Brings the memory of the message into the cache of this processor, for
+    /// [`write`](Self::write).
     pub(crate) fn fetch(&mut self) {
         self.message().fetch();
     }
@@ -336,8 +341,8 @@ impl<S: Service, T: Sparse> Lent<S, T> {
     /// Returns the sample, to be sent.
     pub(crate) fn sample(self) -> SampleMut<S, Payload<T>, ()> {
         // SAFETY: the memory of a port is a file. It is zeros when it is created: its bytes are
-        // initialised, whichever process wrote them since. Any bytes are a `Message`, which consists of numbers
-        // without padding.
+        // initialised, whichever process wrote them since. Any bytes are a `Message`, which
+        // consists of numbers without padding.
         unsafe { self.0.assume_init() }
     }
 }
@@ -373,8 +378,8 @@ mod tests {
         assert!(copy == state);
     }
 
-    /// Goal: a sender that changes a count while it is read gains nothing: as many entries are used as
-    /// were copied.
+    /// Goal: a sender that changes a count while it is read gains nothing: as many entries are used
+    /// as were copied.
     #[test]
     fn hostile_count_is_read_once() {
         let mut shared = setpoints(0);

@@ -22,8 +22,9 @@ impl ImuReceiver {
         service.subscriber_builder().create().map(Self).map_err(Part::Imu.failed())
     }
 
-    /// Passes copies of the samples that have arrived to `accept`, those of each publisher in their order. Takes at most as
-    /// many as may wait: a publisher that never stops does not keep the caller. Allocates. Never blocks.
+    /// Passes copies of the samples that have arrived to `accept`, those of each publisher in their
+    /// order. Takes at most as many as may wait: a publisher that never stops does not keep the
+    /// caller. Allocates. Never blocks.
     ///
     /// # Errors
     /// A damaged connection; earlier samples were passed on.
@@ -57,7 +58,8 @@ impl ImuSender {
         })
     }
 
-    /// Sends a sample. It replaces the oldest one when the daemon has not read the last 32. Without a daemon it is no error. Never blocks.
+    /// Sends a sample. It replaces the oldest one when the daemon has not read the last 32. Without
+    /// a daemon it is no error. Never blocks.
     ///
     /// # Errors
     /// A damaged connection.
@@ -71,12 +73,12 @@ const fn full(most: usize) -> ServiceError {
     ServiceError { part: Part::Imu, obstacle: Obstacle::Full { most } }
 }
 
-/// The senders of this process: for each, the process and the directory of its instance. A forked process has none of those
-/// of its parent.
+/// The senders of this process: for each, the process and the directory of its instance. A forked
+/// process has none of those of its parent.
 static SENDERS: Mutex<Vec<(u32, PathBuf)>> = Mutex::new(Vec::new());
 
-/// A sender of this process, until it is dropped. A program that forgets its senders in a loop must not take the slots of
-/// the others.
+/// A sender of this process, until it is dropped. A program that forgets its senders in a loop must
+/// not take the slots of the others.
 #[derive(Debug)]
 struct Slot(PathBuf);
 

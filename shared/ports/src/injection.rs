@@ -1,4 +1,5 @@
-//! Faults for the simulated buses of a running daemon: lines of text on the socket `<runtime>/<instance>.sim`.
+//! Faults for the simulated buses of a running daemon: lines of text on the socket
+//! `<runtime>/<instance>.sim`.
 //!
 //! A connection carries one line, such as `fl-knee off`, and one line as the answer: `ok`, or
 //! `error: ` and the reason. The socket exists only if every bus of the configuration is simulated.

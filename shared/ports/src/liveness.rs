@@ -16,8 +16,8 @@ const ALL_PROCESSES: u64 = 0xEFFF_FFFC;
 ///
 /// In a namespace of processes, the locks of other namespaces are invisible. There a daemon counts
 /// as dead only if no process listens for emergency stops either. That is wrong for a frozen daemon
-/// in another namespace of processes and another namespace of the network. Reads files, and does not
-/// block.
+/// in another namespace of processes and another namespace of the network. Reads files, and does
+/// not block.
 #[must_use]
 pub fn is_dead(instance: &Instance) -> bool {
     match exclusive(&instance.lock_path()) {

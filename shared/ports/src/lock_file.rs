@@ -48,15 +48,15 @@ pub(crate) enum Locks {
 }
 
 /// Returns who holds an exclusive lock of `path` (`flock`), without opening the file: its mode may
-/// forbid that. Reads the list of all locks of the computer, several times before it reports none. A
-/// lock of another file with the same number counts too.
+/// forbid that. Reads the list of all locks of the computer, several times before it reports none.
+/// A lock of another file with the same number counts too.
 pub(crate) fn exclusive(path: &Path) -> Locks {
     let Ok(found) = stat(path) else { return Locks::Unknown };
     (0..READS).map(|_| listed(found.st_ino)).find(|locks| *locks != Locks::Free).unwrap_or(Locks::Free)
 }
 
-/// Returns who holds an exclusive lock of the file with this number in one reading of the list. The kernel passes it in pieces, and a
-/// piece lacks a lock when locks before it ended meanwhile.
+/// Returns who holds an exclusive lock of the file with this number in one reading of the list. The
+/// kernel passes it in pieces, and a piece lacks a lock when locks before it ended meanwhile.
 fn listed(file_number: u64) -> Locks {
     let Ok(table) = locks() else { return Locks::Unknown };
     let of_line = |line: &str| match line.split_whitespace().collect::<Vec<_>>()[..] {
@@ -76,8 +76,8 @@ fn locks() -> io::Result<String> {
     Ok(table)
 }
 
-/// Returns the process that died with the lock of `path`: its id is still in the file, and neither lock nor process exist.
-/// `None` also where the file cannot be read.
+/// Returns the process that died with the lock of `path`: its id is still in the file, and neither
+/// lock nor process exist. `None` also where the file cannot be read.
 pub(crate) fn dead_holder(path: &Path) -> Option<u32> {
     let pid: u32 = File::open(path).ok().map(|mut file| read_number(&mut file)).filter(|pid| *pid > 0)?;
     let is_free = exclusive(path) == Locks::Free && !Path::new(&format!("/proc/{pid}")).exists();

@@ -1,4 +1,5 @@
-//! Numbers in mapped memory: the first bytes of a file, and a page that the kernel clears in a forked process.
+//! Numbers in mapped memory: the first bytes of a file, and a page that the kernel clears in a
+//! forked process.
 //!
 //! The mappings are the only `unsafe` of this file.
 
@@ -65,8 +66,9 @@ impl Drop for Mapping {
     }
 }
 
-/// Returns the number of this process that the kernel sets to 0 in a forked process. Maps it in the first call. Takes no lock: a
-/// process that was forked during the first call must not wait for it. `None` on a kernel without such pages.
+/// Returns the number of this process that the kernel sets to 0 in a forked process. Maps it in the
+/// first call. Takes no lock: a process that was forked during the first call must not wait for it.
+/// `None` on a kernel without such pages.
 pub(crate) fn cleared_by_fork() -> Option<&'static AtomicU32> {
     static WORD: AtomicPtr<AtomicU32> = AtomicPtr::new(null_mut());
     let known = NonNull::new(WORD.load(Ordering::Acquire));

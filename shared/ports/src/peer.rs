@@ -33,7 +33,8 @@ impl Display for Impostor {
     }
 }
 
-/// Returns the name of the program of process `pid`. The process chooses it, so other characters than printable ASCII are omitted.
+/// Returns the name of the program of process `pid`. The process chooses it, so other characters
+/// than printable ASCII are omitted.
 fn program(pid: i32) -> Option<String> {
     let name = fs::read(format!("/proc/{pid}/comm")).ok()?;
     let name: String =
@@ -43,8 +44,8 @@ fn program(pid: i32) -> Option<String> {
 
 /// Users whose processes count as motord for this process, wherever their daemon runs.
 ///
-/// They are root, this user, the user who became root by `sudo` for this process, and the owner of `/run/motord`, as whom the service
-/// runs. Only root can create that directory.
+/// They are root, this user, the user who became root by `sudo` for this process, and the owner of
+/// `/run/motord`, as whom the service runs. Only root can create that directory.
 #[derive(Debug, Clone)]
 pub struct TrustedUsers(Vec<u32>);
 
@@ -60,8 +61,8 @@ impl TrustedUsers {
         Self(users)
     }
 
-    /// Adds the owner of the runtime directory of `instance`, which this process was told to use. A directory that must belong to
-    /// this user adds no user: another one may create it at any time.
+    /// Adds the owner of the runtime directory of `instance`, which this process was told to use. A
+    /// directory that must belong to this user adds no user: another one may create it at any time.
     #[must_use]
     pub fn and_of(mut self, instance: &Instance) -> Self {
         self.0.extend(owner_of(instance));
@@ -75,8 +76,9 @@ impl TrustedUsers {
     }
 }
 
-/// Returns the owner of the runtime directory of `instance`. `None` for one that must belong to this user: another user may create it
-/// at any time while it is missing, and its owner is not asked.
+/// Returns the owner of the runtime directory of `instance`. `None` for one that must belong to
+/// this user: another user may create it at any time while it is missing, and its owner is not
+/// asked.
 fn owner_of(instance: &Instance) -> Option<u32> {
     (!instance.is_private()).then(|| owner(instance.runtime())).flatten()
 }
@@ -120,8 +122,9 @@ mod tests {
 
     const OUTSIDER: u32 = 54_321;
 
-    /// Goal: a user who creates the missing private directory of another one does not answer for motord, and confirms no emergency stop.
-    /// Method: the directory and the lock in it belong to that user; only root can give them away.
+    /// Goal: a user who creates the missing private directory of another one does not answer for
+    /// motord, and confirms no emergency stop. Method: the directory and the lock in it belong to
+    /// that user; only root can give them away.
     #[test]
     fn owner_of_foreign_private_directory_is_impostor() {
         let directory = tempfile::tempdir_in("/tmp").unwrap();

@@ -30,8 +30,8 @@ pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
     checked
 }
 
-/// Returns `true` when the file system of `directory` has less space than the ports of a client take, or no inode for
-/// their files. A file system that cannot be asked is not full.
+/// Returns `true` when the file system of `directory` has less space than the ports of a client
+/// take, or no inode for their files. A file system that cannot be asked is not full.
 #[allow(clippy::useless_conversion, reason = "the types have 32 bits on some computers")]
 pub(crate) fn is_full(directory: &Path) -> bool {
     statvfs(directory).is_ok_and(|system| {

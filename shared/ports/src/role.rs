@@ -16,8 +16,8 @@ pub struct RoleLock {
 
 impl RoleLock {
     /// Claims the role `role` of `instance`, such as that of its dead man's switch: locks the file
-    /// `<instance>.<role>.lock` until the value is dropped or the process dies, and removes the socket
-    /// `<instance>.<role>` of a dead predecessor. The runtime directory must exist.
+    /// `<instance>.<role>.lock` until the value is dropped or the process dies, and removes the
+    /// socket `<instance>.<role>` of a dead predecessor. The runtime directory must exist.
     ///
     /// # Errors
     /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory
@@ -45,8 +45,8 @@ mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
-    /// Plays a member who prepares the names that a daemon needs. Root alone may do that for another
-    /// user.
+    /// Plays a member who prepares the names that a daemon needs. Root alone may do that for
+    /// another user.
     #[test]
     fn names_prepared_by_member_block_no_start() {
         const MEMBER: u32 = 65_534;
@@ -80,7 +80,8 @@ mod tests {
         }
     }
 
-    /// Goal: the process id of a daemon overwrites no file elsewhere that has the lock's name as a second name.
+    /// Goal: the process id of a daemon overwrites no file elsewhere that has the lock's name as a
+    /// second name.
     #[test]
     fn second_name_of_another_file_is_no_lock() {
         let directory = tempfile::tempdir_in("/tmp").unwrap();

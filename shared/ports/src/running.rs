@@ -1,8 +1,10 @@
-//! The daemons of this computer, found by the names of their sockets for emergency stops, and a stop of all of them at once.
+//! The daemons of this computer, found by the names of their sockets for emergency stops, and a
+//! stop of all of them at once.
 //!
-//! Any user may take a free name, as often as the limit of descriptors permits, and name any directory in it. A daemon counts only if
-//! its process and its directory belong to [`TrustedUsers`]. Nothing in the directory of another one is opened, and no directory is
-//! looked at before every request is sent.
+//! Any user may take a free name, as often as the limit of descriptors permits, and name any
+//! directory in it. A daemon counts only if its process and its directory belong to
+//! [`TrustedUsers`]. Nothing in the directory of another one is opened, and no directory is looked
+//! at before every request is sent.
 
 use crate::directory::{OTHERS_WRITE, STICKY};
 use crate::instance::{self, Instance};
@@ -42,7 +44,8 @@ pub struct RunningInstance {
     pub name: String,
     /// Its runtime directory.
     pub runtime: PathBuf,
-    /// The daemon's process id; 0 when it lives in another process namespace, or its socket has too many callers.
+    /// The daemon's process id; 0 when it lives in another process namespace, or its socket has too
+    /// many callers.
     pub pid: u32,
     /// The daemon's user; `u32::MAX` of an unknown process, whose socket has too many callers.
     pub uid: u32,
@@ -51,8 +54,9 @@ pub struct RunningInstance {
 /// The processes that listen for emergency stops, each list sorted.
 #[derive(Debug)]
 pub struct Listeners {
-    /// The daemons of [`TrustedUsers`]. Their values need no quotes in a shell: an instance has a valid name, and directories with
-    /// characters other than letters, digits and `/._+-` are omitted.
+    /// The daemons of [`TrustedUsers`]. Their values need no quotes in a shell: an instance has a
+    /// valid name, and directories with characters other than letters, digits and `/._+-` are
+    /// omitted.
     pub daemons: Vec<RunningInstance>,
     /// All other processes under names of daemons. They may be daemons.
     pub foreign: Vec<RunningInstance>,
@@ -88,13 +92,15 @@ pub struct AllStops {
     pub trusted: Vec<(RunningInstance, Result<(), StopError>)>,
     /// The other processes to which the request was sent. Their answers do not count.
     pub foreign: Vec<RunningInstance>,
-    /// The processes that did not get the request, or whose directories were not checked in time. They are no daemons of
-    /// [`TrustedUsers`], unless the reason is [`StopError::System`]: then that is unknown.
+    /// The processes that did not get the request, or whose directories were not checked in time.
+    /// They are no daemons of [`TrustedUsers`], unless the reason is [`StopError::System`]: then
+    /// that is unknown.
     pub unreached: Vec<(RunningInstance, StopError)>,
 }
 
-/// Requests every process that listens for emergency stops to damp and stop its motors, and waits at most `timeout` for the
-/// confirmations, then at most 0.2 s for the directories. No request waits for an answer, a full queue, a directory or another process.
+/// Requests every process that listens for emergency stops to damp and stop its motors, and waits
+/// at most `timeout` for the confirmations, then at most 0.2 s for the directories. No request
+/// waits for an answer, a full queue, a directory or another process.
 #[must_use]
 pub fn stop_all(timeout: Duration) -> AllStops {
     let end = Instant::now() + timeout;
@@ -133,7 +139,8 @@ fn sorted(instances: impl IntoIterator<Item = RunningInstance>) -> Vec<RunningIn
     sorted
 }
 
-/// Returns the users whose daemons count here. The runtime directory of this process was chosen by its user.
+/// Returns the users whose daemons count here. The runtime directory of this process was chosen by
+/// its user.
 fn trusted_users() -> TrustedUsers {
     let here = Instance::find("robot");
     here.iter().fold(TrustedUsers::find(), TrustedUsers::and_of)
@@ -145,7 +152,8 @@ enum Standing {
     /// That of a trusted user. Its directory decides whether it counts.
     Trusted,
     Foreign,
-    /// No connection was possible: its queue is full, which any user can bring about, or this process lacks a descriptor.
+    /// No connection was possible: its queue is full, which any user can bring about, or this
+    /// process lacks a descriptor.
     Unknown,
 }
 
@@ -156,7 +164,8 @@ struct Candidate {
     /// The name of the socket.
     name: Vec<u8>,
     standing: Standing,
-    /// Open only while an answer that counts may arrive: foreign names may be more than this process has descriptors.
+    /// Open only while an answer that counts may arrive: foreign names may be more than this
+    /// process has descriptors.
     socket: Option<OwnedFd>,
     is_requested: bool,
     /// `None` while a confirmation may still arrive.
@@ -267,8 +276,8 @@ impl Case {
         daemon.map_or(Verdict::Foreign, Verdict::Daemon)
     }
 
-    /// Returns the instance of a process that shows no credentials, if a daemon of a trusted user holds the lock of the instance, or
-    /// just died without stopping its motors.
+    /// Returns the instance of a process that shows no credentials, if a daemon of a trusted user
+    /// holds the lock of the instance, or just died without stopping its motors.
     fn seen_alive(&self, users: &TrustedUsers) -> Option<RunningInstance> {
         let instance = Instance::below(&self.instance.runtime, &self.instance.name).ok()?;
         let lock = lstat(&instance.lock_path()).ok()?;
@@ -278,8 +287,9 @@ impl Case {
     }
 }
 
-/// Closes all connections, and decides about each candidate. Waits at most [`CHECK_MAX`]: any user may name a directory whose file
-/// system does not answer. Without a thread for it, waits as long as the file systems take. Processes of trusted users come first.
+/// Closes all connections, and decides about each candidate. Waits at most [`CHECK_MAX`]: any user
+/// may name a directory whose file system does not answer. Without a thread for it, waits as long
+/// as the file systems take. Processes of trusted users come first.
 fn check_directories(mut candidates: Vec<Candidate>, users: &TrustedUsers) -> Vec<(Candidate, Verdict)> {
     candidates.iter_mut().for_each(|candidate| candidate.socket = None);
     let mut verdicts = vec![Verdict::Foreign; candidates.len()];
@@ -331,7 +341,8 @@ struct Name {
     runtime: PathBuf,
 }
 
-/// Returns every listening socket with the name of a daemon, the likely ones first. Connects to none.
+/// Returns every listening socket with the name of a daemon, the likely ones first. Connects to
+/// none.
 fn candidates() -> Vec<Candidate> {
     let likely = Instance::find("robot").map_or_else(
         |_| instance::SERVICE_RUNTIME.into(),
@@ -344,7 +355,8 @@ fn candidates() -> Vec<Candidate> {
     names.into_iter().map(Candidate::new).collect()
 }
 
-/// Returns the name in a line of `/proc/net/unix`, if the line shows a listening socket with that of a daemon.
+/// Returns the name in a line of `/proc/net/unix`, if the line shows a listening socket with that
+/// of a daemon.
 fn name_in(line: &[u8]) -> Option<Name> {
     line.split(u8::is_ascii_whitespace)
         .filter(|field| !field.is_empty())
@@ -370,9 +382,10 @@ fn contact(name: &[u8]) -> Result<(OwnedFd, UnixCredentials), Errno> {
     Ok((socket, peer))
 }
 
-/// Returns true if only trusted users decide which directory is at `path`, and it belongs to one of them. A daemon names its
-/// directory without links. Walks down from the root, and looks at nothing below a directory of another user, or one whose entries
-/// another user may replace. Opens only names.
+/// Returns true if only trusted users decide which directory is at `path`, and it belongs to one of
+/// them. A daemon names its directory without links. Walks down from the root, and looks at nothing
+/// below a directory of another user, or one whose entries another user may replace. Opens only
+/// names.
 fn is_trusted_directory(path: &Path, users: &TrustedUsers) -> bool {
     let mut parts = path.components();
     let is_plain = |part: Component<'_>| matches!(part, Component::Normal(_));
@@ -384,7 +397,8 @@ fn is_trusted_directory(path: &Path, users: &TrustedUsers) -> bool {
     // In a namespace of users, root of the computer may have another number.
     let root = fstat(&reached).map(|root| root.st_uid);
     let is_fixed = |above: FileStat| {
-        // A group with the number of its user is that user's own, by Debian's convention: umask 002 is usual there.
+        // A group with the number of its user is that user's own, by Debian's convention: umask 002
+        // is usual there.
         let is_private_group = above.st_gid == above.st_uid;
         let others_write = if is_private_group { OTHERS_WRITE & !GROUP_WRITES } else { OTHERS_WRITE };
         let is_replaced_by_others = above.st_mode & others_write != 0 && above.st_mode & STICKY == 0;
@@ -479,7 +493,8 @@ mod tests {
     /// Variable for a test in a network namespace of its own.
     const ALONE: &str = "MOTORD_TEST_ALONE";
 
-    /// Returns true in a network namespace of its own. Otherwise runs `test` in one, where the computer allows that.
+    /// Returns true in a network namespace of its own. Otherwise runs `test` in one, where the
+    /// computer allows that.
     fn is_alone(test: &str) -> bool {
         if std::env::var_os(ALONE).is_some() {
             return true;
@@ -495,8 +510,9 @@ mod tests {
         false
     }
 
-    /// One daemon answers, one is silent, one has a full queue until its callers leave, and one only has a name.
-    /// In a network namespace of its own: the stop reaches every daemon of the computer.
+    /// One daemon answers, one is silent, one has a full queue until its callers leave, and one
+    /// only has a name. In a network namespace of its own: the stop reaches every daemon of the
+    /// computer.
     #[test]
     fn every_daemon_is_sent_to_before_any_answer() {
         if !is_alone("running::tests::every_daemon_is_sent_to_before_any_answer") {

@@ -174,8 +174,8 @@ pub struct ServiceError {
 }
 
 impl ServiceError {
-    /// Names the cause of damage that a full file system of `directory`, that of the services, explains: iceoryx2 reports
-    /// both alike.
+    /// Names the cause of damage that a full file system of `directory`, that of the services,
+    /// explains: iceoryx2 reports both alike.
     pub(crate) fn explained(self, directory: &std::path::Path) -> Self {
         match self.obstacle {
             Obstacle::Damaged if reserved_space::is_full(directory) => {
@@ -346,7 +346,8 @@ pub(crate) fn config(instance: &Instance) -> Config {
     let root = Path::new(instance.root().as_os_str().as_bytes());
     config.global.set_root_path(&root.expect("an instance's root is shorter than a path of iceoryx2"));
     config.global.prefix = FileName::new(b"m_").expect("this is a file name");
-    // Places for senders that left unread messages. Each takes 3.6 KB of locked memory; the default is 128.
+    // Places for senders that left unread messages. Each takes 3.6 KB of locked memory; the default
+    // is 128.
     config.defaults.publish_subscribe.subscriber_expired_connection_buffer = CONTROLLERS_MAX;
     config
 }

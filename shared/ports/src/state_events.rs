@@ -6,7 +6,8 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::service::port_factory::event::PortFactory;
 use std::os::fd::{AsFd, BorrowedFd};
 
-/// Limit on the notifications that wait: the daemon sends one per state, and none while one is unread.
+/// Limit on the notifications that wait: the daemon sends one per state, and none while one is
+/// unread.
 const WAITING_MAX: usize = 4;
 
 /// Becomes readable with each state. The daemon pays a system call for it in each cycle.
@@ -18,8 +19,8 @@ impl StateEvents {
         service.listener_builder().create().map(Self).map_err(Part::Cycle.failed())
     }
 
-    /// Makes the descriptor unreadable until the next state. Call it before checking for a state. Makes a system call for each
-    /// notification, and another one. Never blocks.
+    /// Makes the descriptor unreadable until the next state. Call it before checking for a state.
+    /// Makes a system call for each notification, and another one. Never blocks.
     ///
     /// # Errors
     /// A damaged connection.

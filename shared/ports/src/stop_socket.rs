@@ -80,7 +80,8 @@ pub fn address(instance: &Instance) -> Result<UnixAddr, Errno> {
     UnixAddr::new_abstract(&name)
 }
 
-/// Returns the process that has the name of an instance's socket. `None` without one, and where its queue is full. Does not block.
+/// Returns the process that has the name of an instance's socket. `None` without one, and where its
+/// queue is full. Does not block.
 #[must_use]
 pub fn holder(instance: &Instance) -> Option<Impostor> {
     let socket = open(SockFlag::SOCK_NONBLOCK).ok()?;
@@ -99,13 +100,14 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
 
 /// Everything that a request for an emergency stop needs, found beforehand.
 ///
-/// [`stop`](Self::stop) is async-signal-safe, as is [`send`](Self::send): they use the stack and system calls of the list in
-/// signal-safety(7) only. They allocate nothing, take no lock, and need one free file descriptor.
+/// [`stop`](Self::stop) is async-signal-safe, as is [`send`](Self::send): they use the stack and
+/// system calls of the list in signal-safety(7) only. They allocate nothing, take no lock, and need
+/// one free file descriptor.
 #[derive(Debug, Clone)]
 pub struct StopPath {
     address: UnixAddr,
-    /// The runtime directory and the lock, whose owners may answer. `None` where the directory must belong to this user: see
-    /// [`TrustedUsers::and_of`](crate::TrustedUsers::and_of).
+    /// The runtime directory and the lock, whose owners may answer. `None` where the directory must
+    /// belong to this user: see [`TrustedUsers::and_of`](crate::TrustedUsers::and_of).
     shared: Option<[CString; 2]>,
 }
 
@@ -120,8 +122,8 @@ impl StopPath {
         Ok(Self { address: address(instance)?, shared: (!instance.is_private()).then_some([runtime, lock]) })
     }
 
-    /// Requests the daemon to damp and stop every motor, and waits at most `timeout` for the request, and again for the
-    /// confirmation. Async-signal-safe, and keeps `errno`.
+    /// Requests the daemon to damp and stop every motor, and waits at most `timeout` for the
+    /// request, and again for the confirmation. Async-signal-safe, and keeps `errno`.
     ///
     /// # Errors
     /// The stop is unconfirmed: those of [`send`](Self::send) and [`AskedStop::confirm`].
@@ -132,7 +134,8 @@ impl StopPath {
         outcome
     }
 
-    /// Requests the daemon to damp and stop every motor. Waits at most `timeout` until the request is sent. Async-signal-safe.
+    /// Requests the daemon to damp and stop every motor. Waits at most `timeout` until the request
+    /// is sent. Async-signal-safe.
     ///
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].

@@ -1,6 +1,7 @@
 //! The exit statuses of every program, from sysexits(3) where it has one.
 //!
-//! A client library must not depend on a command line: `motord_client::Error::exit_status` repeats the numbers that it needs.
+//! A client library must not depend on a command line: `motord_client::Error::exit_status` repeats
+//! the numbers that it needs.
 
 /// The command was called wrongly, or names a joint or group that does not exist.
 pub const USAGE: u8 = 64;
@@ -24,7 +25,8 @@ pub const PROTOCOL: u8 = 76;
 pub const PERMISSION: u8 = 77;
 /// A configuration has mistakes.
 pub const CONFIG: u8 = 78;
-/// An emergency stop was not confirmed. Not a status of sysexits(3), so that no other error looks like it.
+/// An emergency stop was not confirmed. Not a status of sysexits(3), so that no other error looks
+/// like it.
 pub const NOT_STOPPED: u8 = 79;
 /// An emergency stop was confirmed, but motors do not answer. Not a status of sysexits(3).
 pub const MOTORS_SILENT: u8 = 80;

@@ -13,7 +13,8 @@ pub fn write_line(out: &mut dyn Write, value: &impl Serialize) -> io::Result<()>
     writeln!(out, "{}", escaped(serde_json::to_string(value)?))
 }
 
-/// Escapes the characters that a terminal obeys or hides: JSON permits them in its texts, and has none elsewhere.
+/// Escapes the characters that a terminal obeys or hides: JSON permits them in its texts, and has
+/// none elsewhere.
 fn escaped(json: String) -> String {
     if json.chars().all(is_harmless) {
         return json;

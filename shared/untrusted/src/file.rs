@@ -48,12 +48,13 @@ pub struct InputFile {
 }
 
 impl InputFile {
-    /// Opens the file at `path`. Follows links. The opening does not wait for the other end of a FIFO.
+    /// Opens the file at `path`. Follows links. The opening does not wait for the other end of a
+    /// FIFO.
     ///
     /// # Errors
     ///
-    /// Those of the system; [`InputError::NotRegular`]. The type is that of the opened file: the path may lead to
-    /// another one a moment later.
+    /// Those of the system; [`InputError::NotRegular`]. The type is that of the opened file: the
+    /// path may lead to another one a moment later.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
         let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
@@ -79,7 +80,8 @@ impl InputFile {
         self.file
     }
 
-    /// Reads the whole file. Allocates at most `bytes_max` and one byte, also where the file grows meanwhile.
+    /// Reads the whole file. Allocates at most `bytes_max` and one byte, also where the file grows
+    /// meanwhile.
     ///
     /// # Errors
     ///

@@ -2,11 +2,11 @@
 
 use std::borrow::Cow;
 
-/// Returns whether `letter` neither commands a terminal nor hides, joins or reorders other letters. A line end is
-/// not harmless.
+/// Returns whether `letter` neither commands a terminal nor hides, joins or reorders other letters.
+/// A line end is not harmless.
 ///
-/// Source of the invisible characters: Unicode 16, `Bidi_Control`, `Join_Control` and the format characters (`Cf`)
-/// without a glyph; the line and paragraph separators.
+/// Source of the invisible characters: Unicode 16, `Bidi_Control`, `Join_Control` and the format
+/// characters (`Cf`) without a glyph; the line and paragraph separators.
 #[must_use]
 pub fn is_harmless(letter: char) -> bool {
     let is_invisible = matches!(letter,
@@ -15,8 +15,9 @@ pub fn is_harmless(letter: char) -> bool {
     !letter.is_control() && !is_invisible
 }
 
-/// Spells out every character that is not [harmless](is_harmless), as `\u{1b}`. Line ends stay. Text of a file or
-/// another process must not move the cursor, change colours, ring, or look like other text.
+/// Spells out every character that is not [harmless](is_harmless), as `\u{1b}`. Line ends stay.
+/// Text of a file or another process must not move the cursor, change colours, ring, or look like
+/// other text.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     spelled(text, |letter| letter == '\n' || is_harmless(letter))

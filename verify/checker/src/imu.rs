@@ -1,5 +1,6 @@
-//! IMUs on CAN buses, written from the vendors' documents (docs/imu-protocols.md): the frames that they send, and the
-//! requests that they may be sent. Every other frame with one of these ids is wrong.
+//! IMUs on CAN buses, written from the vendors' documents (docs/imu-protocols.md): the frames that
+//! they send, and the requests that they may be sent. Every other frame with one of these ids is
+//! wrong.
 
 use motord_bus::Frame;
 use serde::Deserialize;

@@ -4,9 +4,9 @@
 //!   published.
 //! - [`log`]: a log of candump, and the marks of the program that disturbed the robot.
 //!
-//! Both decode the same bytes with the same [`protocol`], and take their motors from the same [`robot`]
-//! description. The codecs are written from the vendors'
-//! documents. They share no code with the daemon or the simulator, which this crate checks.
+//! Both decode the same bytes with the same [`protocol`], and take their motors from the same
+//! [`robot`] description. The codecs are written from the vendors' documents. They share no code
+//! with the daemon or the simulator, which this crate checks.
 
 pub mod imu;
 pub mod log;

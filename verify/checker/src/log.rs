@@ -252,7 +252,8 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
     Ok(Some(Spoken::Reply(Reply { at, motor })))
 }
 
-/// Returns the motor whose register this frame reads. A write is no such frame, and has the id of no motor.
+/// Returns the motor whose register this frame reads. A write is no such frame, and has the id of
+/// no motor.
 fn read_of_register(wiring: &Wiring, interface: &str, frame: &Frame) -> Option<usize> {
     let &[id, 0, 0x33, _, 0, 0, 0, 0] = frame.payload() else { return None };
     let is_read = frame.id() == FrameId::MAX;

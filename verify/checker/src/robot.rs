@@ -25,7 +25,8 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Returns the motor whose register 21, 22 or 23 the frame reads; `None` for any other frame, such as a write.
+    /// Returns the motor whose register 21, 22 or 23 the frame reads; `None` for any other frame,
+    /// such as a write.
     pub(crate) fn register_reader(&self, bus: usize, frame: &Frame) -> Option<usize> {
         let [id, 0, 0x33, 21..=23, 0, 0, 0, 0] = *frame.payload() else { return None };
         let is_it =

@@ -513,7 +513,8 @@ fn vendor_reply_ids_and_questions_are_respected() {
     assert_eq!([1, 2, 3].map(is_refused), [false, true, false]);
 }
 
-/// Their samples and exactly the requests for them pass: no write of a setting, and no start beside motors.
+/// Their samples and exactly the requests for them pass: no write of a setting, and no start beside
+/// motors.
 #[test]
 fn only_requests_and_samples_of_imus_pass() {
     let wiring = |alone: bool, more: &str| {

@@ -15,9 +15,9 @@ pub fn hipnuc_serial(bytes: &[u8]) {
     assert_eq!(found.and_then(Result::ok).and_then(|sample| sample.status), awaited().status);
 }
 
-/// Decodes a stream of Xsens's, as [`hipnuc_serial`] does. Its checksum has only eight bits, so bytes
-/// and the beginning of the expected message can form another one. The bytes before the expected
-/// message are therefore without 0x36, which every message has.
+/// Decodes a stream of Xsens's, as [`hipnuc_serial`] does. Its checksum has only eight bits, so
+/// bytes and the beginning of the expected message can form another one. The bytes before the
+/// expected message are therefore without 0x36, which every message has.
 pub fn xsens(bytes: &[u8]) {
     let mut decoder = xsens::Decoder::new();
     bytes.iter().filter_map(|byte| decoder.push(*byte)).flatten().for_each(|sample| sound(&sample));

@@ -6,7 +6,8 @@
 //!
 //! The targets are pure: the same bytes give the same result. libFuzzer searches for bytes that
 //! break them. `corpus/` holds its useful findings, an archive for each target, which
-//! `tests/corpus.rs` runs with the other tests. `docs/fuzzing.md` describes the use and the findings.
+//! `tests/corpus.rs` runs with the other tests. `docs/fuzzing.md` describes the use and the
+//! findings.
 
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,6 @@
 //! Runs every input of the corpus, on the stable toolchain and without a fuzzer, so that earlier
-//! findings stay fixed. With `MOTORD_PACK_CORPUS=FOLDER` it first writes the archives: docs/fuzzing.md.
+//! findings stay fixed. With `MOTORD_PACK_CORPUS=FOLDER` it first writes the archives:
+//! docs/fuzzing.md.
 
 use motord_fuzz::TARGETS;
 use std::collections::{BTreeMap, BTreeSet};
@@ -54,8 +55,8 @@ fn unescape(text: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// Returns whether an input always stays: a finding, or one that a person named. libFuzzer names the
-/// others by the 40 digits of their hash.
+/// Returns whether an input always stays: a finding, or one that a person named. libFuzzer names
+/// the others by the 40 digits of their hash.
 fn is_kept(name: &str) -> bool {
     name.len() != 40
 }

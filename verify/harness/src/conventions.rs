@@ -5,7 +5,8 @@ use motord_shared::ImuContradiction::{
     WithoutGravity, ZDown,
 };
 
-/// The values that a driver sends of a body that rests with roll 0.4, pitch 0.3, yaw 0.5 rad about x, y and z of the world, in this order.
+/// The values that a driver sends of a body that rests with roll 0.4, pitch 0.3, yaw 0.5 rad about
+/// x, y and z of the world, in this order.
 #[derive(Debug, Clone, Copy)]
 pub struct Convention {
     /// The contradiction that names it; `None` for the convention of motord.

@@ -16,7 +16,8 @@ pub struct Tmux {
 }
 
 impl Tmux {
-    /// Starts a shell with `environment`. Prints a note and returns `None` on a machine without tmux.
+    /// Starts a shell with `environment`. Prints a note and returns `None` on a machine without
+    /// tmux.
     ///
     /// # Panics
     ///

@@ -1,8 +1,8 @@
 //! No circle between the files of a crate, nor between its folders.
 //!
-//! A file imports the file that defines the item of each path it uses: the test follows re-exports. The file of a
-//! folder (`mod.rs`, `lib.rs`, `main.rs`) counts like any other; its own re-exports do not. A folder imports what its files
-//! import from beside the folder.
+//! A file imports the file that defines the item of each path it uses: the test follows re-exports.
+//! The file of a folder (`mod.rs`, `lib.rs`, `main.rs`) counts like any other; its own re-exports
+//! do not. A folder imports what its files import from beside the folder.
 
 use crate::paths;
 use crate::sources::{self, Source};
@@ -87,7 +87,8 @@ fn reached<'a>(graph: &'a Graph, start: &'a Module) -> BTreeSet<&'a Module> {
     reached
 }
 
-/// The imports between the members of each folder: a member that is a folder imports what its files do.
+/// The imports between the members of each folder: a member that is a folder imports what its files
+/// do.
 fn folders(graph: &Graph) -> Graph {
     let mut folders = Graph::new();
     for (module, import) in

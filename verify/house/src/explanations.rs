@@ -1,4 +1,5 @@
-//! Every name that the log and `motorctl status` print has a page in `docs/explain`, and every page is of such a name.
+//! Every name that the log and `motorctl status` print has a page in `docs/explain`, and every page
+//! is of such a name.
 
 use crate::sources;
 use motord_shared::{BusCondition, Cause, Fault, Refusal};

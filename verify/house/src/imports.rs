@@ -1,11 +1,13 @@
-//! The imports between crates: the table of `ARCHITECTURE.md` is exact, and no crate imports from a higher room.
+//! The imports between crates: the table of `ARCHITECTURE.md` is exact, and no crate imports from a
+//! higher room.
 
 use crate::sources;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-/// The top-level folders, lowest first: a crate imports crates of its folder and of folders before it.
+/// The top-level folders, lowest first: a crate imports crates of its folder and of folders before
+/// it.
 const ROOMS: &[&str] = &["shared", "motors", "core", "client", "daemon", "motorctl", "verify", "benches"];
 
 /// The imports that only the tests of a crate have.
@@ -27,8 +29,8 @@ const REEXPORTS_ALLOWED: &[&str] = &[
     "core/twin/src/lib.rs",
 ];
 
-/// The packages that `motord-core` depends on, without procedural macros: no command line, log, system call or shared
-/// memory.
+/// The packages that `motord-core` depends on, without procedural macros: no command line, log,
+/// system call or shared memory.
 const CORE: &[&str] = &[
     "crossbeam-utils",
     "motord-bus",
@@ -43,7 +45,8 @@ const CORE: &[&str] = &[
     "triple_buffer",
 ];
 
-/// A row of the table: the folder of a crate and its imports; `None` for a crate that may import anything.
+/// A row of the table: the folder of a crate and its imports; `None` for a crate that may import
+/// anything.
 #[derive(Debug, PartialEq)]
 struct Row {
     folder: String,

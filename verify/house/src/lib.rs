@@ -1,5 +1,5 @@
-//! The architecture test: rules that the compiler does not check. Each rule is a function over text. One test applies it
-//! to the workspace, another to a bad example that it must reject.
+//! The architecture test: rules that the compiler does not check. Each rule is a function over
+//! text. One test applies it to the workspace, another to a bad example that it must reject.
 
 #![cfg(test)]
 

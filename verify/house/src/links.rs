@@ -1,4 +1,5 @@
-//! Every link of a document leads to a file or heading that exists: in the workspace, and in the tree that the package installs.
+//! Every link of a document leads to a file or heading that exists: in the workspace, and in the
+//! tree that the package installs.
 
 use crate::sources;
 use std::collections::{BTreeMap, BTreeSet};
@@ -82,7 +83,8 @@ fn broken(tree: &Tree) -> Vec<String> {
         .collect()
 }
 
-/// Returns whether the link `target` of the document `path` leads to a file or folder of the tree, and to one of its headings.
+/// Returns whether the link `target` of the document `path` leads to a file or folder of the tree,
+/// and to one of its headings.
 fn leads(tree: &Tree, path: &str, target: &str) -> bool {
     let (file, anchor) = target.split_once('#').map_or((target, None), |(file, anchor)| (file, Some(anchor)));
     let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -110,8 +112,8 @@ fn tree_of(root: &Path) -> Tree {
     sources::below(root).into_iter().map(relative).collect()
 }
 
-/// The tree that the package installs from files of the workspace, from the assets in daemon/Cargo.toml. What `packaging/build`
-/// creates is not in it.
+/// The tree that the package installs from files of the workspace, from the assets in
+/// daemon/Cargo.toml. What `packaging/build` creates is not in it.
 fn installed(workspace: &Tree) -> Tree {
     let manifest = std::fs::read_to_string(sources::root().join("daemon/Cargo.toml")).unwrap();
     let manifest: toml::Table = manifest.parse().unwrap();

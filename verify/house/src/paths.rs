@@ -1,9 +1,11 @@
-//! The paths in a Rust file that begin with `crate`, `super`, `self` or a child module, in `use`, in code and inside of macros.
+//! The paths in a Rust file that begin with `crate`, `super`, `self` or a child module, in `use`,
+//! in code and inside of macros.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The paths and bindings of a file, outside of its unit tests. Paths are absolute, without `crate`.
+/// The paths and bindings of a file, outside of its unit tests. Paths are absolute, without
+/// `crate`.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Found {
     /// The paths that the file uses; its re-exports are not among them.
@@ -48,7 +50,8 @@ fn scan(tokens: TokenStream, scope: &Scope, found: &mut Found) {
     }
 }
 
-/// The number of tokens of `#[cfg(test)] mod tests { … }` or `#[cfg(test)] mod tests;`, if it begins here.
+/// The number of tokens of `#[cfg(test)] mod tests { … }` or `#[cfg(test)] mod tests;`, if it
+/// begins here.
 fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     let texts: Vec<String> = tokens.iter().take(3).map(ToString::to_string).collect();
     let is_test = matches!(&texts[..], [hash, cfg, module]
@@ -56,7 +59,8 @@ fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     is_test.then_some(5)
 }
 
-/// The number of tokens of a `use` item, if one begins here. Binds its names; a private item also uses them.
+/// The number of tokens of a `use` item, if one begins here. Binds its names; a private item also
+/// uses them.
 fn import(tokens: &[TokenTree], at: usize, scope: &Scope, found: &mut Found) -> Option<usize> {
     if text(tokens.get(at)) != "use" {
         return None;
@@ -103,7 +107,8 @@ fn start(tokens: &[TokenTree], at: usize, scope: &Scope) -> Option<Vec<String>> 
     }
 }
 
-/// Follows `::name`, `::{…}`, `::*` and `as name` after the prefix. Adds each path with the name that it binds.
+/// Follows `::name`, `::{…}`, `::*` and `as name` after the prefix. Adds each path with the name
+/// that it binds.
 fn follow(
     tokens: &[TokenTree],
     at: &mut usize,

@@ -1,11 +1,13 @@
-//! A test that runs a program which may be missing asks for it first, with `lacks`, and is skipped with a note.
+//! A test that runs a program which may be missing asks for it first, with `lacks`, and is skipped
+//! with a note.
 
 use crate::sources;
 
 /// Programs that POSIX requires.
 const EVERYWHERE: &[&str] = &["sh", "sleep", "mkfifo"];
 
-/// The names in `Command::new("NAME")` of a file that may be missing, and that no `lacks` of the file names.
+/// The names in `Command::new("NAME")` of a file that may be missing, and that no `lacks` of the
+/// file names.
 fn unasked(text: &str) -> Vec<&str> {
     let started = text.split("Command::new(\"").skip(1).filter_map(|after| Some(after.split_once('"')?.0));
     let asked: Vec<&str> =
@@ -14,7 +16,8 @@ fn unasked(text: &str) -> Vec<&str> {
     started.filter(|name| !EVERYWHERE.contains(name) && !is_asked(name)).collect()
 }
 
-/// The code of a file that starts processes in `cargo test`. Tests on CAN interfaces are ignored without a rig.
+/// The code of a file that starts processes in `cargo test`. Tests on CAN interfaces are ignored
+/// without a rig.
 fn tests(source: &sources::Source) -> &str {
     let sources::Source { path, text } = source;
     if path.contains("vcan") || !text.contains("process::") {

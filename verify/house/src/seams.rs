@@ -1,4 +1,5 @@
-//! The seams: few files tell families of motors and transports apart, and the cycle names no vendor of an IMU and no transport.
+//! The seams: few files tell families of motors and transports apart, and the cycle names no vendor
+//! of an IMU and no transport.
 
 use crate::sources::{self, Source};
 use crate::words;

@@ -3,7 +3,8 @@
 use crate::sources;
 use proc_macro2::{TokenStream, TokenTree};
 
-/// System calls that no safe crate offers, pointers of callers in C, and the allocators and counters of tests.
+/// System calls that no safe crate offers, pointers of callers in C, and the allocators and
+/// counters of tests.
 const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
     "client/c/src/abi/claim.rs",

@@ -76,8 +76,8 @@ impl Wave {
     }
 }
 
-/// The motion of a body: roll, pitch, yaw and x, y, z of the world, each a sum of waves, its turn to the left, rad/s, and a constant
-/// acceleration, m/s².
+/// The motion of a body: roll, pitch, yaw and x, y, z of the world, each a sum of waves, its turn
+/// to the left, rad/s, and a constant acceleration, m/s².
 struct Motion {
     angles: [Vec<Wave>; 3],
     positions: [Vec<Wave>; 3],
@@ -91,7 +91,8 @@ impl Motion {
         Self { angles: angles.map(constant), positions: Default::default(), turn: 0.0, push: [0.0; 3] }
     }
 
-    /// A trot: the trunk nods and sways with the steps, rises with each of them, and its speed changes by 0.1 m/s.
+    /// A trot: the trunk nods and sways with the steps, rises with each of them, and its speed
+    /// changes by 0.1 m/s.
     fn walk(random: &mut Random) -> Self {
         let step = random.within(2.0, 3.0);
         let mut wave = |low, high, frequency| Wave {
@@ -201,7 +202,8 @@ fn quaternion(angles: [f64; 3]) -> [f64; 4] {
     ]
 }
 
-/// A vector of the world in the frame of the body: v + 2 w (u × v) + 2 u × (u × v) with u = -(x, y, z).
+/// A vector of the world in the frame of the body: v + 2 w (u × v) + 2 u × (u × v) with u = -(x, y,
+/// z).
 fn to_body([w, x, y, z]: [f64; 4], vector: [f64; 3]) -> [f64; 3] {
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -224,7 +226,8 @@ fn tilted(orientation: [f32; 4], [roll, pitch]: [f64; 2]) -> [f32; 4] {
     .map(|part| part as f32)
 }
 
-/// The constant errors of a sensor: angular velocity, rad/s, acceleration, m/s², roll and pitch, rad.
+/// The constant errors of a sensor: angular velocity, rad/s, acceleration, m/s², roll and pitch,
+/// rad.
 #[derive(Default)]
 struct Errors {
     turn: [f32; 3],
@@ -271,7 +274,8 @@ impl Sensor {
         Self { kind, mount, errors: Errors::default(), check, time: 0.0, random }
     }
 
-    /// Measures a motion of the sensor for this time. Returns the findings, with the seconds from the begin.
+    /// Measures a motion of the sensor for this time. Returns the findings, with the seconds from
+    /// the begin.
     fn measure(&mut self, motion: &Motion, seconds: f64) -> Vec<(f64, Finding)> {
         let begin = self.time;
         let mut findings = Vec::new();
@@ -411,7 +415,8 @@ fn right_convention_is_never_named_in_near_rest() {
     }
 }
 
-/// A scale that changed is no acceleration of some seconds: three rests. A sensor that never agreed needs one.
+/// A scale that changed is no acceleration of some seconds: three rests. A sensor that never agreed
+/// needs one.
 #[test]
 fn unknown_contradiction_of_agreeing_sensor_takes_longer() {
     let pose = Motion::still([0.4, 0.3, 0.5]);
@@ -427,7 +432,8 @@ fn unknown_contradiction_of_agreeing_sensor_takes_longer() {
     }
 }
 
-/// Motion has no directions of gravity to compare: what was found stands, and a rest in which both agree ends it.
+/// Motion has no directions of gravity to compare: what was found stands, and a rest in which both
+/// agree ends it.
 #[test]
 fn finding_stands_until_a_rest_agrees() {
     let pose = Motion::still([0.4, 0.3, 0.5]);
@@ -441,8 +447,8 @@ fn finding_stands_until_a_rest_agrees() {
     assert_eq!(found.iter().map(|(_, finding)| finding.contradictions).collect::<Vec<_>>(), [0]);
 }
 
-/// The limits are 10° and 10 %; what exceeded them agrees again below 8° and 8 %. Each value lasts for four rests: the first may
-/// contain the value before.
+/// The limits are 10° and 10 %; what exceeded them agrees again below 8° and 8 %. Each value lasts
+/// for four rests: the first may contain the value before.
 #[test]
 fn limits_are_ten_degrees_and_ten_percent() {
     let mut check = GravityCheck::new(Mount::ALIGNED);
@@ -488,7 +494,8 @@ fn every_turn_of_axes_is_one_rotation() {
 }
 
 proptest! {
-    /// Any finite samples at any times: no panic, known bits, and a right sensor at rest afterwards is right.
+    /// Any finite samples at any times: no panic, known bits, and a right sensor at rest afterwards
+    /// is right.
     #[test]
     fn hostile_samples_leave_the_check_usable(
         samples in proptest::collection::vec(

@@ -142,8 +142,8 @@ impl Setpoints {
     }
 }
 
-/// Returns position, velocity and torque between two finite setpoints, with the gains and the mode of the second. Each
-/// value stays between the two, and does not overflow.
+/// Returns position, velocity and torque between two finite setpoints, with the gains and the mode
+/// of the second. Each value stays between the two, and does not overflow.
 #[cold]
 fn between(origin: Setpoint, target: Setpoint, share: f32) -> Setpoint {
     let mix = |from: f32, to: f32| from * (1.0 - share) + to * share;

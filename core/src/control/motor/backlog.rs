@@ -2,8 +2,8 @@
 //!
 //! A reply does not name its request. A motor that answers each request seven turns late looks like
 //! one that lost seven replies and answers in time since. motord omits one command to distinguish
-//! them: a reply that still arrives answers an earlier command. If all answers are N turns late, the
-//! turn without a reply follows N turns after the omission.
+//! them: a reply that still arrives answers an earlier command. If all answers are N turns late,
+//! the turn without a reply follows N turns after the omission.
 //!
 //! ```text
 //!            missed reply            PAUSE later             no late reply
@@ -178,8 +178,8 @@ mod tests {
         omitted: usize,
     }
 
-    /// Runs `turns` turns of a motor that answers `late` turns late. The reply to a command is lost if `is_lost` says so of
-    /// its turn.
+    /// Runs `turns` turns of a motor that answers `late` turns late. The reply to a command is lost
+    /// if `is_lost` says so of its turn.
     fn run(turns: u32, late: usize, is_lost: impl Fn(u32) -> bool) -> Run {
         let mut run = Run { backlog: Backlog::default(), omitted: 0 };
         let (mut queue, mut answered) = (vec![None; late], false);

@@ -11,8 +11,8 @@ pub(super) struct FaultWatch {
     pub(super) reported: Faults,
     /// When it should be asked next.
     pub(super) poll_at: Instant,
-    /// The motor refused a command, reports a fault without its name, or its answer was ambiguous: it
-    /// is asked in the next turn.
+    /// The motor refused a command, reports a fault without its name, or its answer was ambiguous:
+    /// it is asked in the next turn.
     pub(super) is_urgent: bool,
     /// Its last state reports a fault without its name.
     pub(super) is_unnamed: bool,

@@ -8,11 +8,13 @@ const WINDOW: Duration = Duration::from_secs(1);
 /// A sender that continues is reported again after this time.
 const REPORT: Duration = Duration::from_secs(10);
 
-/// The longest time between two reads with safe frames of one sender. A second daemon may send only every 100 ms, and a slow cycle
-/// reads as rarely. Shorter than the time that makes a sender a master: a burst that two reads share is none.
+/// The longest time between two reads with safe frames of one sender. A second daemon may send only
+/// every 100 ms, and a slow cycle reads as rarely. Shorter than the time that makes a sender a
+/// master: a burst that two reads share is none.
 const SAFE_GAP: Duration = Duration::from_millis(150);
 
-/// Frames without a longer pause than [`RARE_GAP`] that continue for [`RARE_TIME`] are reported, although their sender is no master.
+/// Frames without a longer pause than [`RARE_GAP`] that continue for [`RARE_TIME`] are reported,
+/// although their sender is no master.
 const RARE_GAP: Duration = Duration::from_millis(1500);
 const RARE_TIME: Duration = Duration::from_secs(5);
 
@@ -21,8 +23,8 @@ const RARE_TIME: Duration = Duration::from_secs(5);
 pub struct ForeignFrames {
     /// Number of those that are no safe frames.
     pub commands: u32,
-    /// Number of safe frames: those by which the dead man's switch and `safe-stop` damp and stop this motor. A second daemon sends the
-    /// same ones to a motor that it has not started.
+    /// Number of safe frames: those by which the dead man's switch and `safe-stop` damp and stop
+    /// this motor. A second daemon sends the same ones to a motor that it has not started.
     pub safe: u32,
 }
 
@@ -41,7 +43,8 @@ struct Run {
 }
 
 impl Run {
-    /// Continues `run` at `at`, or begins another one after a pause longer than `gap`. Returns how long it lasts.
+    /// Continues `run` at `at`, or begins another one after a pause longer than `gap`. Returns how
+    /// long it lasts.
     fn continue_at(run: &mut Option<Self>, at: Instant, gap: Duration) -> Duration {
         let continued = run.filter(|run| at.since(run.last) <= gap);
         let begun = continued.map_or(at, |run| run.begun);
@@ -72,15 +75,17 @@ pub(super) struct Foreign {
 /// The judgement of a further frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Observed {
-    /// At least [`FRAMES`] arrived within [`WINDOW`], or safe frames for too long: another master commands the motor.
+    /// At least [`FRAMES`] arrived within [`WINDOW`], or safe frames for too long: another master
+    /// commands the motor.
     pub(super) is_master: bool,
     /// The number of frames, when they should be reported.
     pub(super) report: Option<u32>,
 }
 
 impl Foreign {
-    /// Counts `frames` that arrived by `at`. A sender that is no master is reported while its frames continue. Safe frames are from
-    /// another master when they arrive for `safe_max`: longer than the switch acts beside a running daemon.
+    /// Counts `frames` that arrived by `at`. A sender that is no master is reported while its
+    /// frames continue. Safe frames are from another master when they arrive for `safe_max`: longer
+    /// than the switch acts beside a running daemon.
     pub(super) fn observe(&mut self, frames: ForeignFrames, at: Instant, safe_max: Duration) -> Observed {
         let is_master =
             self.counts_safe(frames.safe, at, safe_max) | self.counts_commands(frames.commands, at);
@@ -132,7 +137,8 @@ impl Foreign {
         self.total
     }
 
-    /// Returns whether at least two commands, or the safe frames of another master, arrived in the last second before `now`.
+    /// Returns whether at least two commands, or the safe frames of another master, arrived in the
+    /// last second before `now`.
     pub(super) fn is_present(&self, now: Instant) -> bool {
         let is_recent = |arrival: Option<Instant>| arrival.is_some_and(|arrival| now.since(arrival) < WINDOW);
         is_recent(self.before_last) || is_recent(self.stopped_at)

@@ -18,7 +18,8 @@ const KNEE: f64 = 0.8;
 /// No allowed torque heats the winding beyond this value: it has another source of heat, or the
 /// motor does not follow its commands.
 const OVERHEATED: f64 = 1.2;
-/// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
+/// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3),
+/// by the equation.
 const TWICE_RATED: f64 = 0.287_682_072_451_781;
 
 /// The heat of one winding, and its limits.

@@ -8,8 +8,8 @@ use crate::control::context::Context;
 use motord_bus::{Duration, Instant};
 
 impl Motor {
-    /// Begins a turn while its backlog is due. Returns whether the command of this turn is omitted. Never the first
-    /// one of a mode: a stop is not delayed.
+    /// Begins a turn while its backlog is due. Returns whether the command of this turn is omitted.
+    /// Never the first one of a mode: a stop is not delayed.
     #[cold]
     pub(super) fn probes(&mut self, cx: &mut Context) -> bool {
         let repeats = match self.mode {
@@ -24,7 +24,8 @@ impl Motor {
         omits
     }
 
-    /// Ends a turn without a state. Returns whether its missing reply belongs to the omitted command.
+    /// Ends a turn without a state. Returns whether its missing reply belongs to the omitted
+    /// command.
     pub(super) fn explains_gap(&mut self, cx: &mut Context) -> bool {
         let before = self.backlog.turns();
         let explains = self.backlog.end_turn(cx.now);
@@ -49,8 +50,8 @@ impl Motor {
         (at - late, latency + late)
     }
 
-    /// Increases the age of the last state by the growth of the lateness since `before`, in turns. After a decrease, the last state
-    /// keeps its published age.
+    /// Increases the age of the last state by the growth of the lateness since `before`, in turns.
+    /// After a decrease, the last state keeps its published age.
     fn shift(&mut self, before: u32, cx: &mut Context) {
         let turns = self.backlog.turns();
         if turns == before {

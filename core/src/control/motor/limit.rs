@@ -1,6 +1,7 @@
 //! Limits: the last thing before the wire.
 //!
-//! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
+//! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque),
+//! a bound on
 //! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to
 //! the applied command.
 
@@ -41,7 +42,8 @@ pub struct Circumstances<'a> {
     pub winding_torque: f32,
 }
 
-/// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
+/// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on
+/// its arrival.
 #[must_use]
 #[inline(always)]
 pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
@@ -58,7 +60,8 @@ pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
     limiter.applied()
 }
 
-/// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
+/// A damping command whose torque stays within the joint's limit: braking a fast joint must not
+/// break its gear.
 #[must_use]
 pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<JointSide>>) -> Applied {
     let damping = Setpoint::impedance(Impedance::new(0.0, 0.0, 0.0, kd, 0.0));
@@ -69,10 +72,12 @@ pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<JointSid
     limiter.applied()
 }
 
-/// Takes the motion out of a joint whose drive has a speed loop of its own: a speed that falls from that of the joint to zero.
+/// Takes the motion out of a joint whose drive has a speed loop of its own: a speed that falls from
+/// that of the joint to zero.
 ///
-/// The commanded speed is never higher than the joint's last known speed, nor against it, and falls on without a new state: each
-/// such command brakes. Only the slope bounds the torque of the drive; `share` is the part of the slope that is used.
+/// The commanded speed is never higher than the joint's last known speed, nor against it, and falls
+/// on without a new state: each such command brakes. Only the slope bounds the torque of the drive;
+/// `share` is the part of the slope that is used.
 #[must_use]
 pub(super) fn brake(
     previous: &Setpoint,
@@ -91,7 +96,8 @@ pub(super) fn brake(
     Limiter::new(setpoint, 0.0).applied()
 }
 
-/// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less than `kd`.
+/// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less
+/// than `kd`.
 #[must_use]
 pub(super) fn hold(
     held: Setpoint,
@@ -157,7 +163,8 @@ impl Limiter {
         );
     }
 
-    /// Less torque for a hot motor: linear from all at `temperature_derate` to nothing at `temperature`.
+    /// Less torque for a hot motor: linear from all at `temperature_derate` to nothing at
+    /// `temperature`.
     fn derate(&mut self, circumstances: &Circumstances<'_>) {
         let Circumstances { limits, measured, .. } = *circumstances;
         let Some(temperature) = measured.temperature else { return };
@@ -168,8 +175,8 @@ impl Limiter {
         }
     }
 
-    /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the other modes the
-    /// velocity only feeds the damping forward.
+    /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the
+    /// other modes the velocity only feeds the damping forward.
     fn slewed_velocity(&mut self, circumstances: &Circumstances<'_>) -> f32 {
         let Circumstances { limits, previous, measured, elapsed, ramp, .. } = *circumstances;
         let velocity = self.value.velocity;
@@ -189,7 +196,8 @@ impl Limiter {
         self.bound_to(Limit::TotalTorque, torque_max, measured);
     }
 
-    /// Scales stiffness, damping and torque together, so that their total keeps its sign and the shares of its parts.
+    /// Scales stiffness, damping and torque together, so that their total keeps its sign and the
+    /// shares of its parts.
     fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<JointSide>) {
         let Measured { position, velocity, .. } = *measured;
         let travelled = velocity.abs() * self.age;

@@ -41,7 +41,8 @@ pub(super) enum Mode {
     Active,
     /// It is damped before it is stopped.
     Damping {
-        /// Its position and gains when the stop began, where they were known: a stop that holds keeps them.
+        /// Its position and gains when the stop began, where they were known: a stop that holds
+        /// keeps them.
         held: Option<Impedance<JointSide>>,
     },
     /// It reported a fault, and stopped.
@@ -72,7 +73,8 @@ pub(super) enum Start {
 }
 
 impl Mode {
-    /// Offline; the first probe, in the next cycle, is a stop: the motor may receive it even where its replies are lost.
+    /// Offline; the first probe, in the next cycle, is a stop: the motor may receive it even where
+    /// its replies are lost.
     pub(super) const OFFLINE: Self = Self::Offline(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const EXCLUDED: Self = Self::Excluded(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const STARTING: Self = Self::Starting(Start::Neutral(0));

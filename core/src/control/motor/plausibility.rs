@@ -30,16 +30,16 @@ const STEP_BUCKET: u32 = 20;
 const STUCK_VELOCITY: f32 = 0.5;
 const STUCK_TIME: Duration = Duration::from_millis(50);
 const OVERSPEED_FACTOR: f32 = 1.2;
-/// A reported speed beyond this part of its code's end may be a clamped one. No speed limit reaches so far: the configuration
-/// keeps limits 0.5 % away from the end.
+/// A reported speed beyond this part of its code's end may be a clamped one. No speed limit reaches
+/// so far: the configuration keeps limits 0.5 % away from the end.
 const CLAMPED_FROM: f32 = 0.998;
 const OVERSPEED_TIME: Duration = Duration::from_millis(5);
 /// The peak torque of a model is that of its winding; other windings have up to twice as much.
 const TORQUE_FACTOR: f32 = 3.0;
 const TORQUE_TIME: Duration = Duration::from_millis(50);
-/// Without a limit of its own a joint is too far at half a turn, rad. It must be commanded this share
-/// of its torque limit, and not approach the position at [`APPROACH_VELOCITY`], rad/s. Contact and
-/// soft gains explain less.
+/// Without a limit of its own a joint is too far at half a turn, rad. It must be commanded this
+/// share of its torque limit, and not approach the position at [`APPROACH_VELOCITY`], rad/s.
+/// Contact and soft gains explain less.
 const FOLLOWING_ERROR: f32 = core::f32::consts::PI;
 const FULL_SHARE: f32 = 0.9;
 const APPROACH_VELOCITY: f32 = 0.5;
@@ -186,7 +186,8 @@ impl Plausibility {
         (active && is_at_range_end(reported, applied.pulls(), settings)).then_some(Cause::RangeEnd)
     }
 
-    /// Returns the first cause whose condition has held long enough. `hold`: which of the [`CONDITIONS`] hold.
+    /// Returns the first cause whose condition has held long enough. `hold`: which of the
+    /// [`CONDITIONS`] hold.
     #[cold]
     fn lasting(&mut self, hold: [bool; CONDITIONS.len()], at: Instant) -> Option<Cause> {
         let since = self.since.get_or_insert_default();
@@ -199,8 +200,8 @@ impl Plausibility {
         })
     }
 
-    /// Ignores a single step of the temperature; uses it after many in a row. Never uses an impossible
-    /// temperature.
+    /// Ignores a single step of the temperature; uses it after many in a row. Never uses an
+    /// impossible temperature.
     fn believable_temperature(
         &mut self,
         reported: &Measured<JointSide>,

@@ -1,7 +1,8 @@
 //! The registers of a motor that are read before its group may start.
 //!
-//! Codes are fractions of the ends that a Damiao motor has in its registers, so a state has no meaning until they are
-//! read. A request takes the place of the command of a stopped motor, at most one in a turn.
+//! Codes are fractions of the ends that a Damiao motor has in its registers, so a state has no
+//! meaning until they are read. A request takes the place of the command of a stopped motor, at
+//! most one in a turn.
 //!
 //! ```text
 //!              every value read, all in range
@@ -13,18 +14,20 @@
 //!   Unknown, Expired ──no answer for RETRY, every value is written──▶ Assumed ──answer, or silence──▶ Unknown
 //! ```
 //!
-//! Nothing is assumed of a motor that reported a value out of range, until all its values are read and in range.
+//! Nothing is assumed of a motor that reported a value out of range, until all its values are read
+//! and in range.
 //!
-//! States are used unless `Unknown`. A `Known` or `Assumed` motor starts. A `Known` one is not asked; an `Assumed` one is asked while it is
-//! stopped.
+//! States are used unless `Unknown`. A `Known` or `Assumed` motor starts. A `Known` one is not
+//! asked; an `Assumed` one is asked while it is stopped.
 
 use motord_bus::{Duration, Instant};
 use motord_settings::settings::{MotorSettings, REGISTERS_MAX, RegisterRange};
 
-/// Requests in consecutive turns. The next ones are [`RETRY`] apart, and the motor is stopped in between.
+/// Requests in consecutive turns. The next ones are [`RETRY`] apart, and the motor is stopped in
+/// between.
 const TRIES: u32 = 5;
-/// Without an answer to this request the motor counts as one that does not report its registers: a bus that was disturbed for some turns
-/// is no reason.
+/// Without an answer to this request the motor counts as one that does not report its registers: a
+/// bus that was disturbed for some turns is no reason.
 const LAST_TRY: u32 = TRIES + 2;
 /// Interval between later requests, and between two readings of a motor with a value out of range.
 const RETRY: Duration = Duration::from_secs(1);
@@ -37,7 +40,8 @@ pub(super) struct Registers {
     /// Number of the register to be read next.
     next: u8,
     pub(super) values: [f32; REGISTERS_MAX],
-    /// A register whose value was out of range when it was last read; after all were read, the first one. A silence does not clear it.
+    /// A register whose value was out of range when it was last read; after all were read, the
+    /// first one. A silence does not clear it.
     pub(super) wrong: Option<u8>,
     /// Requests since the last answer.
     tries: u32,
@@ -73,8 +77,8 @@ impl Registers {
         }
     }
 
-    /// Requires another reading of everything: after its silence the motor may be another one. A value out of range still forbids to
-    /// assume values: it may as well be the same motor.
+    /// Requires another reading of everything: after its silence the motor may be another one. A
+    /// value out of range still forbids to assume values: it may as well be the same motor.
     pub(super) const fn forget(&mut self) {
         if self.count > 0 {
             self.knowledge = Knowledge::Unknown;
@@ -96,7 +100,8 @@ impl Registers {
         matches!(self.knowledge, Knowledge::Known | Knowledge::Assumed)
     }
 
-    /// Returns the register to request at `now`, and whether the motor has just become one that does not report them.
+    /// Returns the register to request at `now`, and whether the motor has just become one that
+    /// does not report them.
     pub(super) fn request(&mut self, now: Instant) -> Option<(u8, bool)> {
         if matches!(self.knowledge, Knowledge::Known) || now < self.due {
             return None;
@@ -108,8 +113,9 @@ impl Registers {
         Some((self.next, self.tries == LAST_TRY))
     }
 
-    /// Uses the written values of a motor that answered no request. Returns whether it did: it does not where a value is not written, or
-    /// where the motor reported one since its silence, or one out of range before it.
+    /// Uses the written values of a motor that answered no request. Returns whether it did: it does
+    /// not where a value is not written, or where the motor reported one since its silence, or one
+    /// out of range before it.
     pub(super) fn assume(&mut self, ranges: &[RegisterRange; REGISTERS_MAX]) -> bool {
         let ranges = &ranges[..usize::from(self.count)];
         let reported_some = self.next > 0 || self.wrong.is_some();
@@ -157,7 +163,8 @@ impl Registers {
         matches!(self.knowledge, Knowledge::Unknown)
     }
 
-    /// Returns whether the values are other ones than those that were reported last, and records that they are reported.
+    /// Returns whether the values are other ones than those that were reported last, and records
+    /// that they are reported.
     pub(super) fn take_change(&mut self) -> bool {
         let bits = |values: [f32; REGISTERS_MAX]| values.map(f32::to_bits);
         self.reported.replace(self.values).map(bits) != Some(bits(self.values))

@@ -62,7 +62,8 @@ impl Replies {
         self.answered
     }
 
-    /// Records that all its answers are late by this many turns. The last state does not get younger.
+    /// Records that all its answers are late by this many turns. The last state does not get
+    /// younger.
     pub(super) const fn set_behind(&mut self, turns: u32) {
         self.age_cycles = self.age_cycles.saturating_add(turns.saturating_sub(self.behind));
         self.behind = turns;
@@ -130,8 +131,8 @@ impl Replies {
 mod tests {
     use super::*;
 
-    /// Seed 232 of the fault injection: answers that came turns late come in time again, and the last late state was published as
-    /// current.
+    /// Seed 232 of the fault injection: answers that came turns late come in time again, and the
+    /// last late state was published as current.
     #[test]
     fn last_state_does_not_get_younger() {
         let mut replies = Replies::default();

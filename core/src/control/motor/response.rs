@@ -1,7 +1,7 @@
 //! Finds a motor that answers and gives no torque: its drive restarted, or switched itself off.
 //!
-//! Without a status in its states only the torque shows that. A motor is off when it was commanded a
-//! torque and reports almost none of it, in each of [`STATES`] states or more and for [`TIME`].
+//! Without a status in its states only the torque shows that. A motor is off when it was commanded
+//! a torque and reports almost none of it, in each of [`STATES`] states or more and for [`TIME`].
 //!
 //! | not compared | because |
 //! |---|---|
@@ -10,8 +10,8 @@
 //! | commands that changed sign or fell below the floor in the last [`COMMANDS`] | a reply may answer each of them |
 //! | speed and position setpoints of native motors | the drive decides the torque |
 //!
-//! A motor that reports at least the floor is not off, however much it was commanded: a drive limits
-//! and derates its torque by itself.
+//! A motor that reports at least the floor is not off, however much it was commanded: a drive
+//! limits and derates its torque by itself.
 //!
 //! Real-time: constant time; no allocation, no system call.
 
@@ -21,8 +21,8 @@ use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
 use motord_settings::settings::MotorSettings;
 use motord_shared::SetpointMode;
 
-/// A reply may answer the newest command, the one before, and one two turns earlier: a reply may have
-/// the state before its command, and answers may be late by two turns.
+/// A reply may answer the newest command, the one before, and one two turns earlier: a reply may
+/// have the state before its command, and answers may be late by two turns.
 const COMMANDS: usize = 4;
 /// A motor that reports less than this share of its rated torque bears no load. Dry friction is
 /// about 2 % of the rated torque, and the shares that are known by measurement are below 5 %.
@@ -108,7 +108,8 @@ impl Response {
         states >= STATES && at.since(since) >= TIME
     }
 
-    /// Most states are decided without a call: their torque, or the one asked for, is below the floor.
+    /// Most states are decided without a call: their torque, or the one asked for, is below the
+    /// floor.
     #[inline(always)]
     fn lacks_torque(&self, state: &Measured<JointSide>) -> bool {
         let torque = state.torque;
@@ -119,7 +120,8 @@ impl Response {
         newest.abs() > self.floor && self.lacks_all(state, newest.signum())
     }
 
-    /// Returns whether `state` lacks the torque with this sign that each of the last commands asks for.
+    /// Returns whether `state` lacks the torque with this sign that each of the last commands asks
+    /// for.
     #[inline(never)]
     fn lacks_all(&self, state: &Measured<JointSide>, sign: f32) -> bool {
         let Measured { velocity, torque, .. } = *state;
@@ -150,7 +152,8 @@ impl Response {
     }
 }
 
-/// Returns the torque that `command` asks for at `state`, N·m: 0 in a mode whose torque the drive decides.
+/// Returns the torque that `command` asks for at `state`, N·m: 0 in a mode whose torque the drive
+/// decides.
 #[inline]
 fn known_torque(command: &Setpoint, state: &Measured<JointSide>) -> f32 {
     match command.mode {
@@ -165,9 +168,9 @@ mod tests {
     use super::*;
     use motord_protocol::drive::JointSide;
 
-    /// Goal: a healthy joint at rest is not off, though its codes are coarser than those of its model.
-    /// Method: DM-J3507 with a velocity end of 200 rad/s instead of 50; at rest its velocity is half a
-    /// code off, so its damping asks for a torque that nothing gives.
+    /// Goal: a healthy joint at rest is not off, though its codes are coarser than those of its
+    /// model. Method: DM-J3507 with a velocity end of 200 rad/s instead of 50; at rest its velocity
+    /// is half a code off, so its damping asks for a torque that nothing gives.
     #[test]
     fn reported_ends_decide_the_rounding_of_codes() {
         let text = "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\n\

@@ -1,4 +1,5 @@
-//! Frames with the command id of a motor that this program did not send: a bus does not receive its own frames.
+//! Frames with the command id of a motor that this program did not send: a bus does not receive its
+//! own frames.
 
 use crate::control::ForeignFrames;
 use crate::stopper::BusFrames;
@@ -9,16 +10,17 @@ use motord_settings::settings::Settings;
 pub(crate) struct ForeignCommands {
     /// The ids of the commands to a motor, one of them, the motor, and its counts.
     commands: Vec<(IdFilter, FrameId, usize, ForeignFrames)>,
-    /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive after this process was
-    /// frozen.
+    /// Frames of the dead man's switch and of `safe-stop` for this configuration. They can arrive
+    /// after this process was frozen.
     safe: BusFrames,
-    /// The frames of the last batches, the latest first: an adapter may return them. Empty on a line.
+    /// The frames of the last batches, the latest first: an adapter may return them. Empty on a
+    /// line.
     sent: Vec<Vec<Frame>>,
     is_any: bool,
 }
 
-/// Number of batches whose echoes are recognised: those of at least one cycle, which sends commands and at most one batch of
-/// questions.
+/// Number of batches whose echoes are recognised: those of at least one cycle, which sends commands
+/// and at most one batch of questions.
 const BATCHES: usize = 4;
 
 impl ForeignCommands {
@@ -47,7 +49,8 @@ impl ForeignCommands {
         self.sent = vec![frames.to_vec(); batches];
     }
 
-    /// Keeps the buffer of a batch that was sent, and replaces it by that of an old one. Constant time.
+    /// Keeps the buffer of a batch that was sent, and replaces it by that of an old one. Constant
+    /// time.
     #[inline]
     pub(super) fn keep_batch(&mut self, frames: &mut Vec<Frame>) {
         if let Some(oldest) = self.sent.last_mut() {
@@ -56,7 +59,8 @@ impl ForeignCommands {
         }
     }
 
-    /// Counts `frame`, which no motor sends, if it commands one and is no echo. Bounded by the motors of the bus.
+    /// Counts `frame`, which no motor sends, if it commands one and is no echo. Bounded by the
+    /// motors of the bus.
     #[cold]
     pub(super) fn note(&mut self, frame: &Frame) {
         let Self { commands, safe, sent, is_any } = self;
@@ -77,7 +81,8 @@ impl ForeignCommands {
         self.is_any
     }
 
-    /// Passes on id, motor and counts of each motor with a count, and sets the counts to zero. Bounded by the motors of the bus.
+    /// Passes on id, motor and counts of each motor with a count, and sets the counts to zero.
+    /// Bounded by the motors of the bus.
     #[cold]
     pub(crate) fn take(&mut self, mut pass: impl FnMut(FrameId, usize, ForeignFrames)) {
         self.is_any = false;

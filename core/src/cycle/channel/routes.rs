@@ -5,7 +5,8 @@ use motord_bus::{FrameId, IdFilter};
 /// The motors of a bus, in the order of the configuration, with the ids of their frames.
 pub(super) struct Routes {
     routes: Vec<(IdFilter, usize)>,
-    /// The route after the one that was found last: most motors reply in the order of their commands.
+    /// The route after the one that was found last: most motors reply in the order of their
+    /// commands.
     next: usize,
 }
 

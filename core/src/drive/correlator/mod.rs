@@ -76,9 +76,10 @@ struct Request {
 /// | Fault | plain, once a report was seen | late | late |
 /// | Fault | any other | ambiguous | given up |
 ///
-/// *Ambiguous*: the report may still be on its way behind this late state, so it is pending. *Unasked* is late while replies are pending or unanswered, otherwise a duplicate. *Given up* is unasked, and
-/// closes the request: otherwise each fault request would be distrusted because of the previous
-/// one.
+/// *Ambiguous*: the report may still be on its way behind this late state, so it is pending.
+/// *Unasked* is late while replies are pending or unanswered, otherwise a duplicate. *Given up* is
+/// unasked, and closes the request: otherwise each fault request would be distrusted because of the
+/// previous one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Correlator {
     /// Least time from a request to its reply, ns.
@@ -172,8 +173,8 @@ impl Correlator {
         self.open.is_some_and(|open| open.question == Question::Register && self.may_answer(open, at))
     }
 
-    /// Classifies a register that answers no open request. It is late, or another program asked for it: no sign of a second
-    /// motor.
+    /// Classifies a register that answers no open request. It is late, or another program asked for
+    /// it: no sign of a second motor.
     #[cold]
     const fn unasked_register(&mut self) -> Role {
         let is_pending = self.pending > 0;
@@ -208,8 +209,8 @@ impl Correlator {
         }
     }
 
-    /// Takes the payload as an answer that may be the late one to an earlier request, unless the next
-    /// reply is distrusted.
+    /// Takes the payload as an answer that may be the late one to an earlier request, unless the
+    /// next reply is distrusted.
     fn ambiguous(&mut self, at: Instant) -> Role {
         self.open = None;
         if at < self.distrusted_until {

@@ -24,8 +24,8 @@ pub struct Draft {
 pub enum Connection {
     /// Inside the daemon, on one simulated bus for each leg.
     Simulated,
-    /// On these CAN interfaces (`can0`) and serial devices (`/dev/ttyUSB0`). Neighbouring legs share one if there are fewer than
-    /// legs.
+    /// On these CAN interfaces (`can0`) and serial devices (`/dev/ttyUSB0`). Neighbouring legs
+    /// share one if there are fewer than legs.
     Buses(Vec<String>),
 }
 
@@ -72,8 +72,8 @@ impl Draft {
         self.buses().iter().any(Bus::is_serial)
     }
 
-    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Does not check whether
-    /// motord can run it: `config::parse` does.
+    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every`
+    /// cycles. Does not check whether motord can run it: `config::parse` does.
     ///
     /// # Errors
     ///

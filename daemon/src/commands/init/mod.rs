@@ -1,4 +1,5 @@
-//! `motord init`: writes a first configuration, from options or from answers to questions. Opens no bus.
+//! `motord init`: writes a first configuration, from options or from answers to questions. Opens no
+//! bus.
 
 mod draft;
 mod options;
@@ -14,7 +15,8 @@ use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// The rates that are tried where none is asked for, Hz: the first that the buses have time for is taken.
+/// The rates that are tried where none is asked for, Hz: the first that the buses have time for is
+/// taken.
 const RATES_HZ: [f64; 8] = [1000.0, 500.0, 400.0, 250.0, 200.0, 100.0, 50.0, 20.0];
 
 /// The values of `every` that are tried for serial buses, in this order.
@@ -67,7 +69,8 @@ pub struct Configuration {
 }
 
 impl Configuration {
-    /// The configuration of a robot, at the highest rate of `RATES_HZ` that its buses have time for, or at `rate_hz`.
+    /// The configuration of a robot, at the highest rate of `RATES_HZ` that its buses have time
+    /// for, or at `rate_hz`.
     ///
     /// # Errors
     ///

@@ -1,4 +1,5 @@
-//! The rules of systemd for the devices of a unit: systemd.resource-control(5), `DevicePolicy=` and `DeviceAllow=`.
+//! The rules of systemd for the devices of a unit: systemd.resource-control(5), `DevicePolicy=` and
+//! `DeviceAllow=`.
 
 use crate::finding::Finding;
 use crate::tree::Tree;
@@ -14,8 +15,8 @@ const DIRECTORIES: [&str; 6] = [
     "usr/lib/systemd/system",
 ];
 
-/// Checks that the units of the configuration may open a serial port. `None` where no such unit is installed, or the device is no
-/// serial port of the kernel.
+/// Checks that the units of the configuration may open a serial port. `None` where no such unit is
+/// installed, or the device is no serial port of the kernel.
 pub(super) fn rules(tree: &Tree, units: &[String], device: &str) -> Option<Finding> {
     const CHECK: &str = "device rules";
     let port = Port::of(tree, device)?;
@@ -120,7 +121,8 @@ impl Rules {
         }
     }
 
-    /// Returns `true` if the unit may read and write the port when its driver is loaded at the start of the unit.
+    /// Returns `true` if the unit may read and write the port when its driver is loaded at the
+    /// start of the unit.
     fn allow(&self, port: &Port) -> bool {
         let is_open = !["closed", "strict"].contains(&self.policy.as_str()) && self.allowed.is_empty();
         is_open || self.allowed.iter().any(|rule| permits(rule, port))
@@ -173,7 +175,8 @@ mod tests {
 
     /// The units of the package.
     const SHIPPED: [&str; 2] = ["motord.service", "motord-deadman.service"];
-    /// Drivers with a number of their own (the kernel's devices.txt), which may be loaded after the start of a unit.
+    /// Drivers with a number of their own (the kernel's devices.txt), which may be loaded after the
+    /// start of a unit.
     const FIXED: [(&str, u32); 7] = [
         ("ttyS", 4),
         ("ttyACM", 166),
@@ -183,8 +186,8 @@ mod tests {
         ("ttyUL", 204),
         ("ttymxc", 207),
     ];
-    /// Drivers that get a number when they are loaded: Tegra, i.MX, OMAP, SC16IS7xx, Qualcomm, STM32, Zynq, Amlogic, Marvell, SiFive,
-    /// USB adapters with drivers of their vendors.
+    /// Drivers that get a number when they are loaded: Tegra, i.MX, OMAP, SC16IS7xx, Qualcomm,
+    /// STM32, Zynq, Amlogic, Marvell, SiFive, USB adapters with drivers of their vendors.
     const NUMBERED_WHEN_LOADED: [&str; 14] = [
         "ttyTHS",
         "ttyLP",
@@ -202,7 +205,8 @@ mod tests {
         "ttyMAX",
     ];
 
-    /// A tree with the shipped units, and one port of this driver, which `/proc/devices` does not name.
+    /// A tree with the shipped units, and one port of this driver, which `/proc/devices` does not
+    /// name.
     fn tree(driver: &str, major: u32) -> TempDir {
         let folder = TempDir::new().unwrap();
         let units = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../systemd");

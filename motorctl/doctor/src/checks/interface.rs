@@ -18,7 +18,8 @@ const QUEUE_MAX: i64 = 64;
 /// The bit rate of a bus whose configuration names none, bit/s.
 const BITRATE: u32 = 1_000_000;
 
-/// Returns the queue length, frames: the commands and requests of two cycles, each with one poll for a fault.
+/// Returns the queue length, frames: the commands and requests of two cycles, each with one poll
+/// for a fault.
 fn queue_length(interface: &Interface) -> usize {
     QUEUE.max(2 * cycle_frames(interface))
 }
@@ -28,18 +29,20 @@ const fn cycle_frames(interface: &Interface) -> usize {
     interface.motors + interface.requests + 1
 }
 
-/// Drivers without a restart after a bus-off: they have no `do_set_mode`, and the kernel refuses `restart-ms`.
-/// Source: `drivers/net/can/usb/gs_usb.c`; `can_changelink` in `drivers/net/can/dev/netlink.c`.
+/// Drivers without a restart after a bus-off: they have no `do_set_mode`, and the kernel refuses
+/// `restart-ms`. Source: `drivers/net/can/usb/gs_usb.c`; `can_changelink` in
+/// `drivers/net/can/dev/netlink.c`.
 const WITHOUT_RESTART: [&str; 1] = ["gs_usb"];
 
-/// Returns whether the driver can restart the controller of an interface after a bus-off. An interface without a device is that
-/// of a serial line (`slcan`), which cannot.
+/// Returns whether the driver can restart the controller of an interface after a bus-off. An
+/// interface without a device is that of a serial line (`slcan`), which cannot.
 pub(super) fn can_restart(tree: &Tree, name: &str) -> bool {
     let driver = tree.link(&format!("sys/class/net/{name}/device/driver"));
     driver.is_some_and(|path| path.rsplit('/').next().is_none_or(|driver| !WITHOUT_RESTART.contains(&driver)))
 }
 
-/// Checks whether the interface is up with the configured bit rate. `can_restart` tells of its driver.
+/// Checks whether the interface is up with the configured bit rate. `can_restart` tells of its
+/// driver.
 pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>, can_restart: bool) -> Finding {
     const CHECK: &str = "interface";
     let Interface { name, bitrate, .. } = interface;

@@ -75,8 +75,8 @@ impl Source {
     }
 }
 
-/// Checks whether the cycle may have its `SCHED_FIFO` priority: its limit, the time of its control group, and a filter of
-/// system calls.
+/// Checks whether the cycle may have its `SCHED_FIFO` priority: its limit, the time of its control
+/// group, and a filter of system calls.
 pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "rtprio";
     let source = Source::find(tree, daemon);

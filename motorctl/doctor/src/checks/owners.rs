@@ -31,7 +31,8 @@ pub(super) fn interface(tree: &Tree, name: &str) -> Finding {
     Finding::warn(CHECK, measured, why).mended_by("sudo lsof -n | grep CAN_".to_owned()).of(name)
 }
 
-/// Checks the process that holds the lock of an interface. Any user may hold a free one, and call the program motord.
+/// Checks the process that holds the lock of an interface. Any user may hold a free one, and call
+/// the program motord.
 fn locked(tree: &Tree, holder: Holder) -> Finding {
     let service = tree.permissions("run/motord").map(|directory| directory.user);
     let is_trusted =

@@ -9,8 +9,8 @@ use crate::tree::{Permissions, Tree};
 /// Above this part of the line a sample can wait for the one before.
 const SOUND_UTILISATION: f64 = 0.9;
 
-/// Checks that a serial port exists, delivers bytes immediately, has no other user, and may be opened by the daemon, or else by
-/// this user.
+/// Checks that a serial port exists, delivers bytes immediately, has no other user, and may be
+/// opened by the daemon, or else by this user.
 pub(super) fn device(tree: &Tree, device: &str, daemon: Option<RunningDaemon>) -> Vec<Finding> {
     let Some(resolved) = tree.resolved(device) else {
         let why = "plug the adapter in, or correct `device` in the configuration";

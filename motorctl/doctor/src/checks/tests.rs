@@ -62,7 +62,8 @@ pub(super) fn stat(policy: u8, priority: u8) -> String {
     stat_of(1, policy, priority)
 }
 
-/// The same with the process that made it. Process 2 makes the threads of the kernel, and nothing else.
+/// The same with the process that made it. Process 2 makes the threads of the kernel, and nothing
+/// else.
 fn stat_of(parent: u32, policy: u8, priority: u8) -> String {
     let zeros = "0 ".repeat(35);
     format!("812 (a) b) S {parent} {zeros}{priority} {policy} 0 0")
@@ -483,8 +484,8 @@ fn usb_adapter_has_interrupts_of_its_controller() {
 
 #[test]
 fn interface_owner_is_known_by_lock_and_filters() {
-    // A lock holds on all of this computer: no interface and no other test has the names. One stays free: the child of another
-    // test may hold a lock for a moment after it was released.
+    // A lock holds on all of this computer: no interface and no other test has the names. One stays
+    // free: the child of another test may hold a lock for a moment after it was released.
     let pid = std::process::id();
     let [driven, free] = ["d", "f"].map(|letter| format!("{letter}{pid}"));
     let fixture = Fixture::new(&[(&format!("proc/{pid}/comm"), "motord")]);

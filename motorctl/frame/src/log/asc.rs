@@ -1,7 +1,7 @@
 //! Logs of Vector's tools (`.asc`).
 //!
-//! Source: the logs of several tools, among them those in python-can's tests. Lines that are no CAN frame, no error
-//! frame and no status are skipped.
+//! Source: the logs of several tools, among them those in python-can's tests. Lines that are no CAN
+//! frame, no error frame and no status are skipped.
 
 use super::entry::{self, BUS_ERROR, Entry, Source, frame, number, time};
 use motord_bus::candump::InvalidLine;
@@ -73,7 +73,8 @@ pub(super) fn parse<'a>(line: &'a str, header: &mut Header) -> Result<Option<Ent
     Ok(content.map(|content| Entry { at: Some(at), source: Source::Channel(channel), content }))
 }
 
-/// Reads `CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0`. An active controller is healthy.
+/// Reads `CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0`. An active controller is
+/// healthy.
 fn status(line: &str) -> Option<Content> {
     let (_, status) = line.split_once("Status:")?;
     let status = status.to_ascii_lowercase();
@@ -106,8 +107,8 @@ fn classic<'a>(
     }
 }
 
-/// Reads what follows the channel of a CAN FD line: direction, id, possibly a name, BRS, ESI, DLC, length, data,
-/// duration, length, flags.
+/// Reads what follows the channel of a CAN FD line: direction, id, possibly a name, BRS, ESI, DLC,
+/// length, data, duration, length, flags.
 fn fd<'a>(
     words: &mut (impl Iterator<Item = &'a str> + Clone),
     radix: u32,

@@ -1,5 +1,5 @@
-//! The forms of `candump`: those of `-L` and `-l`, and the default one with any `-t`, with or without `-x`, `-a`
-//! and `-e`.
+//! The forms of `candump`: those of `-L` and `-l`, and the default one with any `-t`, with or
+//! without `-x`, `-a` and `-e`.
 //!
 //! Source: can-utils, `candump.c` and `lib.c` (`snprintf_long_canframe`).
 

@@ -53,7 +53,8 @@ pub(super) fn parse<'a>(line: &'a str, columns: &mut Columns) -> Result<Option<E
     Ok(content.map(|content| Entry { at: Some(at), source: Source::Channel(channel), content }))
 }
 
-/// Reads `[bus] [type] id [-] length data`: version 1.0 has neither bus nor type, version 1.1 no bus.
+/// Reads `[bus] [type] id [-] length data`: version 1.0 has neither bus nor type, version 1.1 no
+/// bus.
 fn version1<'a>(
     words: &mut Peekable<impl Iterator<Item = &'a str> + Clone>,
 ) -> Result<(u32, Option<Content>), InvalidLine> {

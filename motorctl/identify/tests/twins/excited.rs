@@ -57,7 +57,8 @@ pub(crate) fn excited(hidden: &Hidden, seed: u64, shape: Shape, until: f64) -> (
         let (position, velocity) = (state.position.into(), state.velocity.into());
         let Some(command) = plan.command(time, position, velocity).filter(|_| time < until) else { break };
         assert!(f64::abs(command.position) < 1.5 && f64::abs(command.velocity) < 10.0);
-        // The gains rise for the time of `start-ramp-ms`. The setpoint of a locked joint follows the bound of its torque.
+        // The gains rise for the time of `start-ramp-ms`. The setpoint of a locked joint follows
+        // the bound of its torque.
         let allowed = if hidden.stiction > 1e6 { Limit::PositionSlew.bit() } else { 0 };
         let acting = state.limits & !allowed;
         assert!(acting == 0 || time < 0.5, "a limit of the daemon acts at {time} s: {acting:#b}");

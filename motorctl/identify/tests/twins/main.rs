@@ -1,4 +1,5 @@
-//! Twins with hidden mechanics: what is identified contains what was hidden, or is said to be not identifiable.
+//! Twins with hidden mechanics: what is identified contains what was hidden, or is said to be not
+//! identifiable.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -15,7 +16,8 @@ fn identified(hidden: &Hidden, seed: u64) -> Identified {
     identify(&samples, hidden.wire(&twin))
 }
 
-/// A parameter: its name, the truth, what was identified, and the largest error that counts as right.
+/// A parameter: its name, the truth, what was identified, and the largest error that counts as
+/// right.
 type Checked = (&'static str, f64, Value, f64);
 
 fn checked(hidden: &Hidden, found: &Identified) -> [Checked; 7] {

@@ -1,4 +1,5 @@
-//! Joints that the equation does not describe: their intervals contain the truth, or the joint is named.
+//! Joints that the equation does not describe: their intervals contain the truth, or the joint is
+//! named.
 
 use crate::excited::{SHAPE, excited};
 use crate::identified;
@@ -45,8 +46,9 @@ fn counted(seeds: impl Iterator<Item = u64>) -> [u32; 3] {
     counts
 }
 
-/// Goal: of what is called identified, 95 % contain the truth, whatever else the joint has.
-/// Method: a joint of each kind: plain, gravity, cogging, Stribeck, backlash, ripple, lag, filtered encoder.
+/// Goal: of what is called identified, 95 % contain the truth, whatever else the joint has. Method:
+/// a joint of each kind: plain, gravity, cogging, Stribeck, backlash, ripple, lag, filtered
+/// encoder.
 #[test]
 fn intervals_cover_or_joint_is_named() {
     let [identified, covered, misfits] = counted(8..16);
@@ -78,8 +80,8 @@ fn play_is_named_and_no_inertia_printed() {
     assert_eq!(found.inertia.why, Some(Why::Misfit));
 }
 
-/// Goal: a spring is named, and is no gravity.
-/// Method: a pendulum with a spring of 8 N·m/rad. Over a small motion spring and gravity look alike.
+/// Goal: a spring is named, and is no gravity. Method: a pendulum with a spring of 8 N·m/rad. Over
+/// a small motion spring and gravity look alike.
 #[test]
 fn spring_is_named_and_is_no_gravity() {
     let spring = Extra::Spring(8.0);
@@ -101,7 +103,8 @@ fn spring_is_named_and_is_no_gravity() {
     }
 }
 
-/// Goal: a torque by position is named. Gravity, which is part of it, is not separated; the other values are.
+/// Goal: a torque by position is named. Gravity, which is part of it, is not separated; the other
+/// values are.
 #[test]
 fn cogging_is_named_and_hides_only_gravity() {
     let gear = Hidden { extra: Extra::Cogging(0.15, 40.0), ..NOMINAL };

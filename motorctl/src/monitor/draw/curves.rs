@@ -26,7 +26,8 @@ const LEAST: f64 = 0.01;
 /// A panel includes limits whose range is at most this many times that of the values.
 const NEAR: f64 = 5.0;
 
-/// Returns the number of panels side by side, and of joints, that fit `rows` rows; `None` for no joint.
+/// Returns the number of panels side by side, and of joints, that fit `rows` rows; `None` for no
+/// joint.
 fn fit(width: usize, rows: usize) -> Option<(usize, usize)> {
     let panels = rows.saturating_sub(NAMES) / ROWS;
     let (columns, joints) = match width {
@@ -151,7 +152,8 @@ fn line(points: &[Point], marker: Marker) -> Dataset<'_> {
     Dataset::default().data(points).marker(marker).graph_type(GraphType::Line)
 }
 
-/// Returns the range of a panel: that of the values, and that of the limits if it is wanted or not much larger.
+/// Returns the range of a panel: that of the values, and that of the limits if it is wanted or not
+/// much larger.
 fn range(values: &[f64], limits: [f64; 2], has_limits: bool) -> [f64; 2] {
     let limits = limits.map(|limit| Some(limit).filter(|limit| limit.is_finite()));
     let of_limits = extremes(limits.iter().copied().flatten());

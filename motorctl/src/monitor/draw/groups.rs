@@ -8,8 +8,8 @@ use motord_client::{GroupHistory, Phase, Process};
 use motord_terminal::number;
 use ratatui::text::{Line, Span};
 
-/// Returns at most `height` lines. Where they do not fit, the causes of the stops stay, and a note states how many lines are
-/// left out.
+/// Returns at most `height` lines. Where they do not fit, the causes of the stops stay, and a note
+/// states how many lines are left out.
 pub(super) fn lines(reading: &Reading, width: usize, height: usize) -> Vec<Line<'static>> {
     let stops = stops(reading);
     let causes: Vec<Line<'static>> = stops.iter().flat_map(|stop| stop.cause(width)).collect();
@@ -134,7 +134,8 @@ impl Stopped<'_> {
     }
 }
 
-/// Returns the advice of the stops, each sentence once, and the lines to paste. What a trouble already advises is left out.
+/// Returns the advice of the stops, each sentence once, and the lines to paste. What a trouble
+/// already advises is left out.
 fn remedies(stops: &[Stopped<'_>], reading: &Reading, width: usize) -> Vec<Line<'static>> {
     let motorctl = crate::advice::motorctl(&reading.report.instance);
     let mut advised: Vec<(String, Vec<String>)> = Vec::new();

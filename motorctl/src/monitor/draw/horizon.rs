@@ -19,7 +19,8 @@ const LEFT: u16 = 88;
 /// From the middle to the upper edge, °.
 const PITCH_MAX: f64 = 30.0;
 
-/// Draws the first IMU into the free columns of `area`, the rows of the joints; nothing where they are not free.
+/// Draws the first IMU into the free columns of `area`, the rows of the joints; nothing where they
+/// are not free.
 pub(super) fn draw(buffer: &mut Buffer, area: Rect, imus: &[ImuReport]) {
     let Some(imu) = imus.first() else { return };
     if area.width < LEFT + WIDTH || area.height < ROWS[0] {
@@ -46,8 +47,9 @@ fn title(imu: &ImuReport) -> Line<'static> {
     Line::from(vec![name, Span::from(format!(" roll {roll}° pitch {pitch}° yaw {yaw}°"))])
 }
 
-/// The horizon as seen from the robot towards its nose: above the mark with the nose down, and its right end up with the right
-/// side down. The short stroke points to the ground. `angles` are roll and pitch, rad.
+/// The horizon as seen from the robot towards its nose: above the mark with the nose down, and its
+/// right end up with the right side down. The short stroke points to the ground. `angles` are roll
+/// and pitch, rad.
 fn picture(
     inset: Rect,
     angles: Option<[f64; 2]>,
@@ -58,7 +60,8 @@ fn picture(
         move |canvas| {
             if let Some([roll, pitch]) = angles {
                 let (sin, cos) = roll.sin_cos();
-                // Beyond the edge it stays at the edge, so that the ground is always in the picture.
+                // Beyond the edge it stays at the edge, so that the ground is always in the
+                // picture.
                 let shift = pitch.to_degrees().clamp(-0.9 * PITCH_MAX, 0.9 * PITCH_MAX);
                 let middle = [-shift * sin, shift * cos];
                 let at = |along: f64, down: f64| {

@@ -24,8 +24,8 @@ use ratatui::text::Line;
 use std::ops::Range;
 use text::{bold, dim};
 
-/// Rows that stops and troubles leave to the rest of a small screen: the first line, four of the joints, two of buses and
-/// latencies, and the keys.
+/// Rows that stops and troubles leave to the rest of a small screen: the first line, four of the
+/// joints, two of buses and latencies, and the keys.
 const OTHERS: usize = 8;
 
 /// The style of values that are no longer received: without the marks of living ones.
@@ -118,7 +118,8 @@ fn scrub(buffer: &mut Buffer, area: Rect) {
     }
 }
 
-/// The rows of the screen or of a page, and those of them that the joints, the curves and all values take.
+/// The rows of the screen or of a page, and those of them that the joints, the curves and all
+/// values take.
 #[derive(Default)]
 struct Rows {
     lines: Vec<Line<'static>>,
@@ -187,7 +188,8 @@ fn page(reading: &Reading, picture: &Picture, view: &mut View, width: usize, hei
     scrolled(view, height, table).into()
 }
 
-/// Returns the joints, then free rows with curves, then IMUs, buses and latencies in at most half of the lines.
+/// Returns the joints, then free rows with curves, then IMUs, buses and latencies in at most half
+/// of the lines.
 fn joints_page(reading: &Reading, picture: &Picture, view: &mut View, width: usize, height: usize) -> Rows {
     let mut below = imus::lines(reading, width, (height / 6).max(1));
     below.extend(buses::lines(reading, picture, width, (height / 5).max(2)));

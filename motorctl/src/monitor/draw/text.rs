@@ -6,11 +6,11 @@ use std::time::Duration;
 
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// The style of an alarm: a bar in the colours of the terminal, exchanged. It has the contrast of the text. Red has 2.8:1 on the
-/// black of some terminals.
+/// The style of an alarm: a bar in the colours of the terminal, exchanged. It has the contrast of
+/// the text. Red has 2.8:1 on the black of some terminals.
 pub(super) const ALARM: Style = Style::new().bold().reversed();
-/// The style of a warning. Magenta is legible on a dark and on a light background. A word, a mark or a number always says the
-/// same as the colour.
+/// The style of a warning. Magenta is legible on a dark and on a light background. A word, a mark
+/// or a number always says the same as the colour.
 pub(super) const WARNING: Style = Style::new().fg(Color::Magenta);
 
 /// Returns an alarm.
@@ -18,7 +18,8 @@ pub(super) fn alarm(text: impl Into<String>) -> Span<'static> {
     Span::styled(text.into(), ALARM)
 }
 
-/// The style of an urgent alarm, and of the key of the emergency stop. It names both colours, so it depends on no background.
+/// The style of an urgent alarm, and of the key of the emergency stop. It names both colours, so it
+/// depends on no background.
 pub(super) const BANNER: Style = Style::new().bold().fg(Color::White).bg(Color::Red);
 
 /// Returns an urgent alarm: a red line of `width` characters.

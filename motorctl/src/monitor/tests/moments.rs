@@ -1,5 +1,5 @@
-//! The moments that matter, at three sizes. A snapshot has the text, then the styles of each row: the first column, the number of
-//! columns, and the style.
+//! The moments that matter, at three sizes. A snapshot has the text, then the styles of each row:
+//! the first column, the number of columns, and the style.
 
 use super::super::events::StopOutcome;
 use super::super::question::Question;
@@ -30,7 +30,8 @@ fn moment(name: &str, sizes: &[(u16, u16)], picture: &Picture, notice: &Notice) 
     sizes.iter().map(one).collect()
 }
 
-/// Only colours that are legible on a dark and on a light background, and white on red. Red has too little contrast on black.
+/// Only colours that are legible on a dark and on a light background, and white on red. Red has too
+/// little contrast on black.
 fn assert_colours_hold_everywhere(buffer: &Buffer) {
     for cell in &buffer.content {
         let colours = (cell.fg, cell.bg);
@@ -222,7 +223,8 @@ fn no_color_shows_the_same_in_reverse() {
     }
 }
 
-/// Goal: many stops at once leave each cause, the troubles and the joints on the smallest screen, and what does not fit is counted.
+/// Goal: many stops at once leave each cause, the troubles and the joints on the smallest screen,
+/// and what does not fit is counted.
 #[test]
 fn several_causes_fit_the_small_terminal() {
     let mut reading = stopped_by(Cause::EmergencyStop, None);

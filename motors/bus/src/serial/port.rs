@@ -142,8 +142,8 @@ impl Port {
         Ok(Self { file, _lock: lock })
     }
 
-    /// Opens and configures the port of a device that sends by itself, such as an IMU. Exclusive; bytes that wait are
-    /// discarded. Allocates, and takes milliseconds.
+    /// Opens and configures the port of a device that sends by itself, such as an IMU. Exclusive;
+    /// bytes that wait are discarded. Allocates, and takes milliseconds.
     ///
     /// # Errors
     ///

@@ -1,12 +1,12 @@
-//! The rules for devices of the systemd unit in which this process runs: systemd.resource-control(5),
-//! `DeviceAllow=`.
+//! The rules for devices of the systemd unit in which this process runs:
+//! systemd.resource-control(5), `DeviceAllow=`.
 
 use std::fs;
 use std::path::Path;
 
-/// Returns what permits the device to this process's unit. The kernel answers `EPERM` to the open of
-/// a device that the control group has no rule for, and `EACCES` to a missing permission of the file.
-/// Allocates, and reads two files.
+/// Returns what permits the device to this process's unit. The kernel answers `EPERM` to the open
+/// of a device that the control group has no rule for, and `EACCES` to a missing permission of the
+/// file. Allocates, and reads two files.
 pub(super) fn remedy(device: &str) -> String {
     let group = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     let resolved = fs::canonicalize(device).unwrap_or_else(|_| device.into());
@@ -32,8 +32,8 @@ fn remedy_in(group: &str, driver: &str) -> String {
     )
 }
 
-/// The unit of a control group: the last part of the path in a line `number:controllers:path` that is
-/// a service.
+/// The unit of a control group: the last part of the path in a line `number:controllers:path` that
+/// is a service.
 fn unit(group: &str) -> Option<String> {
     let paths = group.lines().filter_map(|line| line.splitn(3, ':').nth(2));
     let mut parts = paths.flat_map(|path| path.rsplit('/'));

@@ -45,8 +45,8 @@ impl Announcements {
         Ok(Self { socket, buffer: vec![0; BUFFER_BYTES] })
     }
 
-    /// Calls `each` with the announcements since the last call, oldest first, at most 64 messages of
-    /// them. Those that the kernel had no room for are missing. Never blocks.
+    /// Calls `each` with the announcements since the last call, oldest first, at most 64 messages
+    /// of them. Those that the kernel had no room for are missing. Never blocks.
     pub fn take(&mut self, mut each: impl FnMut(Announcement)) {
         for _ in 0..MESSAGES_MAX {
             match recv(self.socket.as_raw_fd(), &mut self.buffer, MsgFlags::MSG_DONTWAIT) {

@@ -44,8 +44,8 @@ pub struct Link {
     pub index: u32,
     /// The interface is up.
     pub up: bool,
-    /// Bit rate in bit/s. `None` on a virtual interface, before a rate is set, and where another program set it in the adapter
-    /// (`slcand -s8`).
+    /// Bit rate in bit/s. `None` on a virtual interface, before a rate is set, and where another
+    /// program set it in the adapter (`slcand -s8`).
     pub bitrate: Option<u32>,
     /// Time from bus-off to restart, ms; 0 means never. `None` on a virtual interface.
     pub restart_ms: Option<u32>,
@@ -206,7 +206,8 @@ impl fmt::Display for Remedy {
         let Self { interface, queue_length, .. } = self;
         let Some(bitrate) = self.bitrate else { return write!(f, "ip link set {interface} up") };
         let modes = if self.deaf { " listen-only off loopback off" } else { "" };
-        // A driver may not support a restart: in a command of its own this does not prevent the others.
+        // A driver may not support a restart: in a command of its own this does not prevent the
+        // others.
         write!(
             f,
             "ip link set {interface} down; \
@@ -256,9 +257,10 @@ impl Link {
         }
     }
 
-    /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames. With `index`,
-    /// leaves an interface of another index as it is. Returns its settings, and those before if they were changed. Not for the real-time thread:
-    /// takes milliseconds, and allocates.
+    /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames.
+    /// With `index`, leaves an interface of another index as it is. Returns its settings, and those
+    /// before if they were changed. Not for the real-time thread: takes milliseconds, and
+    /// allocates.
     ///
     /// # Errors
     ///
@@ -289,8 +291,8 @@ impl Link {
         changed.check(bitrate, queue_length).map(|()| (changed, Some(link)))
     }
 
-    /// Returns what is ended by [`prepare`](Self::prepare), for motors at `bitrate` (bit/s), in an interface that is up with these
-    /// settings.
+    /// Returns what is ended by [`prepare`](Self::prepare), for motors at `bitrate` (bit/s), in an
+    /// interface that is up with these settings.
     pub(super) fn ended(&self, bitrate: u32) -> impl Iterator<Item = LinkNote> {
         let interface = self.interface;
         let received = self.bitrate.filter(|received| self.up && !is_near(*received, bitrate));
@@ -299,7 +301,8 @@ impl Link {
         set.into_iter().chain(ended)
     }
 
-    /// Returns the limitations of the interface, for motors at `bitrate` (bit/s). Empty for a virtual interface.
+    /// Returns the limitations of the interface, for motors at `bitrate` (bit/s). Empty for a
+    /// virtual interface.
     pub fn notes(&self, bitrate: u32) -> impl Iterator<Item = LinkNote> {
         let interface = self.interface;
         let is_known = self.is_virtual || self.bitrate.is_some();
@@ -345,8 +348,8 @@ impl Link {
         }
     }
 
-    /// Sets bit rate and modes, then the restart time, and brings the interface up. The restart time has a request of its own: a
-    /// driver that does not support it refuses the whole request.
+    /// Sets bit rate and modes, then the restart time, and brings the interface up. The restart
+    /// time has a request of its own: a driver that does not support it refuses the whole request.
     fn set_up(&self, bitrate: u32) -> socketcan::Result<()> {
         let interface = CanInterface::open_iface(self.index);
         if self.up {

@@ -52,7 +52,8 @@ pub use unexpected::{FdReplies, UnexpectedIds};
 pub struct Settings {
     /// The interface.
     pub interface: InterfaceName,
-    /// The index that it must have; `None`: any. An interface of another index is left as it is, and counts as missing.
+    /// The index that it must have; `None`: any. An interface of another index is left as it is,
+    /// and counts as missing.
     pub index: Option<u32>,
     /// Bit rate in bit/s.
     pub bitrate: u32,

@@ -56,8 +56,8 @@ impl Sender {
 }
 
 impl Bus for Sender {
-    /// One `sendmmsg`. A second one after the interface was down: the kernel reports that once, even if it has been up
-    /// again for hours.
+    /// One `sendmmsg`. A second one after the interface was down: the kernel reports that once,
+    /// even if it has been up again for hours.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         let sent = send(&mut self.outgoing, self.socket.as_fd(), frames);
         match sent.refusal {

@@ -57,8 +57,8 @@ pub struct UnexpectedIds {
 
 impl UnexpectedIds {
     /// Counts every frame on the interface of `link` whose id is not in `expected`, except error
-    /// reports. `expected` holds the ids of the motors' replies and of the commands to them.
-    /// Where the 29-bit ids among them need too many filters, no data frame with a 29-bit id is counted.
+    /// reports. `expected` holds the ids of the motors' replies and of the commands to them. Where
+    /// the 29-bit ids among them need too many filters, no data frame with a 29-bit id is counted.
     ///
     /// # Errors
     ///
@@ -82,15 +82,17 @@ impl UnexpectedIds {
         *read + *dropped
     }
 
-    /// Returns the number of frames with 29-bit ids among those that [`count`](Self::count) has read.
+    /// Returns the number of frames with 29-bit ids among those that [`count`](Self::count) has
+    /// read.
     #[must_use]
     pub const fn extended(&self) -> u64 {
         self.extended
     }
 }
 
-/// Counts frames in CAN FD format with the ids of motors' replies. The bus does not receive them: its socket is a classic one. For a
-/// housekeeping thread, while a motor is silent: the kernel copies every reply of the bus to this socket.
+/// Counts frames in CAN FD format with the ids of motors' replies. The bus does not receive them:
+/// its socket is a classic one. For a housekeeping thread, while a motor is silent: the kernel
+/// copies every reply of the bus to this socket.
 pub struct FdReplies {
     beside: Beside,
     count: u64,
@@ -107,7 +109,8 @@ impl FdReplies {
         Ok(Self { beside: Beside::open(link, &filters, &[])?, count: 0 })
     }
 
-    /// Returns the number of such frames since opening. Does not block or allocate; at most eight system calls.
+    /// Returns the number of such frames since opening. Does not block or allocate; at most eight
+    /// system calls.
     pub fn count(&mut self) -> u64 {
         let Self { beside, count } = self;
         beside.read(|message| *count += u64::from(message.frame_bytes() == FRAME_BYTES));
@@ -133,7 +136,8 @@ fn others(expected: &[IdFilter]) -> Vec<(u32, u32)> {
         |id: &u16| FrameId::new(*id).is_some_and(|id| expected.iter().any(|ids| ids.matches(id)));
     let standard: Vec<u32> = (0..=FrameId::MAX.raw() as u16).filter(is_expected).map(u32::from).collect();
     let block = Block::around(&standard);
-    // The block takes one inverted filter, which every extended frame meets, and at most one filter for each of its ids.
+    // The block takes one inverted filter, which every extended frame meets, and at most one filter
+    // for each of its ids.
     if block.len() < FILTERS_MAX && !expected.iter().any(|ids| ids.is_extended()) {
         block.filters_without(&standard)
     } else {
@@ -141,8 +145,8 @@ fn others(expected: &[IdFilter]) -> Vec<(u32, u32)> {
     }
 }
 
-/// Returns filters for all extended frames except data frames with the `expected` ids; for remote frames only, where that takes
-/// too many.
+/// Returns filters for all extended frames except data frames with the `expected` ids; for remote
+/// frames only, where that takes too many.
 fn extended_without(expected: &[IdFilter]) -> Vec<(u32, u32)> {
     let expected: Vec<_> = expected.iter().filter(|ids| ids.is_extended()).map(|ids| ids.words()).collect();
     let mut filters = Vec::new();
@@ -151,8 +155,9 @@ fn extended_without(expected: &[IdFilter]) -> Vec<(u32, u32)> {
     if filters.len() > EXTENDED_FILTERS_MAX { vec![(remote, remote)] } else { filters }
 }
 
-/// Appends filters for the part of a region without the `expected` ids. A region is itself a filter. Each step halves it, at most
-/// once for each bit of a frame's id, and first where all expected ids are in one half: these steps are for all of them.
+/// Appends filters for the part of a region without the `expected` ids. A region is itself a
+/// filter. Each step halves it, at most once for each bit of a frame's id, and first where all
+/// expected ids are in one half: these steps are for all of them.
 fn append_regions(expected: &[(u32, u32)], (id, mask): (u32, u32), filters: &mut Vec<(u32, u32)>) {
     let mut overlapping = expected.iter().filter(|(other, bits)| (id ^ other) & mask & bits == 0);
     let Some((first, bits)) = overlapping.next() else {
@@ -197,8 +202,8 @@ impl Block {
     }
 }
 
-/// Returns the filters for `extended` frames, and filters for ranges of ids without the `expected` ones. The smallest ranges get one
-/// filter for each id, while the socket has enough filters.
+/// Returns the filters for `extended` frames, and filters for ranges of ids without the `expected`
+/// ones. The smallest ranges get one filter for each id, while the socket has enough filters.
 fn ranges_without(expected: &[u32], extended: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     let mut ranges = Vec::new();
     append_ranges(expected, 0, libc::CAN_SFF_MASK + 1, &mut ranges);
@@ -260,7 +265,8 @@ mod tests {
         }
     }
 
-    /// Commands and replies of motors with ids of 29 bits, any status in those of the replies, beside motors with 11 bits.
+    /// Commands and replies of motors with ids of 29 bits, any status in those of the replies,
+    /// beside motors with 11 bits.
     #[test]
     fn expected_extended_frame_meets_no_filter() {
         let extended = |raw| FrameId::extended(raw).unwrap();

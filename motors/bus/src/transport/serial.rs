@@ -20,8 +20,8 @@ impl Serial {
     /// Its type in configurations.
     pub const NAME: &'static str = "serial";
 
-    /// Returns the settings of the line with these nodes. A frame names a motor by one byte: a motor
-    /// whose id is longer is left out. Allocates.
+    /// Returns the settings of the line with these nodes. A frame names a motor by one byte: a
+    /// motor whose id is longer is left out. Allocates.
     fn settings(&self, nodes: &Nodes) -> Settings {
         let addresses = nodes.motors.iter().filter_map(|motor| {
             Some(Address { id: motor.command_id.byte()?, host_id: motor.host_id.byte() })

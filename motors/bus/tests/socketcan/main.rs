@@ -1,4 +1,5 @@
-//! The SocketCAN bus on real kernels: virtual interfaces, two SJA1000 controllers on one bus, and a serial adapter.
+//! The SocketCAN bus on real kernels: virtual interfaces, two SJA1000 controllers on one bus, and a
+//! serial adapter.
 //!
 //! These tests create and configure interfaces: they need root on a kernel with SocketCAN.
 //! `verify/rigs/test-can` boots such kernels and runs them there; elsewhere they are reported as

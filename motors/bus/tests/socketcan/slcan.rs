@@ -1,5 +1,6 @@
-//! Tests on an adapter whose driver, `slcan`, supports no restart after a bus-off, and knows no bit rate that it did not set itself.
-//! The tests are the adapter, at the other side of a pseudoterminal.
+//! Tests on an adapter whose driver, `slcan`, supports no restart after a bus-off, and knows no bit
+//! rate that it did not set itself. The tests are the adapter, at the other side of a
+//! pseudoterminal.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -104,8 +104,9 @@ const UNITS: [f64; 12] = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3, 1
 /// Largest factor between two values of one unit.
 const FACTOR_MAX: f64 = 10.0;
 
-/// Checks that a motor may have the new value. Where the motor stores an implausible one at present, its firmware has another
-/// unit than the document: then the new one must be of the same size.
+/// Checks that a motor may have the new value. Where the motor stores an implausible one at
+/// present, its firmware has another unit than the document: then the new one must be of the same
+/// size.
 ///
 /// # Errors
 ///
@@ -140,9 +141,9 @@ pub fn bitrate_unit(stored: i32) -> Option<u32> {
 }
 
 impl Apply<'_> {
-    /// Checks that every motor stays reachable. Each value must be one that its item and a motor may have. No
-    /// other motor of the bus may answer to the new id or host id, and the bit rate must keep its
-    /// unit. Sends requests on the bus; writes nothing.
+    /// Checks that every motor stays reachable. Each value must be one that its item and a motor
+    /// may have. No other motor of the bus may answer to the new id or host id, and the bit rate
+    /// must keep its unit. Sends requests on the bus; writes nothing.
     ///
     /// # Errors
     ///

@@ -11,9 +11,9 @@
 //! - 0xB2, unless requested, which sets a speed limit there;
 //! - an MIT fault request, which other firmware reads as full stiffness;
 //! - frames to the ids 0 and 255, which are broadcasts there;
-//! - unless requested, frames to ids that a driver of another family obeys. The scan listens first, and recognises such drivers by
-//!   their reports. A silent one is not recognised: the frames with lasting effect on one with a factory id are not sent either
-//!   ([`LASTING`]).
+//! - unless requested, frames to ids that a driver of another family obeys. The scan listens first,
+//!   and recognises such drivers by their reports. A silent one is not recognised: the frames with
+//!   lasting effect on one with a factory id are not sent either ([`LASTING`]).
 
 use crate::gim::commissioning::Native;
 use crate::gim::{Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply};
@@ -41,7 +41,8 @@ pub struct Scan {
     /// Also requests the fault of ids without an answer (0xB2): a motor with a fault may answer
     /// nothing else. Only for a bus whose drivers are all known to be of this family.
     pub in_fault: bool,
-    /// Also requests ids that a driver of another family obeys, or would obey if there is a silent one.
+    /// Also requests ids that a driver of another family obeys, or would obey if there is a silent
+    /// one.
     pub obeyed: bool,
 }
 
@@ -131,12 +132,13 @@ pub struct Report {
     pub formats: Vec<(u8, Formats)>,
     /// Ids that were skipped, because a detected driver would read the requests as commands.
     pub skipped: Vec<u8>,
-    /// Ids that were skipped, because the request would have a lasting effect on a silent driver of another family.
+    /// Ids that were skipped, because the request would have a lasting effect on a silent driver of
+    /// another family.
     pub lasting: Vec<u8>,
 }
 
-/// Requests every id that no driver of another family would read as a command. Calls `progress` after each requested id, which ends
-/// the scan by returning `false`.
+/// Requests every id that no driver of another family would read as a command. Calls `progress`
+/// after each requested id, which ends the scan by returning `false`.
 ///
 /// # Errors
 ///
@@ -171,13 +173,13 @@ pub fn scan(
     Ok(report)
 }
 
-/// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers. Listens first where an answer may
-/// be the report of another driver, for [`LISTEN`].
+/// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers.
+/// Listens first where an answer may be the report of another driver, for [`LISTEN`].
 ///
 /// # Errors
 ///
-/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer, or when a driver of another family reads the request as a
-/// command; [`Error::InUse`].
+/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer, or when a driver of another
+/// family reads the request as a command; [`Error::InUse`].
 pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     let request = |link: &mut Link| {
         only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))

@@ -25,8 +25,8 @@ impl Addresses {
         }
     }
 
-    /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to it. Those of other modes
-    /// have 11 bits, like the commands that they are an offset from.
+    /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to
+    /// it. Those of other modes have 11 bits, like the commands that they are an offset from.
     pub fn obeyed(self, ids: &Ids) -> impl Iterator<Item = FrameId> {
         let standard = u16::try_from(self.command_id.raw()).ok().filter(|_| !self.command_id.is_extended());
         let others = ids.also_receives.iter().filter_map(move |offset| FrameId::new(standard? + offset));

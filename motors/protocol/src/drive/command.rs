@@ -40,7 +40,8 @@ impl Command {
     }
 }
 
-/// The part of a state besides the motion. The default is for motors whose states carry the motion only.
+/// The part of a state besides the motion. The default is for motors whose states carry the motion
+/// only.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Status {
     /// The faults of the motor; `None` where its states have none.
@@ -64,7 +65,8 @@ pub enum Reported {
     /// The value of the indicator with this number, in the unit of that indicator; NaN when the
     /// motor refuses.
     Indicator(u8, f32),
-    /// The value of the register with this number, in the unit of that register; it may be any number.
+    /// The value of the register with this number, in the unit of that register; it may be any
+    /// number.
     Register(u8, f32),
     /// As [`Register`](Self::Register), in answer to a question of an earlier cycle.
     LateRegister(u8, f32),

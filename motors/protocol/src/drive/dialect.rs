@@ -51,11 +51,13 @@ impl<'f> Arrived<'f> {
 
 /// One motor in the words of its family. No method allocates, blocks or loops.
 pub trait Dialect {
-    /// Writes the frame for `command`, and returns what the reply to it contains; `None` where the motor is sent no frame.
+    /// Writes the frame for `command`, and returns what the reply to it contains; `None` where the
+    /// motor is sent no frame.
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question>;
 
-    /// Returns the shape of a frame that arrived while `open` is open. It may be late. Distinguishes a continuation of the motion
-    /// from a plain reply only while a fault request is open.
+    /// Returns the shape of a frame that arrived while `open` is open. It may be late.
+    /// Distinguishes a continuation of the motion from a plain reply only while a fault request is
+    /// open.
     fn classify(&self, arrived: Arrived<'_>, open: Option<Question>) -> Shape;
 
     /// Takes a frame of a known shape as the answer to `question`, `latency` after that was sent.
@@ -74,7 +76,8 @@ pub trait Dialect {
     /// Forgets an ambiguous report: replies are late, so it was probably one of them.
     fn refute(&mut self) {}
 
-    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m. Only for a stopped motor.
+    /// Uses these ends of the codes from now on: position, rad, velocity, rad/s, and torque, N·m.
+    /// Only for a stopped motor.
     fn use_ends(&mut self, _ends: [f32; 3]) {}
 }
 

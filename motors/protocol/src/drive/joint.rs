@@ -83,8 +83,8 @@ impl Setpoint {
         Self { values, mode: SetpointMode::Impedance }
     }
 
-    /// Returns whether it pulls the joint to its position. Stiffness has no effect in torque and speed
-    /// mode.
+    /// Returns whether it pulls the joint to its position. Stiffness has no effect in torque and
+    /// speed mode.
     #[must_use]
     #[inline]
     pub fn pulls(&self) -> bool {

@@ -6,7 +6,8 @@ use crate::gim::configuration::ConfigurationKey;
 use crate::gim::value::{Finite, Value};
 use crate::mit::ControlCodes;
 
-/// The first byte of a frame. Source: GIM document Table 4, and 3.2.18 for calibration, which the table lacks.
+/// The first byte of a frame. Source: GIM document Table 4, and 3.2.18 for calibration, which the
+/// table lacks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[expect(missing_docs, reason = "each is documented at the command it begins")]
@@ -270,7 +271,8 @@ const MIT_NEUTRAL: [u8; 8] = [0x00, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00];
 ///
 /// # Errors
 ///
-/// When there are not exactly 8 bytes, the command or a configuration type is unknown, or a float is not finite.
+/// When there are not exactly 8 bytes, the command or a configuration type is unknown, or a float
+/// is not finite.
 pub fn decode_command(bytes: &[u8]) -> Result<Command, DecodeError> {
     let [code, rest @ ..] = eight(bytes)?;
     let [b, c, _, p, q, r, s] = rest;

@@ -76,8 +76,9 @@ pub struct ConfigurationItem {
     pub access: Access,
     /// Time at which a written value takes effect.
     pub effective: Effective,
-    /// The values that a motor may have, both ends included, in the unit; `None` where the document gives no scale. The
-    /// document gives no ranges: these are wider than any motor of this size, and narrower than a mistake in the unit.
+    /// The values that a motor may have, both ends included, in the unit; `None` where the document
+    /// gives no scale. The document gives no ranges: these are wider than any motor of this size,
+    /// and narrower than a mistake in the unit.
     pub plausible: Option<(f32, f32)>,
 }
 
@@ -194,7 +195,8 @@ mod tests {
         }
     }
 
-    /// The voltages are those of motors for 12 to 60 V; a value in centivolts or millivolts is none.
+    /// The voltages are those of motors for 12 to 60 V; a value in centivolts or millivolts is
+    /// none.
     #[test]
     fn value_of_another_unit_is_not_plausible() {
         let item = |name| ConfigurationItem::by_name(name).unwrap();

@@ -15,8 +15,9 @@ use crate::drive::{
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_shared::SetpointMode;
 
-/// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor has confirmed a stop, the next
-/// turn and every second one after it command it: the bus may have refused the first.
+/// While stopped, one of this many turns asks for the speed, and one commands stop. Until the motor
+/// has confirmed a stop, the next turn and every second one after it command it: the bus may have
+/// refused the first.
 const ROUND: u32 = 10;
 /// A velocity older than this is not combined with a new angle to a state.
 const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
@@ -200,7 +201,8 @@ impl Dialect for GimDialect {
             }
             Reply::Indicator { ind_id: Indicator::SHAFT_SPEED, outcome: Ok(speed) } => {
                 let velocity = speed.get() / RPM;
-                // A velocity that no state can hold is a damaged payload: no checksum covers a payload on a line.
+                // A velocity that no state can hold is a damaged payload: no checksum covers a
+                // payload on a line.
                 if f64::from(velocity.abs()) <= self.scales.velocity.max() {
                     self.record_velocity(velocity, at);
                 }

@@ -53,7 +53,8 @@ impl CanProtocol {
         matches!(self, Self::Damiao)
     }
 
-    /// Returns whether a device of this protocol has the setting that a configuration gives by `key`.
+    /// Returns whether a device of this protocol has the setting that a configuration gives by
+    /// `key`.
     #[must_use]
     pub fn has(self, key: &str) -> bool {
         let keys: &[&str] = match self {
@@ -72,8 +73,8 @@ impl CanProtocol {
         }
     }
 
-    /// Returns the lowest and the highest rate of samples of a device that sends them by itself, each in a whole number of ms.
-    /// `None` for one that is asked. Source: user manual of HiPNUC.
+    /// Returns the lowest and the highest rate of samples of a device that sends them by itself,
+    /// each in a whole number of ms. `None` for one that is asked. Source: user manual of HiPNUC.
     #[must_use]
     pub const fn rates_hz(self) -> Option<[f64; 2]> {
         match self {
@@ -83,7 +84,8 @@ impl CanProtocol {
     }
 }
 
-/// The settings of a device on a CAN bus that its ids and its frames follow from. Each protocol uses some of them.
+/// The settings of a device on a CAN bus that its ids and its frames follow from. Each protocol
+/// uses some of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CanAddress {
     /// CANopen node, of which seven bits count.
@@ -149,8 +151,8 @@ impl CanDevice {
         ids.into_iter().take(count)
     }
 
-    /// Returns whether a device that is not asked takes frames with this id for commands: NMT commands and SDO requests of CANopen
-    /// (CiA 301).
+    /// Returns whether a device that is not asked takes frames with this id for commands: NMT
+    /// commands and SDO requests of CANopen (CiA 301).
     #[must_use]
     pub fn obeys(&self, id: u16) -> bool {
         let node = u16::from(self.address.node_id & hipnuc::NODE_MAX);
@@ -176,7 +178,8 @@ impl CanDevice {
         (!self.protocol.is_asked()).then(|| super::hipnuc::command::start(self.address.node_id))
     }
 
-    /// Returns the number of the request that a payload answers, as in [`requests`](Self::requests), by its first byte.
+    /// Returns the number of the request that a payload answers, as in
+    /// [`requests`](Self::requests), by its first byte.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
@@ -191,8 +194,8 @@ impl CanDevice {
         Parts::ALL.in_order().nth(number).filter(|_| self.protocol.is_asked())
     }
 
-    /// Decodes a frame with an id of [`sent_ids`](Self::sent_ids) alone. `None` for one without a quantity: a heartbeat, or the
-    /// confirmation of a setting.
+    /// Decodes a frame with an id of [`sent_ids`](Self::sent_ids) alone. `None` for one without a
+    /// quantity: a heartbeat, or the confirmation of a setting.
     ///
     /// # Errors
     ///
@@ -210,7 +213,8 @@ impl CanDevice {
         }
     }
 
-    /// Returns id and bytes of each frame of a sample: those that the device sends by itself, or requests and replies.
+    /// Returns id and bytes of each frame of a sample: those that the device sends by itself, or
+    /// requests and replies.
     pub fn frames(&self) -> impl Iterator<Item = (u16, u32)> + use<> {
         let mut frames = [(self.address.master_id, REPLY_BYTES); FRAMES_MAX];
         let count = match self.protocol {
@@ -232,7 +236,8 @@ impl CanDevice {
         frames.into_iter().take(count)
     }
 
-    /// Returns a decoder of samples with orientation, angular velocity and acceleration, `period_us` apart.
+    /// Returns a decoder of samples with orientation, angular velocity and acceleration,
+    /// `period_us` apart.
     #[must_use]
     pub fn decoder(&self, period_us: u64) -> CanDecoder {
         let within_us = period_us / 2;
@@ -257,7 +262,8 @@ pub enum CanDecoder {
 }
 
 impl CanDecoder {
-    /// Takes a frame of the device that arrived at `at_us`, by any clock. Returns the sample that it completes.
+    /// Takes a frame of the device that arrived at `at_us`, by any clock. Returns the sample that
+    /// it completes.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
@@ -305,7 +311,8 @@ mod tests {
         }
     }
 
-    /// Two frames of one sample, then the next: without the drop its quaternion would complete the first.
+    /// Two frames of one sample, then the next: without the drop its quaternion would complete the
+    /// first.
     #[test]
     fn dropped_sample_is_not_completed() {
         let device = CanDevice::new(CanProtocol::Damiao, CanAddress::default());

@@ -7,21 +7,21 @@
 //! | angles | 3 | 0 | pitch, ±90° | yaw, ±180° | roll, ±180° |
 //! | quaternion | 4 | w, x, y, z with 14 bits each, most significant first, ±1 | | | |
 //!
-//! Codes are unsigned: the smallest stands for the lower end of the range, the largest for the upper.
-//! Those with 16 bits are little endian. The reply has the master id, 0x11 for the device 1 in the
-//! vendor's samples.
+//! Codes are unsigned: the smallest stands for the lower end of the range, the largest for the
+//! upper. Those with 16 bits are little endian. The reply has the master id, 0x11 for the device 1
+//! in the vendor's samples.
 //!
-//! Sources: *manual*, "DM-IMU-L1 user manual" V1.1 of 2025-04-03 (Chinese), chapter CAN communication
-//! and appendices 2 and 3; *log*, "firmware update log" V1021 to V1023; *sample*, the vendor's repository
-//! `dmBots/DM-IMU`, `dm_imu.c` for firmware 1024. Where they differ:
+//! Sources: *manual*, "DM-IMU-L1 user manual" V1.1 of 2025-04-03 (Chinese), chapter CAN
+//! communication and appendices 2 and 3; *log*, "firmware update log" V1021 to V1023; *sample*, the
+//! vendor's repository `dmBots/DM-IMU`, `dm_imu.c` for firmware 1024. Where they differ:
 //! - **Request and range** depend on the firmware: see [`Profile`].
-//! - **Codes**: the manual's text says -32768 to 32768. Its functions, and the sample, read unsigned
-//!   codes.
-//! - **Quaternion**: the manual's table gives w the bits 7 to 2 of byte 2. Its function and the sample
-//!   mask bit 2 off, so their w is too low by one code (0.00012) in half of the cases. This module
-//!   follows the table.
-//! - **Temperature**: the manual says that the byte is the value itself, not whether it is signed. This
-//!   module reads it signed: a device in the cold would otherwise report more than 200 °C.
+//! - **Codes**: the manual's text says -32768 to 32768. Its functions, and the sample, read
+//!   unsigned codes.
+//! - **Quaternion**: the manual's table gives w the bits 7 to 2 of byte 2. Its function and the
+//!   sample mask bit 2 off, so their w is too low by one code (0.00012) in half of the cases. This
+//!   module follows the table.
+//! - **Temperature**: the manual says that the byte is the value itself, not whether it is signed.
+//!   This module reads it signed: a device in the cold would otherwise report more than 200 °C.
 //!
 //! No source states the world's axes or the sign of the acceleration. The device reports its
 //! calibrated accelerometer (BMI088) without a filter, which measures the specific force.
@@ -176,8 +176,8 @@ impl Profile {
         Ok(Reply::Measured { measured, temperature_celsius })
     }
 
-    /// Encodes a reply as the device would, for simulated devices and tests. Values saturate, and one
-    /// that is not finite has the code 0.
+    /// Encodes a reply as the device would, for simulated devices and tests. Values saturate, and
+    /// one that is not finite has the code 0.
     #[must_use]
     pub fn encode(&self, reply: &Reply) -> [u8; REPLY_LEN] {
         let code = |field: Field, value: f32| field.encode(value.into()).unwrap_or_default();
@@ -217,8 +217,8 @@ fn join(register: u8, second: u8, codes: [u16; 3]) -> [u8; REPLY_LEN] {
     [register, second, a, b, c, d, e, f]
 }
 
-/// A setting that firmware from 1024 on can change. It lasts until a power cycle unless it is saved.
-/// Source: sample.
+/// A setting that firmware from 1024 on can change. It lasts until a power cycle unless it is
+/// saved. Source: sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Setting {
     /// Time between the samples that the device sends without requests, ms.
@@ -267,8 +267,8 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Returns a decoder for samples with these `parts`, whose replies arrive within `within_us`, µs:
-    /// half of the period of the requests.
+    /// Returns a decoder for samples with these `parts`, whose replies arrive within `within_us`,
+    /// µs: half of the period of the requests.
     #[must_use]
     pub fn new(profile: &'static Profile, parts: Parts, within_us: u64) -> Self {
         Self { profile, sequence: Sequence::new(parts, within_us), temperature_celsius: None }
@@ -287,8 +287,8 @@ impl Decoder {
     ///
     /// # Errors
     ///
-    /// The payload is no reply, or a reply of the sample is lost: see [`SampleError::Incomplete`]. The
-    /// sample is dropped, and reported once.
+    /// The payload is no reply, or a reply of the sample is lost: see [`SampleError::Incomplete`].
+    /// The sample is dropped, and reported once.
     pub fn push(&mut self, payload: &[u8], at_us: u64) -> Result<Option<Sample>, SampleError> {
         let reply = self.profile.decode(payload).inspect_err(|_| self.sequence.drop_sample())?;
         let Reply::Measured { measured, temperature_celsius } = reply else { return Ok(None) };

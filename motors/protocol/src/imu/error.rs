@@ -104,7 +104,8 @@ pub enum SampleError {
 }
 
 impl SampleError {
-    /// Returns `true` for bytes that arrived intact and hold no sample: the device is set to send them.
+    /// Returns `true` for bytes that arrived intact and hold no sample: the device is set to send
+    /// them.
     #[must_use]
     pub const fn is_other_content(&self) -> bool {
         matches!(self, Self::OtherPacket { .. } | Self::BusId { .. })

@@ -16,12 +16,13 @@
 //! - The axes are the sensor's. This module does not apply the mounting of the sensor.
 //! - The world is east, north, up, or any frame whose z points up where a device has no compass.
 //! - The acceleration is the specific force: at rest it is +9.81 m/s² on the axis that points up.
-//! - A sample never combines two moments: its values come from one frame, or from frames whose order
-//!   and time show that they belong together. A sample whose checksum is wrong is never returned.
+//! - A sample never combines two moments: its values come from one frame, or from frames whose
+//!   order and time show that they belong together. A sample whose checksum is wrong is never
+//!   returned.
 //! - Values are finite, and a quaternion has the norm 1. Anything else is a [`SampleError`].
 //!
-//! The stream decoders have a bounded buffer. After damaged bytes they return the next intact sample
-//! with its last byte: each byte is examined as the end of a sample, whatever came before.
+//! The stream decoders have a bounded buffer. After damaged bytes they return the next intact
+//! sample with its last byte: each byte is examined as the end of a sample, whatever came before.
 
 mod can;
 pub mod damiao;

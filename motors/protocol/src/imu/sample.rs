@@ -40,8 +40,8 @@ pub struct Quaternion {
 }
 
 impl Quaternion {
-    /// Returns the rotation with these parts, in the order w, x, y, z, divided by their norm. Devices
-    /// round the parts, so the norm is not exactly 1.
+    /// Returns the rotation with these parts, in the order w, x, y, z, divided by their norm.
+    /// Devices round the parts, so the norm is not exactly 1.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///

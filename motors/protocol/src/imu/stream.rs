@@ -55,8 +55,8 @@ impl SerialProtocol {
         100
     }
 
-    /// Returns the bytes of the shortest sample with orientation, angular velocity and acceleration.
-    /// An Xsens MTi sends more when further outputs are selected.
+    /// Returns the bytes of the shortest sample with orientation, angular velocity and
+    /// acceleration. An Xsens MTi sends more when further outputs are selected.
     #[must_use]
     pub const fn sample_len(self) -> usize {
         match self {
@@ -65,8 +65,8 @@ impl SerialProtocol {
         }
     }
 
-    /// Returns the settings that a device needs so that each sample has orientation, angular velocity
-    /// and acceleration.
+    /// Returns the settings that a device needs so that each sample has orientation, angular
+    /// velocity and acceleration.
     #[must_use]
     pub const fn complete_samples(self) -> &'static str {
         match self {

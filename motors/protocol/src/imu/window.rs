@@ -23,7 +23,8 @@ impl<const CAPACITY: usize> Window<CAPACITY> {
         self.len += 1;
     }
 
-    /// Returns the last `count` bytes; `None` when fewer arrived since the start or [`clear`](Self::clear).
+    /// Returns the last `count` bytes; `None` when fewer arrived since the start or
+    /// [`clear`](Self::clear).
     pub(super) fn last(&self, count: usize) -> Option<&[u8]> {
         self.bytes.get(self.len.checked_sub(count)?..self.len)
     }

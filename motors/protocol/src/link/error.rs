@@ -39,7 +39,8 @@ pub enum Error {
         /// The vendor's term, and the code.
         refusal: MotorRefusal,
     },
-    /// The motor answered with an ACK frame: the request was damaged on the line (GIM document, Table 3).
+    /// The motor answered with an ACK frame: the request was damaged on the line (GIM document,
+    /// Table 3).
     #[error("motor {id} could not read `{request}` (ACK frame): check wiring, termination and bit rate")]
     NotRead {
         /// The motor.
@@ -95,7 +96,8 @@ pub enum Error {
         /// Number of such frames.
         count: usize,
     },
-    /// A motor reports without a request, and no other process commands it: RobStride's active report.
+    /// A motor reports without a request, and no other process commands it: RobStride's active
+    /// report.
     #[error(
         "motor {motor} reports without a request: received {count} frames with id {id}, and no command; turn its reports off (RobStride: active report, F9), then try again",
         id = format_args!("{:#05X}", .id.raw())

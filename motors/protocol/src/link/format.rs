@@ -2,7 +2,8 @@
 
 use motord_bus::{Content, Unsupported};
 
-/// The number of arrivals in formats that motord does not use: neither a request nor a supported answer has them.
+/// The number of arrivals in formats that motord does not use: neither a request nor a supported
+/// answer has them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Formats {
     /// Frames in CAN FD format.

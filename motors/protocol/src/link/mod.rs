@@ -50,7 +50,8 @@ const CAN_TIMEOUT: Duration = Duration::from_millis(25);
 /// Time limit on a serial line: a USB adapter may wait for its latency timer, 16 ms, before it
 /// delivers bytes.
 const SERIAL_TIMEOUT: Duration = Duration::from_millis(60);
-/// Longest time to listen on a serial line, to which only another master can send without a request.
+/// Longest time to listen on a serial line, to which only another master can send without a
+/// request.
 const SERIAL_LISTEN: Duration = Duration::from_millis(300);
 /// Pause between two attempts to send on a full bus.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -126,17 +127,19 @@ impl Link {
         self.formats
     }
 
-    /// Returns whether a frame that was taken for an answer may be the report of a driver of another family.
+    /// Returns whether a frame that was taken for an answer may be the report of a driver of
+    /// another family.
     pub(crate) fn is_ambiguous(&self) -> bool {
         self.is_ambiguous
     }
 
-    /// Listens for `time`, and remembers the drivers that report without a request: their frames are no answers from now on. On a
-    /// serial line no driver does.
+    /// Listens for `time`, and remembers the drivers that report without a request: their frames
+    /// are no answers from now on. On a serial line no driver does.
     ///
     /// # Errors
     ///
-    /// [`Error::InUse`] when other frames arrive; [`Error::Reports`] when all are reports of one motor.
+    /// [`Error::InUse`] when other frames arrive; [`Error::Reports`] when all are reports of one
+    /// motor.
     pub fn listen(&mut self, time: Duration) -> Result<(), Error> {
         let mut frames = Vec::new();
         let time = if self.wire == Wire::Serial { time.min(SERIAL_LISTEN) } else { time };

@@ -4,24 +4,27 @@ use motord_bus::{Frame, FrameId};
 
 /// Largest state of an axis: ODrive 0.6, `AxisState`.
 const AXIS_STATE_MAX: u8 = 14;
-/// An error of an axis has no bit from this one on: ODrive 0.5 and 0.6, `ODrive.Error` and `Axis.Error`.
+/// An error of an axis has no bit from this one on: ODrive 0.5 and 0.6, `ODrive.Error` and
+/// `Axis.Error`.
 const AXIS_ERROR_BITS: u32 = 27;
 
-/// Fewest encoder estimates that count as a driver's: it sends one every 10 ms (SDC104 and ODrive, command 0x009).
+/// Fewest encoder estimates that count as a driver's: it sends one every 10 ms (SDC104 and ODrive,
+/// command 0x009).
 const ESTIMATES_MIN: usize = 20;
-/// Magnitudes of a position and a velocity in an estimate, turns and turns/s. Zero is also possible. Control
-/// frames, read as two such numbers, are outside.
+/// Magnitudes of a position and a velocity in an estimate, turns and turns/s. Zero is also
+/// possible. Control frames, read as two such numbers, are outside.
 const ESTIMATE: core::ops::RangeInclusive<f32> = 1e-6..=1e5;
 
-/// Ids by which a silent CANSimple driver with its factory node id, 0 (ODrive) or 1 (SDC104), leaves CAN (0x01E), or saves its
-/// configuration or enters its boot loader (0x01F).
+/// Ids by which a silent CANSimple driver with its factory node id, 0 (ODrive) or 1 (SDC104),
+/// leaves CAN (0x01E), or saves its configuration or enters its boot loader (0x01F).
 pub const LASTING: [u8; 4] = [0x1E, 0x1F, 0x3E, 0x3F];
 
 /// A driver that reports without a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unprompted {
-    /// A CANSimple driver (SDC104, ODrive), by its heartbeats or its encoder estimates. It reads frames with 32 ids as commands,
-    /// among them an emergency stop and a new node id, so nothing is sent to these.
+    /// A CANSimple driver (SDC104, ODrive), by its heartbeats or its encoder estimates. It reads
+    /// frames with 32 ids as commands, among them an emergency stop and a new node id, so nothing
+    /// is sent to these.
     CanSimple {
         /// Its node id. It uses the 32 ids from 32 times this number.
         node: u8,
@@ -49,7 +52,8 @@ impl Unprompted {
         drivers
     }
 
-    /// Returns the driver that this frame alone identifies. Any master may send the bytes of the other reports.
+    /// Returns the driver that this frame alone identifies. Any master may send the bytes of the
+    /// other reports.
     pub(crate) fn of(frame: &Frame) -> Option<Self> {
         let id = frame.id();
         match *frame.payload() {
@@ -63,7 +67,8 @@ impl Unprompted {
         }
     }
 
-    /// Returns `true` when a driver of this kind may have sent the frame without a request. Constant time.
+    /// Returns `true` when a driver of this kind may have sent the frame without a request.
+    /// Constant time.
     pub(crate) fn may_be(frame: &Frame) -> bool {
         // CANSimple: heartbeat, errors, encoder, currents, temperature, voltage.
         const REPORTS: [u32; 9] = [0x01, 0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17];
@@ -102,15 +107,16 @@ fn reports_encoder(frames: &[Frame], node: u8) -> bool {
     of_node().count() >= ESTIMATES_MIN && of_node().all(is_estimate)
 }
 
-/// Fewer frames than this are not checked: they may be the replies to a master whose commands were not received.
+/// Fewer frames than this are not checked: they may be the replies to a master whose commands were
+/// not received.
 const REPORTS_MIN: usize = 5;
 
 /// Highest temperature in such a report, 0.1 °C.
 const TEMPERATURE_MAX: u16 = 1500;
 
-/// Returns the motor whose reports are all of these frames: replies in MIT mode with eight bytes, which RobStride motors send
-/// without a request when their active report is on (the vendor's command F9). `None` when another frame is among them, such as a
-/// command.
+/// Returns the motor whose reports are all of these frames: replies in MIT mode with eight bytes,
+/// which RobStride motors send without a request when their active report is on (the vendor's
+/// command F9). `None` when another frame is among them, such as a command.
 pub(crate) fn reporting_motor(frames: &[&Frame]) -> Option<u8> {
     let first = frames.first()?;
     let [motor @ 1..=0x7F, _, _, _, _, _, _, _] = *first.payload() else { return None };
@@ -137,7 +143,8 @@ mod tests {
     #[test]
     fn replies_without_commands_are_reports() {
         let frame = |id, payload| Frame::classic(FrameId::new(id).unwrap(), payload);
-        // RobStride, MIT document, feedback: the motor's id, position, velocity, torque, temperature.
+        // RobStride, MIT document, feedback: the motor's id, position, velocity, torque,
+        // temperature.
         let reply = frame(0x0FD, [0x05, 0x7F, 0xFF, 0x80, 0x08, 0x00, 0x01, 0x04]);
         let command = frame(0x005, [0x7F, 0xFF, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
         assert_eq!(reporting_motor(&[&reply; 5]), Some(5));
@@ -147,7 +154,8 @@ mod tests {
         assert_eq!(reporting_motor(&[]), None);
     }
 
-    /// Control frames to motor 9 of a master: neutral, with gains, and start (MIT document 1.2); 1 turn and 0.5 turns/s.
+    /// Control frames to motor 9 of a master: neutral, with gains, and start (MIT document 1.2); 1
+    /// turn and 0.5 turns/s.
     #[test]
     fn commands_of_a_master_are_no_estimates() {
         let frames = |payload| vec![Frame::classic(FrameId::new(0x009).unwrap(), payload); 100];

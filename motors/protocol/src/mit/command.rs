@@ -281,7 +281,8 @@ impl ControlCodes {
 mod tests {
     use super::*;
 
-    /// The special frames of the MIT document 1.1: 256 with 0xFB, and one each with 0xFC, 0xFD and 0xFE.
+    /// The special frames of the MIT document 1.1: 256 with 0xFB, and one each with 0xFC, 0xFD and
+    /// 0xFE.
     fn special_frames() -> impl Iterator<Item = [u8; 8]> {
         let with = |f_cmd, last| [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, f_cmd, last];
         let faults = (0..=0xFF).map(move |f_cmd| with(f_cmd, 0xFB));

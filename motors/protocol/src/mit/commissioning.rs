@@ -67,8 +67,9 @@ impl<'l> Mit<'l> {
         }
     }
 
-    /// Reads the faults of the motor. An answer that may be a late state counts when it is repeated. Only for motors that are known to support the request: others
-    /// read it as a control frame of full stiffness.
+    /// Reads the faults of the motor. An answer that may be a late state counts when it is
+    /// repeated. Only for motors that are known to support the request: others read it as a control
+    /// frame of full stiffness.
     pub fn fault(&mut self) -> Result<Faults, Error> {
         if !self.profile.is_asked_for_faults() {
             let state = self.stop()?;

@@ -53,8 +53,9 @@ impl Last {
     }
 }
 
-/// A payload that may be a fault report or a state. The faults count when the next answer to a fault request has the same ones,
-/// and until then no reply is late and no state continues this one.
+/// A payload that may be a fault report or a state. The faults count when the next answer to a
+/// fault request has the same ones, and until then no reply is late and no state continues this
+/// one.
 #[derive(Debug, Clone, Copy)]
 struct Ambiguous {
     /// Read as a fault report.
@@ -66,7 +67,8 @@ struct Ambiguous {
 /// Follows a position whose code wraps round. The turns are counted from accepted states only.
 #[derive(Debug)]
 struct Unwrap {
-    /// The span of all position codes, rad: a position that leaves the range comes back this far away.
+    /// The span of all position codes, rad: a position that leaves the range comes back this far
+    /// away.
     period: f32,
     turns: f32,
     last: Option<f32>,
@@ -191,9 +193,9 @@ impl MitDialect {
         Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
 
-    /// Returns whether the motor reports that it is enabled; `None` where its states have no status.
-    /// All bits of a status are zero when a motor is off and has no fault, as in a state of firmware
-    /// without a status.
+    /// Returns whether the motor reports that it is enabled; `None` where its states have no
+    /// status. All bits of a status are zero when a motor is off and has no fault, as in a state of
+    /// firmware without a status.
     #[inline(always)]
     fn runs(&mut self, state: &State) -> Option<bool> {
         let runs = self.profile.is_on(state);
@@ -239,7 +241,8 @@ impl Dialect for MitDialect {
                 (super::Command::SetZero, Question::State)
             }
             Command::GetFault if self.answers_fault_question() => (super::Command::GetFault, Question::Fault),
-            // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
+            // Such a motor may take the question for a control frame of full stiffness (protocol
+            // note M17).
             Command::GetFault => (super::Command::Stop, Question::State),
             Command::ClearFault => (super::Command::ClearFault, Question::Clear),
             Command::Neutral | Command::Control(_) => {
@@ -346,8 +349,9 @@ mod tests {
         Scales::by_current(0.125, 8.0).unwrap()
     }
 
-    /// Goal: damping alone does not push a joint. Zero lies half a code of velocity off, which is 32 mN·m with this damping.
-    /// Method: the mean torque of 1 000 frames of a GIM8108-8 at rest, by the law of the drive.
+    /// Goal: damping alone does not push a joint. Zero lies half a code of velocity off, which is
+    /// 32 mN·m with this damping. Method: the mean torque of 1 000 frames of a GIM8108-8 at rest,
+    /// by the law of the drive.
     #[test]
     fn damping_at_rest_has_no_mean_torque() {
         let settings = DriveSettings {

@@ -8,8 +8,9 @@ use motord_bus::{Frame, FrameId};
 /// Requests of one register before it counts as unanswered.
 const TRIES: usize = 2;
 
-/// Reads the largest position, velocity and torque that the codes of the Damiao motor `id` can have, rad, rad/s and N·m. Its answers
-/// have the id `host_id`. `None` where the motor does not answer, or answers with a number that is no end. The motor does not move.
+/// Reads the largest position, velocity and torque that the codes of the Damiao motor `id` can
+/// have, rad, rad/s and N·m. Its answers have the id `host_id`. `None` where the motor does not
+/// answer, or answers with a number that is no end. The motor does not move.
 ///
 /// # Errors
 ///

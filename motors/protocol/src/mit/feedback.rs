@@ -1,8 +1,9 @@
-//! Error feedback: the mean of the codes of velocity and torque of MIT frames is the value asked for.
+//! Error feedback: the mean of the codes of velocity and torque of MIT frames is the value asked
+//! for.
 //!
-//! Zero lies half a code off. A code of torque is up to 0.3 N·m. Half a code of velocity, times the damping, is a
-//! torque as well: 32 mN·m for a GIM8108-8 with 2 N·m·s/rad. The code of the position is the nearest one: an error of
-//! half a code is below the resolution of the reported position.
+//! Zero lies half a code off. A code of torque is up to 0.3 N·m. Half a code of velocity, times the
+//! damping, is a torque as well: 32 mN·m for a GIM8108-8 with 2 N·m·s/rad. The code of the position
+//! is the nearest one: an error of half a code is below the resolution of the reported position.
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
@@ -17,7 +18,8 @@ pub struct Feedback {
 }
 
 impl Feedback {
-    /// Limits velocities and torques to `limits`, rad/s and N·m. Only the two codes next to zero may exceed them.
+    /// Limits velocities and torques to `limits`, rad/s and N·m. Only the two codes next to zero
+    /// may exceed them.
     #[must_use]
     pub fn within(limits: [f32; 2], scales: &Scales) -> Self {
         let [velocity, torque] = limits;
@@ -59,8 +61,8 @@ impl Carry {
         Self { error: 0.0, ends: [low.ceil().min(zero.floor()).max(0.0), highest + 0.5] }
     }
 
-    /// The code for a finite `value`: at most one code off, such that the error of all codes so far stays within half a
-    /// code. What the limit takes away is not carried.
+    /// The code for a finite `value`: at most one code off, such that the error of all codes so far
+    /// stays within half a code. What the limit takes away is not carried.
     #[inline(always)]
     fn quantise(&mut self, value: f32, field: &Field) -> u16 {
         let wanted = field.quantise(value.into()) - self.error;

@@ -17,11 +17,13 @@ pub struct Capabilities {
     pub answers_fault_question: bool,
     /// Number of indicators that the motor reports on request. Their numbers start at 0.
     pub indicators: u8,
-    /// Number of registers that the motor reports on request, and without which it must not start. Their numbers start at 0.
+    /// Number of registers that the motor reports on request, and without which it must not start.
+    /// Their numbers start at 0.
     pub registers: u8,
-    /// The registers are the ends of the codes of position, velocity and torque: no state has a meaning without them.
+    /// The registers are the ends of the codes of position, velocity and torque: no state has a
+    /// meaning without them.
     pub scales_by_registers: bool,
-    /// A state that answers a stop confirms the stop, unless the state reports that the motor runs. Otherwise the motor
-    /// confirms a stop by a separate message.
+    /// A state that answers a stop confirms the stop, unless the state reports that the motor runs.
+    /// Otherwise the motor confirms a stop by a separate message.
     pub state_confirms_stop: bool,
 }

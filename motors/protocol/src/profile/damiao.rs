@@ -9,9 +9,9 @@
 //!   on each motor.
 //! - The motors have no request for faults. They read SteadyWin's (six bytes 0xFF, 0x00, 0xFB) as a
 //!   control frame.
-//! - PMAX, VMAX and TMAX are registers (21 to 23). The sources disagree on VMAX of the 4340: 8 in the
-//!   vendor's table, 10 in registers that users read. The cycle reads the registers of each motor
-//!   and uses them: the ends of a model are used until then.
+//! - PMAX, VMAX and TMAX are registers (21 to 23). The sources disagree on VMAX of the 4340: 8 in
+//!   the vendor's table, 10 in registers that users read. The cycle reads the registers of each
+//!   motor and uses them: the ends of a model are used until then.
 
 use super::{FaultReport, Ids, Profile, ReplyLayout, Status, Temperature};
 use crate::fault::Faults;

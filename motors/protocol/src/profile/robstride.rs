@@ -70,9 +70,9 @@ pub const ROBSTRIDE: Profile = Profile {
     models: &MODELS,
 };
 
-/// From the vendor's manuals of 2026-04-28, of which each model has one. The phase resistance is not
-/// published: 0. Velocities without load (RS03 20.9, RS04 20.9, RS05 and RS06 50.3 rad/s) are cut at
-/// the ends of the codes.
+/// From the vendor's manuals of 2026-04-28, of which each model has one. The phase resistance is
+/// not published: 0. Velocities without load (RS03 20.9, RS04 20.9, RS05 and RS06 50.3 rad/s) are
+/// cut at the ends of the codes.
 ///
 /// The Chinese manuals (version 1.1) give RS02, RS03 and RS04 in MIT mode the ends of the private
 /// protocol. The English ones (version 1.0) have 33 rad/s there, a text that they share with RS00.

@@ -1,4 +1,5 @@
-//! SteadyWin's SDC101, SDC102 and SDC103 drivers. Source: MIT document 1.1 and 1.2; models: the vendor's selection table.
+//! SteadyWin's SDC101, SDC102 and SDC103 drivers. Source: MIT document 1.1 and 1.2; models: the
+//! vendor's selection table.
 
 use super::{FaultReply, FaultReport, Ids, Profile, ReplyLayout};
 use crate::fault::Faults;

@@ -1,4 +1,5 @@
-//! Transactions with simulated motors, on virtual time: native on CAN, MIT on CAN, native on a serial line.
+//! Transactions with simulated motors, on virtual time: native on CAN, MIT on CAN, native on a
+//! serial line.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 

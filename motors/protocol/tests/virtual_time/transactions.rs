@@ -286,8 +286,8 @@ fn damiao_motor_reports_ends_of_its_codes() {
     assert_eq!(bus.lock().motors()[0].mode(), Mode::Stopped);
 }
 
-/// Goal: `motorctl fault` reports no fault for a state that is late. Method: each answer is later than the link waits, so the one to a
-/// stop arrives after the question for the fault.
+/// Goal: `motorctl fault` reports no fault for a state that is late. Method: each answer is later
+/// than the link waits, so the one to a stop arrives after the question for the fault.
 #[test]
 fn late_state_is_no_fault() {
     let bus = bus(Medium::Can, vec![motor("knee", 3, Dialect::Mit)]);

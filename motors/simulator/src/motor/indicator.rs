@@ -1,4 +1,5 @@
-//! The answers to retrieve indicator (GIM document, table 10), from the same mechanics as all other answers.
+//! The answers to retrieve indicator (GIM document, table 10), from the same mechanics as all other
+//! answers.
 
 use super::Motor;
 use super::configuration::rpm;

@@ -9,8 +9,8 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 
 /// Shares of the replies, and of the cycles, that must be as fast as without a disturbance: 50 and
-/// 98 of 100. One reply in 100 answers a question for faults, up to 170 µs later than the others: the
-/// 99th of 100 lies on the edge between both, now on this side and now on the other.
+/// 98 of 100. One reply in 100 answers a question for faults, up to 170 µs later than the others:
+/// the 99th of 100 lies on the edge between both, now on this side and now on the other.
 const SHARES: [f64; 2] = [0.5, 0.98];
 /// Share of the replies that a computer with the motors, the daemon and candump on one processor
 /// may miss by itself.

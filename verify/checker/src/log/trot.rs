@@ -1,8 +1,8 @@
-//! In every cycle exactly one control frame to every motor and at most one question for faults per bus, nothing else; and
-//! nearly every tick has its cycle.
+//! In every cycle exactly one control frame to every motor and at most one question for faults per
+//! bus, nothing else; and nearly every tick has its cycle.
 //!
-//! The first motor of the robot is asked first, so its control frames divide the log into cycles. The trot begins when all
-//! motors were started and ends with the first stop.
+//! The first motor of the robot is asked first, so its control frames divide the log into cycles.
+//! The trot begins when all motors were started and ends with the first stop.
 
 use super::{Command, Kind, Mark, Rules, Verdict, seconds};
 use crate::protocol::mit::Meaning;

@@ -58,9 +58,9 @@ pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
     Some([motor.direction * position + motor.offset, motor.direction * velocity])
 }
 
-/// Returns `true` when the reply is the motor's, arrived at the time of `joint` or later, and contains
-/// its position and velocity. The velocity of a native motor may be older: that of the state `before`,
-/// or one of `velocities`.
+/// Returns `true` when the reply is the motor's, arrived at the time of `joint` or later, and
+/// contains its position and velocity. The velocity of a native motor may be older: that of the
+/// state `before`, or one of `velocities`.
 pub(super) fn reports(
     reply: &Reply,
     motor: &Motor,

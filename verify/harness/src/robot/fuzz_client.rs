@@ -124,7 +124,8 @@ impl FuzzClient {
             0..=1 => {}
             2 => {
                 self.silent = if random.once_in(10) { 40 } else { random.below(19) };
-                // The kernel reports the exit of every second process that stays silent for 40 cycles.
+                // The kernel reports the exit of every second process that stays silent for 40
+                // cycles.
                 let dies = self.silent == 40 && self.sequence.is_multiple_of(2);
                 let lease = Lease::from_raw(self.lease).filter(|_| dies);
                 lease.into_iter().for_each(|lease| robot.client.alarms().owner_ended(lease));
@@ -169,8 +170,9 @@ impl FuzzClient {
         }
     }
 
-    /// Returns a valid message. It has no horizon while a motor may have a velocity above [`SLOW`], from which the way
-    /// passes [`WRONG_LEASE_VELOCITY`]. A motor that takes turns keeps its velocity until the next.
+    /// Returns a valid message. It has no horizon while a motor may have a velocity above [`SLOW`],
+    /// from which the way passes [`WRONG_LEASE_VELOCITY`]. A motor that takes turns keeps its
+    /// velocity until the next.
     fn message(&mut self, robot: &mut Robot) -> SetpointMessage {
         self.sequence += 1;
         let message = message(self.lease, self.sequence, robot.now(), &self.setpoints);
@@ -193,8 +195,8 @@ fn end(message: &SetpointMessage, now: Instant) -> Instant {
     now + Duration::from_nanos(message.horizon_ns.into())
 }
 
-/// Changes a message so that the daemon must reject it or limit its values. Returns whether it stays
-/// valid.
+/// Changes a message so that the daemon must reject it or limit its values. Returns whether it
+/// stays valid.
 fn corrupt(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
     let joint = random.below(3);
     let mut only_values = false;

@@ -1,4 +1,5 @@
-//! A whole robot on virtual time: the cycle and simulated motors, with the test as client and operator.
+//! A whole robot on virtual time: the cycle and simulated motors, with the test as client and
+//! operator.
 //!
 //! The virtual clock advances only when the cycle sleeps or waits: a run is reproducible. The buses
 //! record every frame, and the invariant checker decodes it with a separate codec.
@@ -90,8 +91,8 @@ impl Robot {
         Self::built(settings, seed, |_, _| {})
     }
 
-    /// Builds a robot that differs from its configuration: `build` changes the settings of each bus and
-    /// its motors.
+    /// Builds a robot that differs from its configuration: `build` changes the settings of each bus
+    /// and its motors.
     pub fn built(
         settings: Settings,
         seed: u64,
@@ -226,7 +227,8 @@ impl Robot {
         std::mem::take(&mut self.sent)
     }
 
-    /// Takes the frames to the motor with this id since the last call, and drops those to other motors.
+    /// Takes the frames to the motor with this id since the last call, and drops those to other
+    /// motors.
     pub fn take_sent_to(&mut self, id: u16) -> Vec<Sent> {
         self.take_sent().into_iter().filter(|sent| sent.id == id).collect()
     }
@@ -479,7 +481,8 @@ fn simulated_bus(
     build: &mut impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
 ) -> SimulatedBus {
     let (bus, mut motors) = buses::physics(settings, index);
-    // As the CAN interfaces of Linux are set up: two cycles, each with a request for a motor's faults.
+    // As the CAN interfaces of Linux are set up: two cycles, each with a request for a motor's
+    // faults.
     let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 3 * bus.imus.len() + 1), ..bus };
     build(&mut bus, &mut motors);
     SimulatedBus::new(bus, motors, seed + index as u64)

@@ -8,8 +8,8 @@ pub fn number(variable: &str) -> Option<u64> {
     std::env::var(variable).ok().and_then(|text| text.parse().ok())
 }
 
-/// Runs `count` seeds of the test program `test` on all processors, or `MOTORD_SEEDS` many, or the one in
-/// `MOTORD_SEED`. Prints their duration, or the command that repeats a failed seed.
+/// Runs `count` seeds of the test program `test` on all processors, or `MOTORD_SEEDS` many, or the
+/// one in `MOTORD_SEED`. Prints their duration, or the command that repeats a failed seed.
 pub fn for_each_seed(test: &str, count: u64, run: impl Fn(u64) + Sync + RefUnwindSafe) {
     let begun = motord_bus::clock::monotonic();
     let seeds = match number("MOTORD_SEED") {

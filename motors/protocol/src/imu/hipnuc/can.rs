@@ -7,10 +7,11 @@
 //! | 0x380 + node | 6 | roll, pitch, yaw | 0.01 ° |
 //! | 0x480 + node | 8 | quaternion w, x, y, z | 0.0001 |
 //!
-//! All are `i16`, little endian. The default is node 8 at 500 kbit/s, each TPDO at 100 Hz, from 10 to
-//! 200 Hz. The device sends them after power-on, or after [`command::start`](super::command::start).
-//! Source: user manual, CAN protocol; SDK, `canopen_parser.c` and `CANopen.dbc`. The angular velocity
-//! saturates at 3276.7 °/s, the acceleration at 32.767 G.
+//! All are `i16`, little endian. The default is node 8 at 500 kbit/s, each TPDO at 100 Hz, from 10
+//! to 200 Hz. The device sends them after power-on, or after
+//! [`command::start`](super::command::start). Source: user manual, CAN protocol; SDK,
+//! `canopen_parser.c` and `CANopen.dbc`. The angular velocity saturates at 3276.7 °/s, the
+//! acceleration at 32.767 G.
 //!
 //! The TPDOs have neither a time nor a number. [`Decoder`] combines them by order and time of
 //! arrival. All TPDOs of a sample must have the same rate.
@@ -72,7 +73,8 @@ impl Tpdo {
     ///
     /// # Errors
     ///
-    /// The payload has another length than the TPDO in the user manual, or the quaternion is no rotation.
+    /// The payload has another length than the TPDO in the user manual, or the quaternion is no
+    /// rotation.
     pub fn decode(self, payload: &[u8]) -> Result<Measured, SampleError> {
         Ok(match self {
             Self::Acceleration => Measured::Acceleration(scaled(payload, 0.001 * GRAVITY)?),
@@ -128,8 +130,8 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Returns a decoder for the samples of `node` with these `parts`. The frames of a sample arrive
-    /// within `within_us`, µs: half of the period of the TPDOs.
+    /// Returns a decoder for the samples of `node` with these `parts`. The frames of a sample
+    /// arrive within `within_us`, µs: half of the period of the TPDOs.
     #[must_use]
     pub fn new(node: u8, parts: Parts, within_us: u64) -> Self {
         Self { node: node & NODE_MAX, sequence: Sequence::new(parts, within_us) }
@@ -147,8 +149,8 @@ impl Decoder {
     ///
     /// # Errors
     ///
-    /// The payload is no TPDO, or a frame of the sample is lost: see [`SampleError::Incomplete`]. The
-    /// sample is dropped, and reported once.
+    /// The payload is no TPDO, or a frame of the sample is lost: see [`SampleError::Incomplete`].
+    /// The sample is dropped, and reported once.
     pub fn push(&mut self, id: u16, payload: &[u8], at_us: u64) -> Result<Option<Sample>, SampleError> {
         let Some(tpdo) = Tpdo::ALL.into_iter().find(|tpdo| tpdo.id(self.node) == id) else {
             return Ok(None);

@@ -1,12 +1,12 @@
 //! Commands that set rate, identifier and bit rate.
 //!
 //! On a serial line, commands are lines of text. Send [`PAUSE`] first: the device ignores commands
-//! among its own data. Firmware of the command manual answers `OK`. Sources: SDK, `device_setup.ini`
-//! and `cmd_write.c`; user manual, AT commands.
+//! among its own data. Firmware of the command manual answers `OK`. Sources: SDK,
+//! `device_setup.ini` and `cmd_write.c`; user manual, AT commands.
 //!
-//! On a CAN bus, they are CANopen's NMT commands and expedited SDO downloads. The device stores them.
-//! Source: user manual, CANopen commands. A new rate acts at once, a new node or bit rate after a
-//! power cycle.
+//! On a CAN bus, they are CANopen's NMT commands and expedited SDO downloads. The device stores
+//! them. Source: user manual, CANopen commands. A new rate acts at once, a new node or bit rate
+//! after a power cycle.
 
 use super::can::{NODE_MAX, Tpdo};
 use crate::imu::request::CanRequest;
@@ -118,8 +118,8 @@ pub fn set_bit_rate(node: u8, bit_rate: u32) -> Option<CanRequest> {
     is_rate.then(|| CanRequest::new(sdo(node), [0x23, 0x00, 0x21, 0, a, b, c, d]))
 }
 
-/// Returns the request that reads what `request` writes. Source: CANopen, CiA 301; the user manual has
-/// no example of it.
+/// Returns the request that reads what `request` writes. Source: CANopen, CiA 301; the user manual
+/// has no example of it.
 #[must_use]
 pub fn read_back(request: &CanRequest) -> CanRequest {
     let mut bytes = [UPLOAD, 0, 0, 0, 0, 0, 0, 0];

@@ -18,9 +18,10 @@
 //!
 //! All numbers are little endian. Source: user manual, binary serial protocol; SDK, `hipnuc_dec.c`.
 //!
-//! A frame can carry several packets, each with its tag first. The decoder passes over packets 0x81 (104
-//! bytes) before the one 0x91, and ignores what follows it. It names an intact frame without a 0x91 that it
-//! finds so: the lengths of other packets, such as 0x83, depend on settings of the device.
+//! A frame can carry several packets, each with its tag first. The decoder passes over packets 0x81
+//! (104 bytes) before the one 0x91, and ignores what follows it. It names an intact frame without a
+//! 0x91 that it finds so: the lengths of other packets, such as 0x83, depend on settings of the
+//! device.
 
 use super::{DEGREE, GRAVITY};
 use crate::imu::error::{SampleError, SampleField};
@@ -86,8 +87,8 @@ impl Decoder {
         is_one.then(|| check(frame).and_then(|()| sample(&frame[HEADER_LEN..])))
     }
 
-    /// Follows one frame of any length at a time. Returns what an intact one holds: bytes between frames look like
-    /// damaged ones.
+    /// Follows one frame of any length at a time. Returns what an intact one holds: bytes between
+    /// frames look like damaged ones.
     fn any_frame(&mut self) -> Option<Result<Sample, SampleError>> {
         if self.begun.is_none() {
             let header = self.window.last(HEADER_LEN)?;

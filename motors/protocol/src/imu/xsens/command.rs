@@ -1,9 +1,10 @@
 //! Messages that select the outputs and their rate. Source: MT low level communication protocol,
 //! MT0101P, chapters "GoToConfig", "SetOutputConfiguration" and "GoToMeasurement".
 //!
-//! Send [`GO_TO_CONFIG`], then [`outputs`], then [`GO_TO_MEASUREMENT`]. The device confirms each with the
-//! message id plus one, and stores the outputs. On a serial port a device has no id. A baud rate
-//! ([`set_baud`]) acts after [`RESET`]; its codes are those of the vendor's `xsbaudcode.h`.
+//! Send [`GO_TO_CONFIG`], then [`outputs`], then [`GO_TO_MEASUREMENT`]. The device confirms each
+//! with the message id plus one, and stores the outputs. On a serial port a device has no id. A
+//! baud rate ([`set_baud`]) acts after [`RESET`]; its codes are those of the vendor's
+//! `xsbaudcode.h`.
 
 use super::decoder::{MESSAGE_LEN_MAX, checksum};
 use super::item;
@@ -51,8 +52,8 @@ pub const SAMPLE_LEN: usize = super::SAMPLE_LEN_MIN + 5 + 7 + 7 + 7;
 const OUTPUTS_LEN: usize = 4 + 7 * 4 + 1;
 
 /// Returns the message that selects the outputs of a [`Sample`](crate::imu::Sample): quaternion,
-/// acceleration and rate of turn with `rate_hz`; packet counter, sample time and status with each of
-/// them; temperature once a second. All in `f32` and ENU. `None` for rates other than 1 to 400.
+/// acceleration and rate of turn with `rate_hz`; packet counter, sample time and status with each
+/// of them; temperature once a second. All in `f32` and ENU. `None` for rates other than 1 to 400.
 ///
 /// The device takes the nearest rate that it has. At 400 Hz it needs 921600 baud, at 100 Hz 115200.
 #[must_use]

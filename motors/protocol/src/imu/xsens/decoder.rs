@@ -13,7 +13,8 @@ pub const SAMPLE_LEN_MIN: usize = AROUND + (3 + 16) + 2 * (3 + 12);
 
 /// Bytes of the longest message with an extended length.
 const EXTENDED_LEN_MAX: usize = EXTENDED_HEADER_LEN + EXTENDED_DATA_LEN_MAX + 1;
-/// Bytes before the data of such a message: the length is 255, and two bytes with the length follow.
+/// Bytes before the data of such a message: the length is 255, and two bytes with the length
+/// follow.
 const EXTENDED_HEADER_LEN: usize = 6;
 const EXTENDED: u8 = 255;
 /// Most bytes of its data (MT0101P, chapter message structure).
@@ -76,9 +77,9 @@ impl Decoder {
         Self { window: Window::new(), ends: Ends { bits: [0; 8], now: 0 }, begun: None }
     }
 
-    /// Takes the next byte. Returns the sample that it completes, or the reason for which the message
-    /// that it completes is none. Messages without acceleration, rate of turn and quaternion are
-    /// ignored.
+    /// Takes the next byte. Returns the sample that it completes, or the reason for which the
+    /// message that it completes is none. Messages without acceleration, rate of turn and
+    /// quaternion are ignored.
     ///
     /// Real-time: does not allocate or block. Takes constant time, except where a message can end:
     /// there it compares at most 255 beginnings, and decodes those that match.
@@ -100,8 +101,8 @@ impl Decoder {
         decoded
     }
 
-    /// Follows a message with an extended length or another bus id. Returns what an intact one holds: bytes between messages
-    /// look like damaged ones.
+    /// Follows a message with an extended length or another bus id. Returns what an intact one
+    /// holds: bytes between messages look like damaged ones.
     fn uncommon(&mut self) -> Option<Result<Sample, SampleError>> {
         if self.begun.is_none() {
             self.begun = self.beginning();
@@ -178,8 +179,8 @@ pub(super) fn checksum(message: &[u8]) -> u8 {
     message[1..].iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte))
 }
 
-/// Encodes a sample as a device would, for simulated devices and tests: `f32` and ENU. Writes to the
-/// start of `buffer`, and returns the written bytes.
+/// Encodes a sample as a device would, for simulated devices and tests: `f32` and ENU. Writes to
+/// the start of `buffer`, and returns the written bytes.
 pub fn encode<'a>(sample: &Sample, buffer: &'a mut [u8; MESSAGE_LEN_MAX]) -> &'a [u8] {
     let mut end = HEADER_LEN;
     let mut item = |identifier: u16, value: &[u8]| {
