@@ -3,7 +3,7 @@
 //! A page of another site can direct its own name to a loopback address (DNS rebinding), and read what a browser on
 //! this computer fetches from there. The browser sends that name, so only known names are answered.
 
-use hyper::http::uri::Authority;
+use http::uri::Authority;
 use std::net::{IpAddr, Ipv6Addr};
 
 /// The names that are served: those of the loopback interface, and configured ones.

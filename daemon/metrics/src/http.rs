@@ -3,49 +3,27 @@
 //! One thread of normal priority serves all connections, each for one request. Number, time and bytes of the
 //! connections are bounded ([`Limits`]), so a silent, slow or hostile client delays no other reader of the metrics.
 
+use crate::connection::{Connection, Limits};
 use crate::hosts::Hosts;
 use crate::latest::Latest;
-use http_body_util::Full;
-use hyper::body::{Bytes, Incoming};
-use hyper::header::{ALLOW, CONTENT_TYPE, HOST, HeaderValue};
-use hyper::service::service_fn;
-use hyper::{Method, Request, Response, StatusCode, Version};
-use hyper_util::rt::{TokioIo, TokioTimer};
+use bytes::Bytes;
+use http::header::{ALLOW, CONTENT_TYPE, HOST, HeaderValue};
+use http::{Method, Request, Response, StatusCode, Version};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::collections::VecDeque;
 use std::convert::Infallible;
-use std::io;
-use std::net::TcpListener as StdListener;
+use std::io::{self, ErrorKind};
+use std::net::TcpListener;
+use std::os::fd::AsFd;
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::task::AbortHandle;
+use std::time::{Duration, Instant};
 
-/// Longest head of a request, in bytes. hyper permits no shorter one.
-const HEAD_BYTES_MAX: usize = 8 * 1024;
-/// Most header fields of a request.
-const HEADERS_MAX: usize = 64;
 /// Pause after a connection that could not be accepted. If no descriptors are left, an immediate next attempt would
 /// fail as well.
 const PAUSE: Duration = Duration::from_secs(1);
 /// The type of the text format of Prometheus.
 const TEXT_FORMAT: HeaderValue = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
-
-/// Bounds of the connections.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    /// Most connections. One more closes the oldest.
-    pub(crate) connections: usize,
-    /// Longest time until the head of the request is complete, also of a connection that sends nothing.
-    pub(crate) head: Duration,
-    /// Longest time of a connection, also of one that reads no answer.
-    pub(crate) connection: Duration,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { connections: 32, head: Duration::from_secs(2), connection: Duration::from_secs(10) }
-    }
-}
 
 /// Source of the answers.
 #[derive(Debug)]
@@ -58,49 +36,61 @@ pub(crate) struct Pages {
 
 /// Answers the connections of `listener` within `limits`. Does not return, except with the error of the system that
 /// prevents it from starting.
-pub(crate) fn run(listener: StdListener, pages: Pages, limits: Limits) -> io::Result<Infallible> {
+pub(crate) fn run(listener: TcpListener, pages: Pages, limits: Limits) -> io::Result<Infallible> {
     listener.set_nonblocking(true)?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-    runtime.block_on(async {
-        let listener = TcpListener::from_std(listener)?;
-        let pages = Arc::new(pages);
-        let mut open = VecDeque::with_capacity(limits.connections);
-        loop {
-            match listener.accept().await {
-                Ok((stream, _)) => admit(stream, &pages, limits, &mut open),
-                Err(_) => tokio::time::sleep(PAUSE).await,
-            }
+    let mut open = VecDeque::with_capacity(limits.connections);
+    let mut accepts_from = Instant::now();
+    loop {
+        wait(&listener, accepts_from, &open);
+        if Instant::now() >= accepts_from && admit(&listener, limits, &mut open).is_err() {
+            accepts_from = Instant::now() + PAUSE;
         }
-    })
-}
-
-/// Begins to serve `stream`. Closes the oldest of the connections in `open` if these are the most.
-fn admit(stream: TcpStream, pages: &Arc<Pages>, limits: Limits, open: &mut VecDeque<AbortHandle>) {
-    open.retain(|connection| !connection.is_finished());
-    if open.len() >= limits.connections
-        && let Some(oldest) = open.pop_front()
-    {
-        oldest.abort();
+        let now = Instant::now();
+        open.retain_mut(|connection| {
+            now < connection.deadline() && connection.advance(|request| pages.answer(request))
+        });
     }
-    open.push_back(tokio::spawn(serve(stream, Arc::clone(pages), limits)).abort_handle());
 }
 
-/// Serves one request.
-async fn serve(stream: TcpStream, pages: Arc<Pages>, limits: Limits) {
-    let service = service_fn(|request| std::future::ready(Ok::<_, Infallible>(pages.answer(&request))));
-    let connection = hyper::server::conn::http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(limits.head)
-        .keep_alive(false)
-        .max_buf_size(HEAD_BYTES_MAX)
-        .max_headers(HEADERS_MAX)
-        .serve_connection(TokioIo::new(stream), service);
-    let _disconnected_or_slow = tokio::time::timeout(limits.connection, connection).await;
+/// Waits until a connection arrives or can advance, or the time of one is over. Does not wait for new connections
+/// before `accepts_from`.
+fn wait(listener: &TcpListener, accepts_from: Instant, open: &VecDeque<Connection>) {
+    let now = Instant::now();
+    let accepts = now >= accepts_from;
+    let listening = accepts.then(|| PollFd::new(listener.as_fd(), PollFlags::POLLIN));
+    let mut waiting: Vec<_> = listening.into_iter().chain(open.iter().map(Connection::poll)).collect();
+    let deadlines = open.iter().map(Connection::deadline).chain((!accepts).then_some(accepts_from));
+    let timeout = deadlines.min().map_or(PollTimeout::NONE, |deadline| {
+        // A millisecond more, so that the deadline has passed afterwards.
+        let left = deadline.saturating_duration_since(now) + Duration::from_millis(1);
+        PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
+    });
+    if let Err(error) = poll(&mut waiting, timeout)
+        && error != Errno::EINTR
+    {
+        // The system lacks memory.
+        std::thread::sleep(PAUSE);
+    }
+}
+
+/// Accepts a connection if there is one. Closes the oldest of those in `open` if these are the most.
+fn admit(listener: &TcpListener, limits: Limits, open: &mut VecDeque<Connection>) -> io::Result<()> {
+    let stream = match listener.accept() {
+        Ok((stream, _)) => stream,
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => return Ok(()),
+        Err(error) => return Err(error),
+    };
+    stream.set_nonblocking(true)?;
+    if open.len() >= limits.connections {
+        open.pop_front();
+    }
+    open.push_back(Connection::new(stream, limits));
+    Ok(())
 }
 
 impl Pages {
     /// Answers the request from its head. A body is not read: no answer depends on it.
-    fn answer(&self, request: &Request<Incoming>) -> Response<Full<Bytes>> {
+    fn answer(&self, request: &Request<()>) -> Response<Bytes> {
         let refusal = |status, sentence: &'static str| page(status, Bytes::from_static(sentence.as_bytes()));
         match self.check(request) {
             Ok(()) => page(StatusCode::OK, self.latest.text()),
@@ -120,7 +110,7 @@ impl Pages {
         }
     }
 
-    fn check<B>(&self, request: &Request<B>) -> Result<(), Refused> {
+    fn check(&self, request: &Request<()>) -> Result<(), Refused> {
         let mut fields = request.headers().get_all(HOST).iter();
         let names = match (fields.next(), fields.next()) {
             (Some(host), None) => host.to_str().is_ok_and(|host| self.hosts.has(host)),
@@ -147,8 +137,8 @@ enum Refused {
     Path,
 }
 
-fn page(status: StatusCode, text: Bytes) -> Response<Full<Bytes>> {
-    let mut answer = Response::new(Full::new(text));
+fn page(status: StatusCode, text: Bytes) -> Response<Bytes> {
+    let mut answer = Response::new(text);
     *answer.status_mut() = status;
     answer.headers_mut().insert(CONTENT_TYPE, TEXT_FORMAT);
     answer
@@ -157,6 +147,7 @@ fn page(status: StatusCode, text: Bytes) -> Response<Full<Bytes>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::connection::{HEAD_BYTES_MAX, HEADERS_MAX};
     use std::io::{Read, Write};
     use std::net::{SocketAddr, TcpStream as Client};
 
@@ -188,7 +179,7 @@ mod tests {
     }
 
     fn serve(text: &str, limits: Limits) -> SocketAddr {
-        let listener = StdListener::bind("127.0.0.1:0").unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let latest = Arc::new(Latest::default());
         latest.put(text.into());

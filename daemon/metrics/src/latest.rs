@@ -1,6 +1,6 @@
 //! The newest text of the metrics, which the threads share.
 
-use hyper::body::Bytes;
+use bytes::Bytes;
 use std::sync::{Mutex, PoisonError};
 
 /// The newest text; empty before the first.

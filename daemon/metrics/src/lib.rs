@@ -6,6 +6,7 @@
 
 #![forbid(unsafe_code)]
 
+mod connection;
 mod distributions;
 mod encoded;
 mod histogram;

@@ -1,8 +1,9 @@
 //! The threads that serve the newest text of the metrics. None is real-time or delays another thread, and a panic
 //! in one ends that output only.
 
+use crate::connection::Limits;
 use crate::hosts::Hosts;
-use crate::http::{self, Limits, Pages};
+use crate::http::{self, Pages};
 use crate::latest::Latest;
 use crate::textfile;
 use std::io;

@@ -85,6 +85,18 @@ fn host_of_another_name_is_refused() {
 }
 
 #[test]
+fn request_in_pieces_is_answered() {
+    let (_outputs, server) = serve();
+    let mut client = connect(server);
+    for piece in ["GET /met", "rics HTTP/1.1\r\nHo", "st: localhost\r\n", "\r\n"] {
+        client.write_all(piece.as_bytes()).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let answer = io::read_to_string(client).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200 OK\r\n"), "{answer}");
+}
+
+#[test]
 fn request_that_never_ends_is_closed() {
     let (_outputs, server) = serve();
     let mut slow = connect(server);
