@@ -10,7 +10,6 @@ use crate::sample::Sample;
 use crate::stiction::{code_of, stiction};
 use crate::terms::{By, CONSTANT, COSINE, COULOMB, INERTIA, Motion, SINE, Term, VISCOUS};
 use crate::windows::rows;
-use nalgebra::DVector;
 
 /// Fewest blocks, and fewest windows.
 const BLOCKS_MIN: usize = 6;
@@ -220,7 +219,7 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, found: Identified
             return Value::none(Why::Separation);
         }
         // A spring is part of the sine.
-        let of = |fit: &Fit, solution: &DVector<f64>| {
+        let of = |fit: &Fit, solution: &[f64]| {
             let sine = fit.unknown(solution, SINE) - fit.unknown(solution, Term::Spring);
             by_sine * sine + by_cosine * fit.unknown(solution, COSINE)
         };
@@ -236,7 +235,7 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, found: Identified
     let kp = motion.samples.iter().map(|sample| sample.applied.kp).fold(0.0, f64::max);
     let basic = |term, open| physical(model.basic(term, kp, open));
     let offset =
-        |fit: &Fit, solution: &DVector<f64>| fit.unknown(solution, CONSTANT) + fit.unknown(solution, COSINE);
+        |fit: &Fit, solution: &[f64]| fit.unknown(solution, CONSTANT) + fit.unknown(solution, COSINE);
     Identified {
         inertia: basic(INERTIA, damping_lag(motion.samples)),
         viscous: basic(VISCOUS, 0.0),
@@ -254,7 +253,7 @@ fn values(model: &Model, motion: &Motion<'_>, torque: &Torque, found: Identified
 }
 
 /// The friction at rest beyond the Coulomb friction, whatever its speed.
-fn stribeck(fit: &Fit, solution: &DVector<f64>) -> f64 {
+fn stribeck(fit: &Fit, solution: &[f64]) -> f64 {
     fit.terms.iter().find(|term| term.is_stribeck()).map_or(0.0, |term| fit.unknown(solution, *term))
 }
 

@@ -3,8 +3,8 @@
 //! A drive adds `torque + kp·(position - q) + kd·(velocity - dq)`, and reports the result in coarse codes: 0.11 N·m for a
 //! GIM8108-8. The computed torque is as good as the positions. Where the reports contradict the law, they are used as they are.
 
+use crate::normal::{Inverse, add, add_square, dot};
 use crate::sample::{Applied, Sample};
-use nalgebra::{DMatrix, DVector};
 
 /// Share of the root mean square of the torque that reports may differ from the law beside the width of their codes.
 const CONTRADICTION: f64 = 0.05;
@@ -13,6 +13,8 @@ const SCALE: f64 = 0.1;
 /// Codes that a report may be off the law, root mean square. The rounding of the report gives 0.29, and the daemon, which carries
 /// the rounding error of a command into the next, another 0.5.
 const CODES: f64 = 0.9;
+/// Stiffness, damping and constant are not separated beyond this ratio of eigenvalues: a joint at rest.
+const CONDITION: f64 = 1e12;
 
 /// The torque over time.
 #[derive(Debug, Clone)]
@@ -103,13 +105,17 @@ fn gains(samples: &[Sample], velocities: &[f64], behind: usize) -> Option<Gains>
     if rows.len() < 100 {
         return None;
     }
-    let design = DMatrix::from_fn(rows.len(), 3, |row, column| rows[row].0[column]);
-    let right = DVector::from_fn(rows.len(), |row, _| rows[row].1);
-    let normal = design.transpose() * &design;
-    let inverse = normal.clone().cholesky()?.inverse();
-    let solved = &inverse * (design.transpose() * &right);
-    let residual = (&design * &solved - &right).norm_squared() / rows.len() as f64;
-    Some(Gains { kp: solved[0], error: (residual * inverse[(0, 0)]).sqrt(), rms: residual.sqrt() })
+    let (mut matrix, mut right) = (vec![vec![0.0; 3]; 3], vec![0.0; 3]);
+    for (factors, torque) in &rows {
+        add_square(&mut matrix, 1.0, factors);
+        add(&mut right, *torque, factors);
+    }
+    let inverse = Inverse::of(&matrix, CONDITION)?;
+    let solved = inverse.times(&right);
+    let square: f64 = rows.iter().map(|(factors, torque)| (dot(factors, &solved) - torque).powi(2)).sum();
+    let residual = square / rows.len() as f64;
+    let variance = inverse.times(&[1.0, 0.0, 0.0])[0];
+    Some(Gains { kp: solved[0], error: (residual * variance).sqrt(), rms: residual.sqrt() })
 }
 
 /// The distance of two torque codes, N·m.

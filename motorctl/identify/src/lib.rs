@@ -20,6 +20,7 @@ mod law;
 mod load;
 mod model;
 mod motion;
+mod normal;
 mod regression;
 mod sample;
 mod stiction;

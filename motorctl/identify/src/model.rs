@@ -7,7 +7,6 @@ use crate::interval::{Value, Why};
 use crate::regression::Fit;
 use crate::terms::{By, CONSTANT, COSINE, INERTIA, KNOTS, Motion, PROPERTIES, SINE, Term, VISCOUS, basic};
 use crate::windows::{Row, UNKNOWNS};
-use nalgebra::DVector;
 
 /// Basic terms that every fit has: inertia, viscous and Coulomb friction, and the constant.
 const LEAST: usize = 4;
@@ -111,7 +110,7 @@ impl Model {
     }
 
     /// The value of a combination of unknowns, over all models that predict as well.
-    pub(crate) fn value(&self, of: impl Fn(&Fit, &DVector<f64>) -> f64, open: f64) -> Value {
+    pub(crate) fn value(&self, of: impl Fn(&Fit, &[f64]) -> f64, open: f64) -> Value {
         let best = self.best.value(&of, self.late, open);
         let others: Vec<Value> = self.alike.iter().map(|fit| fit.value(&of, self.late, open)).collect();
         let lower = others.iter().fold(best.lower, |lower, other| lower.min(other.lower));
@@ -160,9 +159,8 @@ fn may_be_spring(best: &Fit, fit: impl Fn(Vec<Term>) -> Option<Fit>) -> bool {
     }
     let with = fit([&best.terms[..], &[Term::Spring]].concat());
     with.is_none_or(|with| {
-        let gravity = |fit: &Fit, solution: &DVector<f64>| {
-            fit.unknown(solution, SINE) - fit.unknown(solution, Term::Spring)
-        };
+        let gravity =
+            |fit: &Fit, solution: &[f64]| fit.unknown(solution, SINE) - fit.unknown(solution, Term::Spring);
         let gravity = with.value(gravity, 0.0, 0.0);
         gravity.lower <= 0.0 && 0.0 <= gravity.upper
     })

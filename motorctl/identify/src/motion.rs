@@ -1,9 +1,12 @@
 //! Velocity from positions: local quadratics, which need no drive that measures velocity well.
 
+use crate::normal::Inverse;
 use crate::sample::Sample;
 
 /// Samples on each side of the one whose velocity is computed.
 const SIDE: usize = 7;
+/// Fewer samples than unknowns have a larger ratio of their eigenvalues.
+const CONDITION: f64 = 1e12;
 
 /// Returns the velocity at each sample, rad/s: the slope of the quadratic that fits the positions around it.
 pub(crate) fn velocities(samples: &[Sample]) -> Vec<f64> {
@@ -29,15 +32,8 @@ fn slope(samples: &[Sample], at: usize) -> f64 {
         x2 += x * t2;
     }
     // Normal equations of a + b·t + c·t².
-    let matrix = nalgebra::Matrix3::new(s0, s1, s2, s1, s2, s3, s2, s3, s4);
-    let right = nalgebra::Vector3::new(x0, x1, x2);
-    // Times in seconds make the rows differ by orders; the scale is taken out.
-    let scale = (s2 / s0).sqrt();
-    if scale == 0.0 {
-        return 0.0;
-    }
-    let by = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, 1.0 / scale, 1.0 / scale.powi(2)));
-    (by * matrix * by).lu().solve(&(by * right)).map_or(0.0, |solved| solved[1] / scale)
+    let matrix = vec![vec![s0, s1, s2], vec![s1, s2, s3], vec![s2, s3, s4]];
+    Inverse::of(&matrix, CONDITION).map_or(0.0, |inverse| inverse.times(&[x0, x1, x2])[1])
 }
 
 #[cfg(test)]

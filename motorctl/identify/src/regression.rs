@@ -1,9 +1,9 @@
 //! Weighted least squares over the windows, with the solutions without each block of time.
 
 use crate::interval::Value;
+use crate::normal::{Inverse, Matrix, add, add_square, dot};
 use crate::terms::{Motion, Term};
 use crate::windows::Row;
-use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
 /// Length of a block, s. Residuals of different blocks count as independent.
@@ -26,48 +26,44 @@ pub(crate) fn blocks(rows: &[Row]) -> Vec<Vec<usize>> {
 /// Normal equations: their matrix, right side, and that of a shift in time.
 #[derive(Debug, Clone)]
 struct Normal {
-    matrix: DMatrix<f64>,
-    right: DVector<f64>,
-    shift: DVector<f64>,
+    matrix: Matrix,
+    right: Vec<f64>,
+    shift: Vec<f64>,
 }
 
 impl Normal {
-    fn of(design: &DMatrix<f64>, rows: &[Row], weights: &[f64], lines: impl Iterator<Item = usize>) -> Self {
-        let count = design.nrows();
-        let zeros = DVector::zeros(count);
-        let mut sum = Self { matrix: DMatrix::zeros(count, count), right: zeros.clone(), shift: zeros };
+    /// `design` has the factors of the unknowns in each line.
+    fn of(
+        design: &[Vec<f64>],
+        rows: &[Row],
+        weights: &[f64],
+        unknowns: usize,
+        lines: impl Iterator<Item = usize>,
+    ) -> Self {
+        let zeros = vec![0.0; unknowns];
+        let mut sum = Self { matrix: vec![zeros.clone(); unknowns], right: zeros.clone(), shift: zeros };
         for line in lines {
-            let (factors, weight) = (design.column(line), weights[line]);
-            sum.matrix.ger(weight, &factors, &factors, 1.0);
-            sum.right.axpy(weight * rows[line].torque, &factors, 1.0);
-            sum.shift.axpy(weight * rows[line].shift, &factors, 1.0);
+            let (factors, weight) = (&design[line], weights[line]);
+            add_square(&mut sum.matrix, weight, factors);
+            add(&mut sum.right, weight * rows[line].torque, factors);
+            add(&mut sum.shift, weight * rows[line].shift, factors);
         }
         sum
     }
 
     /// Without the lines of another.
     fn without(&self, other: &Self) -> Self {
-        Self {
-            matrix: &self.matrix - &other.matrix,
-            right: &self.right - &other.right,
-            shift: &self.shift - &other.shift,
-        }
+        let mut rest = self.clone();
+        rest.matrix.iter_mut().zip(&other.matrix).for_each(|(row, other)| add(row, -1.0, other));
+        add(&mut rest.right, -1.0, &other.right);
+        add(&mut rest.shift, -1.0, &other.shift);
+        rest
     }
 
     /// The solutions for the right side and for the shift, if the unknowns are separated.
-    fn solve(&self) -> Option<[DVector<f64>; 2]> {
-        let scale = self.matrix.diagonal().map(|entry| 1.0 / entry.max(f64::MIN_POSITIVE).sqrt());
-        let by = DMatrix::from_diagonal(&scale);
-        let eigen = (&by * &self.matrix * &by).symmetric_eigen();
-        let [low, high] = [eigen.eigenvalues.min(), eigen.eigenvalues.max()];
-        if low.is_nan() || low <= high / CONDITION {
-            return None;
-        }
-        let inverse = |right: &DVector<f64>| {
-            let turned = eigen.eigenvectors.transpose() * (&by * right);
-            &by * (&eigen.eigenvectors * turned.component_div(&eigen.eigenvalues))
-        };
-        Some([inverse(&self.right), inverse(&self.shift)])
+    fn solve(&self) -> Option<[Vec<f64>; 2]> {
+        let inverse = Inverse::of(&self.matrix, CONDITION)?;
+        Some([inverse.times(&self.right), inverse.times(&self.shift)])
     }
 }
 
@@ -75,9 +71,9 @@ impl Normal {
 #[derive(Debug, Clone)]
 pub(crate) struct Fit {
     pub(crate) terms: Vec<Term>,
-    solution: DVector<f64>,
-    left_out: Vec<DVector<f64>>,
-    shift: DVector<f64>,
+    solution: Vec<f64>,
+    left_out: Vec<Vec<f64>>,
+    shift: Vec<f64>,
     /// Residual of each line, N·m.
     pub(crate) residuals: Vec<f64>,
     /// Weighted sum of the squares by which the blocks differ from what the others predict.
@@ -87,15 +83,14 @@ pub(crate) struct Fit {
 impl Fit {
     /// Fits terms; `None` where the lines do not separate them.
     pub(crate) fn of(motion: &Motion<'_>, rows: &[Row], weights: &[f64], terms: Vec<Term>) -> Option<Self> {
-        let design =
-            DMatrix::from_fn(terms.len(), rows.len(), |term, row| motion.factor(terms[term], &rows[row]));
-        let all = Normal::of(&design, rows, weights, 0..rows.len());
+        let factors = |row| terms.iter().map(|term| motion.factor(*term, row)).collect();
+        let design: Vec<Vec<f64>> = rows.iter().map(factors).collect();
+        let all = Normal::of(&design, rows, weights, terms.len(), 0..rows.len());
         let [solution, shift] = all.solve()?;
         let (mut left_out, mut unpredicted) = (Vec::new(), 0.0);
-        let residual =
-            |solution: &DVector<f64>, line: usize| rows[line].torque - design.column(line).dot(solution);
+        let residual = |solution: &[f64], line: usize| rows[line].torque - dot(&design[line], solution);
         for block in blocks(rows) {
-            let of_block = Normal::of(&design, rows, weights, block.iter().copied());
+            let of_block = Normal::of(&design, rows, weights, terms.len(), block.iter().copied());
             let [without, _] = all.without(&of_block).solve()?;
             unpredicted +=
                 block.iter().map(|&line| weights[line] * residual(&without, line).powi(2)).sum::<f64>();
@@ -106,7 +101,7 @@ impl Fit {
     }
 
     /// The unknown of a term; 0 without it.
-    pub(crate) fn unknown(&self, solution: &DVector<f64>, term: Term) -> f64 {
+    pub(crate) fn unknown(&self, solution: &[f64], term: Term) -> f64 {
         self.terms.iter().position(|one| *one == term).map_or(0.0, |index| solution[index])
     }
 
@@ -127,7 +122,7 @@ impl Fit {
 
     /// A value that is linear in the unknowns, and half of its interval. The torque acts up to `late` later, s. `open` is what the
     /// interval contains besides.
-    pub(crate) fn value(&self, of: impl Fn(&Self, &DVector<f64>) -> f64, late: f64, open: f64) -> Value {
+    pub(crate) fn value(&self, of: impl Fn(&Self, &[f64]) -> f64, late: f64, open: f64) -> Value {
         let count = self.left_out.len() as f64;
         let found = of(self, &self.solution);
         let square: f64 = self.left_out.iter().map(|solution| (of(self, solution) - found).powi(2)).sum();
