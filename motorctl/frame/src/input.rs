@@ -1,8 +1,7 @@
-//! The inputs of `decode`: arguments, files and standard input, each a log, a capture, or frames in hexadecimal.
+//! The inputs of `decode`: arguments, files and standard input, each a log, or frames in hexadecimal.
 
 use crate::codec::Codec;
 use crate::hex;
-use crate::log::pcap::{self, InvalidCapture};
 use crate::log::{Entry, Log, Source};
 use crate::object::Object;
 use crate::output::{ObjectWriter, Origin};
@@ -42,30 +41,17 @@ impl Decoder<'_> {
     /// The input or the output failed.
     pub(super) fn argument(&mut self, argument: &str) -> io::Result<()> {
         if argument == "-" {
-            return self.input(None, BufReader::new(io::stdin()));
+            return self.lines(None, BufReader::new(io::stdin()));
         }
         let decoded = self.line(argument, &mut Log::default());
         match decoded {
             Err((_, Rejected::LogLine(_) | Rejected::Hex { .. })) if Path::new(argument).exists() => {
                 let named = |error: io::Error| io::Error::new(error.kind(), format!("{argument}: {error}"));
                 let file = InputFile::open(Path::new(argument)).map_err(|error| named(error.into()))?;
-                self.input(Some(argument), BufReader::new(file.into_file())).map_err(named)
+                self.lines(Some(argument), BufReader::new(file.into_file())).map_err(named)
             }
             decoded => self.print(None, None, decoded),
         }
-    }
-
-    fn input(&mut self, file: Option<&str>, mut input: BufReader<impl Read + Send>) -> io::Result<()> {
-        if !pcap::is_capture(input.fill_buf()?) {
-            return self.lines(file, input);
-        }
-        pcap::read(input, |number, entry| {
-            let decoded = match entry {
-                Ok(entry) => self.entry(&entry).map(Some),
-                Err(invalid) => Err((Origin::default(), invalid.into())),
-            };
-            self.print(file, Some(number), decoded)
-        })
     }
 
     /// Prints the object of every line that is not blank; each immediately if no further line has arrived.
@@ -106,7 +92,6 @@ impl Decoder<'_> {
         let name = match (source, self.interface, &self.frames) {
             (Source::Interface(name), ..) | (_, Some(name), _) => Some(name),
             (Source::Channel(channel), None, Frames::OfRobot(robot)) => robot.interface(channel),
-            (Source::Any, None, Frames::OfRobot(robot)) => robot.only_interface(),
             (_, None, Frames::Alike(_)) => None,
         };
         let name = name.map(str::to_owned);
@@ -117,7 +102,6 @@ impl Decoder<'_> {
             (Frames::Alike(codec), ..) => codec.decode(frame.payload()),
             (Frames::OfRobot(robot), Some(interface), _) => robot.decode(interface, &frame),
             (Frames::OfRobot(_), None, Source::Channel(channel)) => Err(Rejected::Channel { channel }),
-            (Frames::OfRobot(_), None, Source::Any) => Err(Rejected::AnyInterface),
             (Frames::OfRobot(_), None, Source::Interface(_)) => Err(Rejected::Unsupported),
         });
         match decoded {
@@ -150,12 +134,6 @@ fn readable(content: Content) -> Result<Frame, Rejected> {
         Content::Error(report) => Err(Rejected::of_report(&report)),
         Content::Unsupported(Unsupported::Remote) => Err(Rejected::Remote),
         Content::Unsupported(_) | Content::Refused(_) => Err(Rejected::Unsupported),
-    }
-}
-
-impl From<InvalidCapture> for Rejected {
-    fn from(invalid: InvalidCapture) -> Self {
-        Self::Capture(invalid)
     }
 }
 

@@ -74,12 +74,12 @@ Examples:
   candump can0 | motorctl frame decode --config /etc/motord/motord.toml -
   motorctl frame decode --config /etc/motord/motord.toml candump-2026-03-01_101500.log
   motorctl frame decode --config /etc/motord/motord.toml --interface can0 \\
-      trace.trc vector.asc capture.pcap
+      trace.trc vector.asc
 
-A log is the output of candump (with -L or -l, or the default form with any -t), a log of Vector (.asc), a log of PEAK
-(.trc), or a capture of tcpdump or Wireshark (pcap, pcapng). The first line or bytes decide, not the name. Logs of Vector and
-PEAK, and pcap, have numbers instead of interfaces: number N is the Nth interface of the configuration, in the order of its
-[[bus]] tables, unless --interface names it. Their `time` is that of the file; dates count as UTC.";
+A log is the output of candump (with -L or -l, or the default form with any -t), a log of Vector (.asc) or a log of PEAK
+(.trc). The first line decides, not the name. Logs of Vector and PEAK have numbers instead of interfaces: number N is the Nth
+interface of the configuration, in the order of its [[bus]] tables, unless --interface names it. Their `time` is that of the
+file; dates count as UTC.";
 
 const ENCODE_EXAMPLES: &str = "\
 Examples:
@@ -105,7 +105,7 @@ pub struct Decode {
     /// Configuration of motord. Logs are decoded with the names, protocols and constants of its motors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
-    /// Interface of the frames of logs that name none: logs of Vector and PEAK, and pcap.
+    /// Interface of the frames of logs that name none: logs of Vector and PEAK.
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
     /// Accepted as by other commands: the output is JSON in any case.

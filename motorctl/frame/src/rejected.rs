@@ -1,6 +1,5 @@
 //! The reason why a frame was rejected.
 
-use crate::log::pcap::InvalidCapture;
 use motord_bus::candump::InvalidLine;
 use motord_bus::frame::ControllerState;
 use motord_bus::serial::framing::FrameError;
@@ -47,8 +46,6 @@ pub(super) enum Rejected {
     NotMitSafe,
     #[error(transparent)]
     LogLine(#[from] InvalidLine),
-    #[error(transparent)]
-    Capture(InvalidCapture),
     #[error("motor {motor} has a protocol that this command does not decode")]
     Family { motor: String },
     #[error("unsupported frame: expected a data frame with an 11-bit id and at most 8 bytes")]
@@ -67,10 +64,6 @@ pub(super) enum Rejected {
     ErrorFrame { class: u32, names: String },
     #[error("channel {channel} has no interface in the configuration: use --interface NAME")]
     Channel { channel: u32 },
-    #[error(
-        "the capture of all interfaces does not state that of the frame: use --interface NAME, or capture one interface"
-    )]
-    AnyInterface,
     #[error("imu {imu}: {error}")]
     Imu { imu: String, error: SampleError },
     #[error("unexpected id {id}: no motor on {interface} receives or sends it")]

@@ -59,14 +59,6 @@ impl LoggedRobot {
         self.interfaces.get(index).map(String::as_str)
     }
 
-    /// Returns the interface of a robot with one bus.
-    pub(super) fn only_interface(&self) -> Option<&str> {
-        match self.interfaces.as_slice() {
-            [only] => Some(only),
-            _ => None,
-        }
-    }
-
     /// Decodes a classic frame with an 11-bit id.
     pub(super) fn decode(&mut self, interface: &str, frame: &Frame) -> Result<Object, Rejected> {
         if let Some(object) = self.register_read(interface, frame) {

@@ -111,27 +111,3 @@ fn log_without_names_follows_its_channels() {
     let output = frame("decode", &arguments, "");
     assert!(output.status.success() && text(&output).contains("\"start_motor\""), "{output:?}");
 }
-
-/// A capture of all interfaces does not state that of a frame: the motor of another bus may have its id.
-#[test]
-fn capture_of_all_interfaces_needs_one_named() {
-    let mut capture = [0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0].to_vec();
-    let words = |values: &[u32]| values.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>();
-    capture.extend(words(&[0, 0, 65535, 113, 1_700_000_000, 0, 32, 32]));
-    capture.extend([0, 0, 0, 1, 1, 0x18, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0C, 1, 0, 0, 0, 8, 0, 0, 0]);
-    capture.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC]);
-    let directory = tempfile::tempdir().unwrap();
-    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
-    std::fs::write(path("any.pcap"), capture).unwrap();
-    let two = format!("{ROBOT}[[bus]]\nname = \"vcan1\"\ntype = \"socketcan\"\ninterface = \"vcan1\"\n");
-    for (robot, named) in [(ROBOT, false), (&two, false), (&two, true)] {
-        std::fs::write(path("robot.toml"), robot).unwrap();
-        let (robot_file, log) = (path("robot.toml"), path("any.pcap"));
-        let chosen: &[&str] = if named { &["--interface", "vcan0"] } else { &[] };
-        let output = frame("decode", &[&["--config", &robot_file, &log], chosen].concat(), "");
-        let is_known = named || robot == ROBOT;
-        let expected =
-            if is_known { "\"start_motor\"" } else { "use --interface NAME, or capture one interface" };
-        assert!(output.status.success() == is_known && text(&output).contains(expected), "{output:?}");
-    }
-}

@@ -101,10 +101,6 @@ impl Scene {
             "vector.asc",
             "base hex  timestamps absolute\n 0.000500 1  1  Tx  d 8 FF FF FF FF FF FF FF FD\n",
         );
-        let header = [0xA1B2_C3D4, 0x0002_0004, 0, 0, 65_535, 227];
-        let packet = [1_772_360_100, 0, 16, 16, 1, 0x0800_0000, 0xFFFF_FFFF, 0xFFFF_FFFD];
-        let words = header.into_iter().chain(packet).map(u32::to_be_bytes);
-        std::fs::write(self.path().join("capture.pcap"), words.collect::<Vec<_>>().concat()).unwrap();
     }
 
     fn start(&mut self, instance: &str) {

@@ -23,8 +23,6 @@ pub(crate) enum Source<'a> {
     Interface(&'a str),
     /// The number of a channel, from 1 on.
     Channel(u32),
-    /// One of the interfaces of a capture of all; the log does not state which.
-    Any,
 }
 
 /// Parses a frame from its id and its bytes, each a word of hexadecimal (or, for `radix` 10, decimal) digits. Reads

@@ -5,7 +5,6 @@
 mod asc;
 mod candump;
 mod entry;
-pub(super) mod pcap;
 mod trc;
 
 use motord_bus::candump::InvalidLine;
@@ -68,7 +67,6 @@ mod tests {
             let source = match entry.source {
                 Source::Interface(name) => name.into(),
                 Source::Channel(number) => number.to_string(),
-                Source::Any => "any".into(),
             };
             (entry.at.map_or(0, |at| at.as_micros()), source, entry.content)
         };
