@@ -19,7 +19,7 @@ pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(20);
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum DemoError {
     /// The daemon's executable is missing.
-    #[error("{} is missing: build it with `cargo build --release --workspace`", .0.display())]
+    #[error("{} is missing: build it with `cargo build --release`", .0.display())]
     NoDaemon(PathBuf),
     /// A file or process could not be used.
     #[error("cannot {doing}: {source}")]

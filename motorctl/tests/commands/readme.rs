@@ -29,7 +29,7 @@ fn commands(section: &str) -> Vec<String> {
 fn here(line: &str) -> String {
     let line = line.replace("target/release", programs().to_str().unwrap());
     let is_release = programs().ends_with("release");
-    if is_release { line } else { line.replace("--release ", "") }
+    if is_release { line } else { line.replace("build --release", "build --workspace") }
 }
 
 /// Three terminals of one robot, in the repository.
@@ -72,7 +72,7 @@ impl Desk {
 /// Builds an example of the client. `cargo test -p motorctl` does not build it, and an old one uses
 /// another version of the messages.
 fn build(example: &str) {
-    let line = here(&format!("cargo build --release --workspace --example {example}"));
+    let line = here(&format!("cargo build --release --example {example}"));
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let built = Command::new(cargo).current_dir(root()).args(line.split(' ').skip(1)).status().unwrap();
     assert!(built.success(), "{line}");
