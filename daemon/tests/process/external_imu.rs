@@ -4,30 +4,15 @@
 
 use motord_client::{Client, Error, Imu, ImuContradiction, ImuSample};
 use motord_harness::conventions::CONVENTIONS;
-use motord_harness::daemon::{Daemon, TIMEOUT, until};
+use motord_harness::daemon::{Daemon, TIMEOUT, bench_at, until};
+use motord_harness::programs::Process;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ImuMessage;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const CONFIG: &str = r#"
-[daemon]
-instance = "robot"
-[cycle]
-rate-hz = 500
-max-lateness-ms = 1000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
+const IMUS: &str = r#"
 [[imu]]
 name = "spare"
 type = "simulated"
@@ -40,12 +25,16 @@ lost-after-ms = 200
 when-lost = "stop"
 "#;
 
+fn config() -> String {
+    bench_at(500) + IMUS
+}
+
 const LOST_AFTER: Duration = Duration::from_millis(200);
 /// Variable for a process that publishes samples until it is killed: its runtime directory.
 const PUBLISH: &str = "MOTORD_TEST_PUBLISH_IMU";
 
 fn connect(directory: &Path) -> Client {
-    until("a daemon", || Client::connect_in(directory, "robot").ok())
+    until("a daemon", || Client::connect_in(directory, "bench").ok())
 }
 
 /// The newest state of the external IMU.
@@ -71,28 +60,11 @@ fn noisy(sample: ImuSample, turn: u32) -> ImuSample {
     ImuSample { acceleration: [x, y, z + 1e-4 * (turn % 7) as f32], ..sample }
 }
 
-/// A process that publishes, killed when it is dropped.
-struct Publisher(Child);
-
-impl Publisher {
-    fn kill(mut self) {
-        kill(Pid::from_raw(self.0.id().cast_signed()), Signal::SIGKILL).unwrap();
-        self.0.wait().unwrap();
-    }
-}
-
-impl Drop for Publisher {
-    fn drop(&mut self) {
-        let _ended = self.0.kill();
-        let _reaped = self.0.wait();
-    }
-}
-
 /// Publishes at 1 kHz in another process.
-fn publisher(directory: &Path) -> Publisher {
+fn publisher(directory: &Path) -> Process {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["external_imu::publishing_process", "--exact", "--nocapture"]).env(PUBLISH, directory);
-    Publisher(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
 }
 
 /// Not a test: the process of [`publisher`].
@@ -111,7 +83,7 @@ fn publishing_process() {
 /// over, and one survives a restart of the daemon.
 #[test]
 fn external_imu_follows_its_publishers() {
-    let mut daemon = Daemon::start(CONFIG);
+    let mut daemon = Daemon::start(&config());
     let client = connect(daemon.directory.path());
     assert!(until("a state", || base(&client)).lost);
     let first = publisher(daemon.directory.path());
@@ -126,7 +98,7 @@ fn external_imu_follows_its_publishers() {
     let other = until("a refusal", || second.send(&sample()).err());
     assert_eq!(other, Error::OtherPublisher { imu: "base".into(), process: first.0.id() });
 
-    first.kill();
+    drop(first);
     let lost = until("the loss", || base(&client).filter(|imu| imu.lost));
     let state = client.wait(TIMEOUT).unwrap();
     let silent = Duration::from_nanos(state.tick_ns() - lost.receive_ns);
@@ -145,25 +117,18 @@ fn external_imu_follows_its_publishers() {
     daemon.restart();
     let client = connect(daemon.directory.path());
     until("samples after the restart", || base(&client).filter(|imu| imu.fresh && !imu.lost));
-    third.kill();
+    drop(third);
 }
 
-/// A daemon without a mount of its IMU, and its log.
-fn logged(config: &str) -> (Daemon, std::path::PathBuf) {
-    let directory = tempfile::TempDir::new().unwrap();
-    let log = directory.path().with_extension("err");
-    let file = std::fs::File::create(&log).unwrap();
-    let config = config.replace("mount-rpy-deg = [0, 0, 90]\n", "");
-    let daemon = Daemon::start_in(directory, &config, |command| {
-        command.stderr(file);
-    });
-    (daemon, log)
+/// Starts a daemon without a mount of its IMU.
+fn unmounted(config: &str) -> Daemon {
+    Daemon::start(&config.replace("mount-rpy-deg = [0, 0, 90]\n", ""))
 }
 
 /// Goal: each convention of a resting body is named in the state and in the log, and one that agrees again as well.
 #[test]
 fn convention_of_a_publisher_is_named_in_log() {
-    let (daemon, log) = logged(CONFIG);
+    let daemon = unmounted(&config());
     let client = connect(daemon.directory.path());
     let mut publisher = client.publish_imu("base").unwrap();
     for convention in &CONVENTIONS {
@@ -184,16 +149,14 @@ fn convention_of_a_publisher_is_named_in_log() {
         println!("{names:?} after {:?}", begun.elapsed());
         let logged =
             names.first().map_or("agree about gravity".into(), |name| format!("contradictions=\"{name}\""));
-        until(&logged, || std::fs::read_to_string(&log).unwrap().contains(&logged).then_some(()));
+        daemon.await_log(&logged);
     }
-    std::fs::remove_file(log).unwrap();
 }
 
 /// Goal: a publisher whose samples are lost many times a second gets the line about its convention none the less.
 #[test]
 fn contradiction_is_logged_beside_many_losses() {
-    let config = CONFIG.replace("lost-after-ms = 200", "lost-after-ms = 5");
-    let (daemon, log) = logged(&config);
+    let daemon = unmounted(&config().replace("lost-after-ms = 200", "lost-after-ms = 5"));
     let client = connect(daemon.directory.path());
     let mut publisher = client.publish_imu("base").unwrap();
     // Pitched by 0.3 rad, its acceleration in g.
@@ -212,16 +175,15 @@ fn contradiction_is_logged_beside_many_losses() {
         (base(&client)?.contradictions().count() > 0).then_some(())
     });
     until("a line about it", || {
-        let text = std::fs::read_to_string(&log).unwrap();
+        let text = daemon.log();
         (text.contains("too-many-changes") && text.contains("acceleration-in-g")).then_some(())
     });
-    std::fs::remove_file(log).unwrap();
 }
 
 /// Goal: a publisher that repeats one measurement is lost, and one with another clock learns it from `send`.
 #[test]
 fn stuck_and_misdated_publishers_are_named() {
-    let (daemon, log) = logged(CONFIG);
+    let daemon = unmounted(&config());
     let client = connect(daemon.directory.path());
     let mut publisher = client.publish_imu("base").unwrap();
     until("samples", || {
@@ -232,16 +194,13 @@ fn stuck_and_misdated_publishers_are_named() {
         let _other_for_a_cycle = publisher.send(&sample());
         base(&client).filter(|imu| imu.lost && imu.rejected > 0)
     });
-    let must_log = |text: &str| {
-        until(text, || std::fs::read_to_string(&log).unwrap().contains(text).then_some(()));
-    };
-    must_log("repeats one measurement");
+    daemon.await_log("repeats one measurement");
     let realtime = std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap();
     let dated = ImuSample { time_ns: realtime.as_nanos() as u64, ..sample() };
     let error = publisher.send(&dated).unwrap_err();
     assert!(error.to_string().contains("and fits CLOCK_REALTIME (time.time())"), "{error}");
     // A program that does not use this library.
-    let attachment = Instance::below(daemon.directory.path(), "robot").unwrap().attach().unwrap().unwrap();
+    let attachment = Instance::below(daemon.directory.path(), "bench").unwrap().attach().unwrap().unwrap();
     let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
     let message = ImuMessage {
         boot_id: client.description().boot_id,
@@ -254,19 +213,18 @@ fn stuck_and_misdated_publishers_are_named() {
         ..ImuMessage::default()
     };
     port.send(&message).unwrap();
-    must_log("fit CLOCK_REALTIME");
-    std::fs::remove_file(log).unwrap();
+    daemon.await_log("fit CLOCK_REALTIME");
 }
 
 /// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.
 #[test]
 fn hostile_publisher_changes_nothing_else() {
-    let daemon = Daemon::start(CONFIG);
+    let daemon = Daemon::start(&config());
     let client = connect(daemon.directory.path());
     let owner = publisher(daemon.directory.path());
     until("a sample", || base(&client).filter(|imu| imu.fresh));
     let before = client.wait(TIMEOUT).unwrap();
-    let attachment = Instance::below(daemon.directory.path(), "robot").unwrap().attach().unwrap().unwrap();
+    let attachment = Instance::below(daemon.directory.path(), "bench").unwrap().attach().unwrap().unwrap();
     let port = ClientPorts::open(attachment).unwrap().imu_sender().unwrap();
     let mut random = 1_u64;
     for turn in 0..40_000_u32 {
@@ -301,19 +259,16 @@ fn hostile_publisher_changes_nothing_else() {
     let others =
         [&before, &after].map(|state| (state.imu(0).unwrap().rejected, state.joint(0).unwrap().missed));
     assert_eq!(others[0], others[1], "rejected samples of the other IMU, missed replies");
-    owner.kill();
+    drop(owner);
     // Samples of others are no fault of the files of this daemon.
-    let log = daemon.directory.path().with_extension("log");
-    let log = until("a line", || {
-        let text = std::fs::read_to_string(&log).ok()?;
-        text.contains("foreign-imu-samples").then_some(text)
-    });
+    daemon.await_log("foreign-imu-samples");
+    let log = daemon.log();
     assert!(!log.contains("are its files damaged"), "{log}");
 }
 
 #[test]
 fn one_process_leaves_slots_to_other_publishers() {
-    let daemon = Daemon::start(CONFIG);
+    let daemon = Daemon::start(&config());
     let clients = [(); 2].map(|()| connect(daemon.directory.path()));
     let publish = |number: usize| clients[number % 2].publish_imu("base");
     let mut kept: Vec<_> = (0..4).map(|number| publish(number).unwrap()).collect();
@@ -322,7 +277,7 @@ fn one_process_leaves_slots_to_other_publishers() {
     assert!(!refused.is_transient(), "it stays until this process drops one");
     let other = publisher(daemon.directory.path());
     until("samples of the other process", || base(&clients[0]).filter(|imu| imu.fresh));
-    other.kill();
+    drop(other);
     kept.pop();
     assert!(publish(4).is_ok());
 }

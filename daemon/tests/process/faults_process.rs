@@ -6,6 +6,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_harness::daemon::{BENCH, Daemon, TIMEOUT};
 use motord_harness::programs::lacks;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_SLOTS};
@@ -13,7 +14,7 @@ use motord_shared::message::AdminReply;
 use motord_shared::{AdminRequest, Cause, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::sys::ptrace;
-use nix::sys::signal::{Signal, kill};
+use nix::sys::signal::Signal;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
 use std::fs::{self, File};
@@ -22,75 +23,49 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A low rate and long timeouts, so that several run in parallel on a busy machine.
-const CONFIG: &str = r#"
-[daemon]
-instance = "test"
-[cycle]
-rate-hz = 100
-max-lateness-ms = 1000.0
-[safety]
-setpoint-timeout-ms = 1000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-"#;
-
 const READY: &str = "READY=1";
 const FED: &str = "WATCHDOG=1";
-/// Longer than a busy machine stalls.
-const TIMEOUT: Duration = Duration::from_secs(20);
 /// `WatchdogSec=` of the unit, and half of it.
 const WATCHDOG: Duration = Duration::from_secs(3);
 /// Runs its arguments unchanged.
 const PLAINLY: &str = r#"exec "$@""#;
 
-/// The daemon as a child of a shell.
-struct Daemon {
-    process: Child,
-    directory: TempDir,
+/// A daemon with a socket of systemd.
+struct Service {
+    daemon: Daemon,
     notes: UnixDatagram,
 }
 
-impl Daemon {
+impl Service {
     /// Starts it by the shell's `script`, which runs its arguments.
-    fn start(script: &str, config: &str, stderr: Stdio) -> Self {
-        let directory = TempDir::new().unwrap();
-        let notes = UnixDatagram::bind(directory.path().join("notes")).unwrap();
-        fs::write(directory.path().join("motord.toml"), config).unwrap();
-        Self { process: Self::spawn(directory.path(), script, stderr), directory, notes }
+    fn start(script: &str, config: &str) -> Self {
+        Self::start_as(script, config, |_| {})
     }
 
-    fn spawn(directory: &Path, script: &str, stderr: Stdio) -> Child {
-        let mut command = Command::new("sh");
-        command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config"]);
-        command.arg(directory.join("motord.toml"));
-        command.env("MOTORD_RUNTIME_DIR", directory).env("NOTIFY_SOCKET", directory.join("notes"));
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr).spawn().unwrap()
+    fn start_as(script: &str, config: &str, adjust: impl FnOnce(&mut Command)) -> Self {
+        let directory = TempDir::new().unwrap();
+        let path = directory.path().join("notes");
+        let notes = UnixDatagram::bind(&path).unwrap();
+        let daemon = Daemon::start_by(script, directory, config, |command| {
+            command.env("NOTIFY_SOCKET", path).stdin(Stdio::piped()).stdout(Stdio::piped());
+            adjust(command);
+        });
+        Self { daemon, notes }
     }
 
     fn plain() -> Self {
-        let mut daemon = Self::start(PLAINLY, CONFIG, Stdio::null());
-        daemon.must_report(READY);
-        daemon
+        let mut service = Self::start(PLAINLY, BENCH);
+        service.must_report(READY);
+        service
     }
 
-    fn pid(&self) -> Pid {
-        Pid::from_raw(self.process.id().cast_signed())
-    }
-
-    fn signal(&self, signal: Signal) {
-        kill(self.pid(), signal).unwrap();
+    /// Returns the runtime directory.
+    fn directory(&self) -> &Path {
+        self.daemon.directory.path()
     }
 
     /// Returns `true` if it sends `note` to systemd within `time`, before it ends.
@@ -101,7 +76,7 @@ impl Daemon {
             match self.notes.recv(&mut bytes) {
                 Ok(length) if bytes[..length].starts_with(note.as_bytes()) => return true,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    if self.process.try_wait().unwrap().is_some() {
+                    if self.daemon.process.try_wait().unwrap().is_some() {
                         return false;
                     }
                 }
@@ -119,47 +94,20 @@ impl Daemon {
     fn must_live_and_end(mut self) {
         self.must_report(FED);
         self.must_report(FED);
-        self.signal(Signal::SIGTERM);
-        assert!(self.ends().success());
-    }
-
-    fn ends(&mut self) -> ExitStatus {
-        let begun = Instant::now();
-        while begun.elapsed() < TIMEOUT {
-            if let Some(status) = self.process.try_wait().unwrap() {
-                return status;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        panic!("it did not end");
+        assert!(self.daemon.end().success());
     }
 
     /// Checks that it either exits before it is ready, with a reason, or becomes ready and exits
     /// cleanly.
     fn must_refuse_or_run(mut self) -> Option<i32> {
         if self.reports(READY, TIMEOUT) {
-            self.signal(Signal::SIGTERM);
-            assert!(self.ends().success());
+            assert!(self.daemon.end().success());
             return None;
         }
-        let status = self.ends();
+        let status = self.daemon.wait();
         let code = status.code().filter(|code| (64..=78).contains(code));
-        assert!(code.is_some(), "{status}, signal {:?}: {}", status.signal(), self.log());
+        assert!(code.is_some(), "{status}, signal {:?}: {}", status.signal(), self.daemon.log());
         code
-    }
-
-    /// Returns its output on a piped standard error. It must have ended.
-    fn log(&mut self) -> String {
-        let mut text = String::new();
-        self.process.stderr.take().unwrap().read_to_string(&mut text).unwrap();
-        text
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ended = self.process.kill();
-        let _reaped = self.process.wait();
     }
 }
 
@@ -172,8 +120,8 @@ struct Operator {
 }
 
 impl Operator {
-    fn of(daemon: &Daemon) -> Self {
-        let instance = Instance::below(daemon.directory.path(), "test").unwrap();
+    fn of(service: &Service) -> Self {
+        let instance = Instance::below(service.directory(), "bench").unwrap();
         let ports = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
         Self { ports, sequence: 0, lease: 0, state: StateMessage::default() }
     }
@@ -226,10 +174,10 @@ impl Operator {
 #[test]
 fn terminated_daemon_damps_and_stops_first() {
     for signal in [Signal::SIGTERM, Signal::SIGINT] {
-        let mut daemon = Daemon::plain();
-        let mut operator = Operator::of(&daemon);
+        let mut service = Service::plain();
+        let mut operator = Operator::of(&service);
         operator.activate();
-        daemon.signal(signal);
+        service.daemon.signal(signal);
         let begun = Instant::now();
         let status = loop {
             let is_new = operator.refresh();
@@ -237,7 +185,7 @@ fn terminated_daemon_damps_and_stops_first() {
             if is_new && operator.phase() == Phase::Damping {
                 assert!(applied.kp == 0.0 && applied.kd > 0.0 && applied.torque == 0.0, "{applied:?}");
             }
-            if let Some(status) = daemon.process.try_wait().unwrap() {
+            if let Some(status) = service.daemon.process.try_wait().unwrap() {
                 break status;
             }
             assert!(begun.elapsed() < TIMEOUT);
@@ -252,19 +200,19 @@ fn terminated_daemon_damps_and_stops_first() {
 /// The joint of this test never counts as slow: half a code of velocity is above the limit.
 #[test]
 fn a_second_signal_ends_the_damping_at_once() {
-    let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\nrest-velocity-rad-s = 0.01\n[[bus]]");
-    let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
-    daemon.must_report(READY);
-    let mut operator = Operator::of(&daemon);
+    let config = BENCH.replace("[[bus]]", "damp-seconds = 30.0\nrest-velocity-rad-s = 0.01\n[[bus]]");
+    let mut service = Service::start(PLAINLY, &config);
+    service.must_report(READY);
+    let mut operator = Operator::of(&service);
     operator.activate();
-    daemon.signal(Signal::SIGTERM);
+    service.daemon.signal(Signal::SIGTERM);
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(500) || operator.phase() == Phase::Active {
         operator.refresh();
     }
     assert_eq!(operator.phase(), Phase::Damping);
-    daemon.signal(Signal::SIGTERM);
-    assert!(daemon.ends().success());
+    service.daemon.signal(Signal::SIGTERM);
+    assert!(service.daemon.wait().success());
     operator.refresh();
     assert_eq!(operator.phase(), Phase::Disarmed);
 }
@@ -272,35 +220,35 @@ fn a_second_signal_ends_the_damping_at_once() {
 /// The unit's `TimeoutStopSec=` is shorter than the longest damping.
 #[test]
 fn terminated_daemon_asks_systemd_to_wait() {
-    let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\n[[bus]]");
-    let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
-    daemon.must_report(READY);
-    daemon.signal(Signal::SIGTERM);
-    daemon.must_report("STOPPING=1\nEXTEND_TIMEOUT_USEC=33000000");
-    assert!(daemon.ends().success());
+    let config = BENCH.replace("[[bus]]", "damp-seconds = 30.0\n[[bus]]");
+    let mut service = Service::start(PLAINLY, &config);
+    service.must_report(READY);
+    service.daemon.signal(Signal::SIGTERM);
+    service.must_report("STOPPING=1\nEXTEND_TIMEOUT_USEC=33000000");
+    assert!(service.daemon.wait().success());
 }
 
 #[test]
 fn a_hangup_is_no_reason_to_end() {
-    let daemon = Daemon::plain();
-    daemon.signal(Signal::SIGHUP);
-    daemon.must_live_and_end();
+    let service = Service::plain();
+    service.daemon.signal(Signal::SIGHUP);
+    service.must_live_and_end();
 }
 
 /// Goal: systemd ends a daemon whose cycle stalls while its other threads run.
 /// Method: only the thread of the cycle is stopped, as a debugger does.
 #[test]
 fn watchdog_is_not_fed_while_cycle_stalls() {
-    let mut daemon = Daemon::plain();
-    daemon.must_report(FED);
-    let cycle = thread(daemon.pid(), "motord-cycle");
+    let mut service = Service::plain();
+    service.must_report(FED);
+    let cycle = thread(service.daemon.pid(), "motord-cycle");
     hold(cycle);
     // Notifications in flight, and one more turn of the feeding thread, which saw the cycle move
     // before the stop.
-    while daemon.reports(FED, Duration::from_millis(1500)) {}
-    assert!(!daemon.reports(FED, WATCHDOG));
+    while service.reports(FED, Duration::from_millis(1500)) {}
+    assert!(!service.reports(FED, WATCHDOG));
     ptrace::detach(cycle, None).unwrap();
-    daemon.must_live_and_end();
+    service.must_live_and_end();
 }
 
 /// Goal: systemd does not end a daemon that controls its robot while telemetry is busy.
@@ -308,15 +256,15 @@ fn watchdog_is_not_fed_while_cycle_stalls() {
 /// takes seconds.
 #[test]
 fn the_watchdog_is_fed_while_telemetry_stands_still() {
-    let mut daemon = Daemon::plain();
-    daemon.must_report(FED);
-    let telemetry = thread(daemon.pid(), "motord-telemetr");
+    let mut service = Service::plain();
+    service.must_report(FED);
+    let telemetry = thread(service.daemon.pid(), "motord-telemetr");
     hold(telemetry);
     // The first notification may have been in flight.
-    let fed = (0..3).filter(|_| daemon.reports(FED, TIMEOUT)).count();
+    let fed = (0..3).filter(|_| service.reports(FED, TIMEOUT)).count();
     ptrace::detach(telemetry, None).unwrap();
     assert_eq!(fed, 3);
-    daemon.must_live_and_end();
+    service.must_live_and_end();
 }
 
 fn hold(thread: Pid) {
@@ -341,11 +289,10 @@ fn without_rights() -> String {
 
 #[test]
 fn unprivileged_daemon_runs_and_reports_missing_rights() {
-    let mut daemon = Daemon::start(&without_rights(), CONFIG, Stdio::piped());
-    daemon.must_report(READY);
-    daemon.signal(Signal::SIGTERM);
-    assert!(daemon.ends().success());
-    let log = daemon.log();
+    let mut service = Service::start(&without_rights(), BENCH);
+    service.must_report(READY);
+    assert!(service.daemon.end().success());
+    let log = service.daemon.log();
     for word in ["SCHED_FIFO: no", "locked memory: no", "LimitMEMLOCK=infinity", "processors kept awake"] {
         assert!(log.contains(word), "{word} in\n{log}");
     }
@@ -355,11 +302,11 @@ fn unprivileged_daemon_runs_and_reports_missing_rights() {
 
 #[test]
 fn required_realtime_is_refused_without_rights() {
-    let config = CONFIG.replace("rate-hz = 100", "rate-hz = 100\nrequire-realtime = true");
-    let mut daemon = Daemon::start(&without_rights(), &config, Stdio::piped());
-    assert!(!daemon.reports(READY, TIMEOUT));
-    assert_eq!(daemon.ends().code(), Some(78));
-    let log = daemon.log();
+    let config = BENCH.replace("rate-hz = 100", "rate-hz = 100\nrequire-realtime = true");
+    let mut service = Service::start(&without_rights(), &config);
+    assert!(!service.reports(READY, TIMEOUT));
+    assert_eq!(service.daemon.wait().code(), Some(78));
+    let log = service.daemon.log();
     assert!(log.contains("LimitRTPRIO"), "{log}");
 }
 
@@ -371,8 +318,8 @@ fn full_filesystem_is_error_before_motion() {
         return;
     }
     for size in ["4k", "64k", "256k", "1m", "4m"] {
-        let daemon = Daemon::start(&on_file_system(size, PLAINLY), CONFIG, Stdio::piped());
-        assert!(daemon.must_refuse_or_run().is_some(), "{size} are not enough");
+        let service = Service::start(&on_file_system(size, PLAINLY), BENCH);
+        assert!(service.must_refuse_or_run().is_some(), "{size} are not enough");
     }
 }
 
@@ -383,16 +330,16 @@ fn filling_filesystem_does_not_kill_the_daemon() {
     }
     let script = r#""$@" & motord=$!; read -r _; head -c 64m /dev/zero >"$MOTORD_RUNTIME_DIR/full" 2>&1 || echo full
         read -r _; kill -TERM $motord; wait $motord"#;
-    let mut daemon = Daemon::start(&on_file_system("32m", script), CONFIG, Stdio::null());
-    let mut shell = daemon.process.stdin.take().unwrap();
-    daemon.must_report(READY);
+    let mut service = Service::start(&on_file_system("32m", script), BENCH);
+    let mut shell = service.daemon.process.stdin.take().unwrap();
+    service.must_report(READY);
     shell.write_all(b"go on\n").unwrap();
     let mut full = [0; 4];
-    daemon.process.stdout.take().unwrap().read_exact(&mut full).unwrap();
+    service.daemon.process.stdout.take().unwrap().read_exact(&mut full).unwrap();
     assert_eq!(&full, b"full");
-    (0..3).for_each(|_| daemon.must_report(FED));
+    (0..3).for_each(|_| service.must_report(FED));
     shell.write_all(b"end\n").unwrap();
-    assert!(daemon.ends().success());
+    assert!(service.daemon.wait().success());
 }
 
 /// Runs `script` where the runtime directory is a file system of `size`.
@@ -422,12 +369,12 @@ fn may_mount() -> bool {
 /// stop over its connection.
 #[test]
 fn removed_files_stop_robot_and_report_cause() {
-    for removed in ["", "test.lock", "iox", "iox/test.cycle", "iox/test", "iox/test/services"] {
-        let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
-        daemon.must_report(READY);
-        let mut operator = Operator::of(&daemon);
+    for removed in ["", "bench.lock", "iox", "iox/bench.cycle", "iox/bench", "iox/bench/services"] {
+        let mut service = Service::start(PLAINLY, BENCH);
+        service.must_report(READY);
+        let mut operator = Operator::of(&service);
         operator.activate();
-        let path = daemon.directory.path().join(removed);
+        let path = service.directory().join(removed);
         if path.is_dir() {
             fs::remove_dir_all(&path).unwrap();
         } else {
@@ -439,10 +386,10 @@ fn removed_files_stop_robot_and_report_cause() {
             assert!(begun.elapsed() < TIMEOUT, "{removed:?} is gone, and the robot goes on");
         }
         assert_eq!(operator.state.groups[0].cause, Cause::DirectoryLost.code(), "{removed:?}");
-        assert_eq!(daemon.ends().code(), Some(69), "{removed:?}");
+        assert_eq!(service.daemon.wait().code(), Some(69), "{removed:?}");
         operator.refresh();
         assert_eq!(operator.phase(), Phase::Disarmed, "{removed:?}");
-        let log = daemon.log();
+        let log = service.daemon.log();
         assert!(log.contains("was removed or replaced"), "{removed:?}: {log}");
     }
 }
@@ -457,23 +404,26 @@ fn damaged_shared_memory_costs_at_most_one_start() {
         |bytes: Vec<u8>| bytes[..bytes.len() / 2].to_vec(),
         |bytes: Vec<u8>| vec![0xA5; bytes.len()],
     ] {
-        let mut daemon = Daemon::plain();
-        let client = Instance::below(daemon.directory.path(), "test").unwrap().attach().unwrap();
-        daemon.signal(Signal::SIGKILL);
-        daemon.ends();
-        for path in files(&daemon.directory.path().join("iox")) {
+        let mut service = Service::plain();
+        let client = Instance::below(service.directory(), "bench").unwrap().attach().unwrap();
+        service.daemon.signal(Signal::SIGKILL);
+        service.daemon.wait();
+        for path in files(&service.directory().join("iox")) {
             let damaged = damage(fs::read(&path).unwrap());
             // Some files are read-only, but their owner may delete them.
             fs::remove_file(&path).unwrap();
             fs::write(&path, damaged).unwrap();
         }
-        let runs = |daemon: &mut Daemon| {
-            daemon.process = Daemon::spawn(daemon.directory.path(), PLAINLY, Stdio::null());
-            daemon.reports(READY, TIMEOUT)
+        let runs = |service: &mut Service| {
+            let notes = service.directory().join("notes");
+            service.daemon.restart_as(|command| {
+                command.env("NOTIFY_SOCKET", notes);
+            });
+            service.reports(READY, TIMEOUT)
         };
-        assert!(runs(&mut daemon) || runs(&mut daemon), "no daemon starts any more");
+        assert!(runs(&mut service) || runs(&mut service), "no daemon starts any more");
         drop(client);
-        daemon.must_live_and_end();
+        service.must_live_and_end();
     }
 }
 
@@ -488,9 +438,9 @@ fn odd_character_in_runtime_directory_is_refused() {
         let script = format!(
             "mkdir \"$MOTORD_RUNTIME_DIR/{odd}\"; export MOTORD_RUNTIME_DIR=\"$MOTORD_RUNTIME_DIR/{odd}\"; exec \"$@\""
         );
-        let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
-        assert_eq!(daemon.ends().code(), Some(78), "{odd}");
-        let log = daemon.log();
+        let mut service = Service::start(&script, BENCH);
+        assert_eq!(service.daemon.wait().code(), Some(78), "{odd}");
+        let log = service.daemon.log();
         assert!(log.contains("MOTORD_RUNTIME_DIR") && !log.contains("panicked"), "{log}");
     }
 }
@@ -499,7 +449,7 @@ fn odd_character_in_runtime_directory_is_refused() {
 fn a_verdict_stands_although_its_reader_has_gone() {
     let directory = TempDir::new().unwrap();
     let path = directory.path().join("motord.toml");
-    for (config, status) in [(CONFIG, 0), ("nonsense", 78)] {
+    for (config, status) in [(BENCH, 0), ("nonsense", 78)] {
         fs::write(&path, config).unwrap();
         let mut command = Command::new("sh");
         // The reader exits before the daemon writes its report.
@@ -519,28 +469,34 @@ fn unwritable_log_does_not_stop_the_daemon() {
     let full = File::options().write(true).open("/dev/full").unwrap();
     let closed = r#"exec 2>&-; exec "$@""#;
     for (script, stderr) in [(PLAINLY, Stdio::from(full)), (closed, Stdio::null())] {
-        let mut daemon = Daemon::start(script, CONFIG, stderr);
-        daemon.must_report(READY);
-        daemon.must_live_and_end();
+        let mut service = Service::start_as(script, BENCH, |command| {
+            command.stderr(stderr);
+        });
+        service.must_report(READY);
+        service.must_live_and_end();
     }
 }
 
 #[test]
 fn log_without_reader_does_not_stop_daemon() {
-    let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
-    daemon.must_report(READY);
-    drop(daemon.process.stderr.take());
-    daemon.signal(Signal::SIGHUP);
-    daemon.must_live_and_end();
+    let mut service = Service::start_as(PLAINLY, BENCH, |command| {
+        command.stderr(Stdio::piped());
+    });
+    service.must_report(READY);
+    drop(service.daemon.process.stderr.take());
+    service.daemon.signal(Signal::SIGHUP);
+    service.must_live_and_end();
 }
 
 /// The worst reader: it keeps the pipe open and never reads, so every write blocks forever.
 #[test]
 fn a_log_that_nobody_reads_holds_nobody_up() {
     let (_reader, writer) = full_pipe();
-    let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::from(writer));
-    daemon.must_report(READY);
-    daemon.must_live_and_end();
+    let mut service = Service::start_as(PLAINLY, BENCH, |command| {
+        command.stderr(writer);
+    });
+    service.must_report(READY);
+    service.must_live_and_end();
 }
 
 fn full_pipe() -> (OwnedFd, OwnedFd) {
@@ -555,18 +511,18 @@ fn full_pipe() -> (OwnedFd, OwnedFd) {
 fn too_few_descriptors_are_error_before_motion() {
     for limit in [6, 8, 10, 12, 16, 20, 24, 32, 64, 256] {
         let script = format!(r#"ulimit -n {limit}; exec "$@""#);
-        let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
-        assert!(!daemon.reports(READY, TIMEOUT), "{limit} do not serve every client");
-        let status = daemon.ends();
+        let mut service = Service::start(&script, BENCH);
+        assert!(!service.reports(READY, TIMEOUT), "{limit} do not serve every client");
+        let status = service.daemon.wait();
         let code = status.code().filter(|code| (64..=78).contains(code));
-        assert!(code.is_some(), "{limit}: {status}: {}", daemon.log());
-        assert!(limit < 16 || daemon.log().contains("LimitNOFILE="), "{limit}");
+        assert!(code.is_some(), "{limit}: {status}: {}", service.daemon.log());
+        assert!(limit < 16 || service.daemon.log().contains("LimitNOFILE="), "{limit}");
     }
 }
 
 /// Waits for the first reply of the arm's motor: before it, the motor is offline and a reset is refused.
-fn await_the_first_reply(daemon: &Daemon) {
-    let (begun, mut operator) = (Instant::now(), Operator::of(daemon));
+fn await_the_first_reply(service: &Service) {
+    let (begun, mut operator) = (Instant::now(), Operator::of(service));
     while !(operator.refresh() && operator.state.joints[0].position.is_finite()) {
         assert!(begun.elapsed() < TIMEOUT, "the motor does not answer");
         std::thread::sleep(Duration::from_millis(1));
@@ -576,21 +532,21 @@ fn await_the_first_reply(daemon: &Daemon) {
 /// Goal: a ready daemon serves as many clients as there are slots, with any soft limit.
 #[test]
 fn ready_daemon_has_descriptors_for_all_clients() {
-    let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
-    daemon.must_report(READY);
-    await_the_first_reply(&daemon);
+    let mut service = Service::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, BENCH);
+    service.must_report(READY);
+    await_the_first_reply(&service);
     let mut operators = Vec::new();
     for _ in 0..ADMINS_MAX - STOP_SLOTS {
-        let mut operator = Operator::of(&daemon);
+        let mut operator = Operator::of(&service);
         operator.refresh();
         operator.ports.sleep(None, Duration::ZERO).unwrap();
         let port = (operators.len() < CONTROLLERS_MAX).then(|| operator.ports.setpoint_port().unwrap());
         assert_eq!(operator.ask(Operation::Reset).refusal, 0);
         operators.push((operator, port));
     }
-    let open = fs::read_dir(format!("/proc/{}/fd", daemon.pid())).unwrap().count();
+    let open = fs::read_dir(format!("/proc/{}/fd", service.daemon.pid())).unwrap().count();
     println!("{open} descriptors with {} clients", operators.len());
     assert!(open < 400, "{open}");
     drop(operators);
-    daemon.must_live_and_end();
+    service.must_live_and_end();
 }

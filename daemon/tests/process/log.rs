@@ -2,103 +2,45 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use motord_client::{Client, Error};
+use motord_harness::daemon::{Daemon, TIMEOUT, bench_at, log_path, until};
 use motord_ports::injection::inject;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::{ALL_GROUPS, JOINT_VALID};
 use motord_shared::{
     AdminRequest, JointSetpoint, MotorMode, Operation, Phase, SetpointMessage, StateMessage,
 };
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
-use std::io::{BufRead, BufReader, Read};
+use std::io::Read;
 use std::os::fd::AsFd;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Long timeouts for a machine that stalls. The joint is at rest, so the damping is short.
-const CONFIG: &str = r#"
-[daemon]
-instance = "test"
-[cycle]
-rate-hz = 200
-max-lateness-ms = 1000.0
-[safety]
-setpoint-timeout-ms = 1000.0
-deadman-ms = 2000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "elbow"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-[[group]]
-name = "arm"
-joints = ["elbow"]
-"#;
-const TIMEOUT: Duration = Duration::from_secs(30);
-
-/// A daemon whose standard error may be the journal's stream.
-struct Session {
-    daemon: Child,
-    directory: TempDir,
+/// A motor `elbow` in the group `arm`. The joint is at rest, so the damping is short.
+fn config(rate_hz: u32) -> String {
+    bench_at(rate_hz).replace("\"arm\"", "\"elbow\"") + "[[group]]\nname = \"arm\"\njoints = [\"elbow\"]\n"
 }
 
-impl Session {
-    fn start(for_journal: bool) -> Self {
-        let directory = TempDir::new().unwrap();
-        let file = directory.path().join("motord.toml");
-        std::fs::write(&file, CONFIG).unwrap();
-        let (reader, writer) = std::io::pipe().unwrap();
-        let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command
-            .arg("run")
-            .arg("--config")
-            .arg(file)
-            .env("MOTORD_RUNTIME_DIR", directory.path())
-            .stderr(writer);
+/// Starts a daemon whose standard error may be the journal's stream.
+fn start(for_journal: bool) -> Daemon {
+    let directory = TempDir::new().unwrap();
+    let log = log_path(&directory);
+    Daemon::start_in(directory, &config(200), |command| {
+        let stream = nix::sys::stat::stat(&log).unwrap();
         if for_journal {
             command.env("JOURNAL_STREAM", format!("{}:{}", stream.st_dev, stream.st_ino));
         }
-        let daemon = command.stdin(Stdio::null()).spawn().unwrap();
-        drop(command);
-        let log = directory.path().join("log");
-        std::thread::spawn(move || {
-            let (mut reader, mut text) = (reader, String::new());
-            let _ended = reader.read_to_string(&mut text);
-            std::fs::write(&log, text).unwrap();
-        });
-        Self { daemon, directory }
-    }
-
-    fn instance(&self) -> Instance {
-        Instance::below(self.directory.path(), "test").unwrap()
-    }
-
-    /// Ends the daemon, and returns the lines of its log.
-    fn end(mut self) -> Vec<String> {
-        kill(Pid::from_raw(self.daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
-        assert!(self.daemon.wait().unwrap().success());
-        let begun = Instant::now();
-        loop {
-            match std::fs::read_to_string(self.directory.path().join("log")) {
-                Ok(text) if !text.is_empty() => return text.lines().map(str::to_owned).collect(),
-                _ => assert!(begun.elapsed() < TIMEOUT, "the log does not end"),
-            }
-        }
-    }
+    })
 }
 
-impl Drop for Session {
-    fn drop(&mut self) {
-        let _ended = self.daemon.kill();
-        let _reaped = self.daemon.wait();
-    }
+fn instance(daemon: &Daemon) -> Instance {
+    Instance::below(daemon.directory.path(), "bench").unwrap()
+}
+
+/// Ends the daemon, and returns the lines of its log.
+fn end(mut daemon: Daemon) -> Vec<String> {
+    assert!(daemon.end().success());
+    daemon.log().lines().map(str::to_owned).collect()
 }
 
 /// A client of the session.
@@ -182,8 +124,8 @@ fn disarmed(state: &StateMessage) -> bool {
 /// unplugged, stop.
 #[test]
 fn journal_names_actor_and_cause_of_each_event() {
-    let session = Session::start(true);
-    let instance = session.instance();
+    let daemon = start(true);
+    let instance = instance(&daemon);
     let mut controller = Requester::of(&instance);
     controller.activate();
     // The controller sends no more setpoints, as if it were killed.
@@ -198,7 +140,7 @@ fn journal_names_actor_and_cause_of_each_event() {
     operator.until(|state| state.joints[0].mode == MotorMode::Offline.code());
     // The telemetry thread logs the events in its own period.
     std::thread::sleep(Duration::from_millis(200));
-    let lines = session.end();
+    let lines = end(daemon);
     let log = lines.join("\n");
     // One line for each real-time setting that this machine refuses.
     let refused = |line: &&String| line.contains("Without it");
@@ -242,36 +184,25 @@ fn assert_events_are_named(events: &[&String], log: &str) {
 /// At this rate the first cycle would end long after a daemon that did not wait for it is ready.
 #[test]
 fn ready_daemon_has_published_its_first_state() {
-    let directory = TempDir::new().unwrap();
-    let config = directory.path().join("motord.toml");
-    std::fs::write(&config, CONFIG.replace("rate-hz = 200", "rate-hz = 5")).unwrap();
-    let start = || {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.arg("run").arg("--config").arg(&config).env("MOTORD_RUNTIME_DIR", directory.path());
-        let mut daemon = command.stderr(Stdio::piped()).spawn().unwrap();
-        let mut lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
-        assert!(lines.any(|line| line.contains(" ready ")));
-        // The pipe is read on, so that the daemon can write its log.
-        std::thread::spawn(move || lines.for_each(drop));
-        daemon
+    let mut daemon = Daemon::start(&config(5));
+    let await_ready = |daemon: &Daemon, starts| {
+        until("readiness", || (daemon.log().matches(" ready ").count() == starts).then_some(()));
     };
-    let mut daemon = start();
-    let client = Client::connect_in(directory.path(), "test").unwrap();
+    await_ready(&daemon, 1);
+    let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
     let before = client.wait(TIMEOUT).unwrap();
-    daemon.kill().unwrap();
-    daemon.wait().unwrap();
-    let mut successor = start();
+    daemon.kill();
+    daemon.restart();
+    await_ready(&daemon, 2);
     let first = client.newest();
-    successor.kill().unwrap();
-    successor.wait().unwrap();
     assert_eq!(first.unwrap_err(), Error::Restarted, "after cycle {}", before.cycle());
 }
 
 #[test]
 fn terminal_and_file_logs_have_time_and_level() {
-    let session = Session::start(false);
-    let _running = Requester::of(&session.instance());
-    let lines = session.end();
+    let daemon = start(false);
+    let _running = Requester::of(&instance(&daemon));
+    let lines = end(daemon);
     assert!(lines.iter().all(|line| line.starts_with("20") && line.contains('Z')), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains(" INFO ready ")), "{lines:?}");
 }

@@ -2,37 +2,22 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+use motord_harness::daemon::{Daemon, quadruped};
 use motord_harness::programs::lacks;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use tempfile::TempDir;
 
-/// Twelve motors on four simulated buses.
-const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-simulated.toml");
 /// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the system permits it.
 const RESIDENT_MAX: u64 = 31 * 1024;
 /// A field of proc_pid_stat(5).
 const SCHEDULING_POLICY: usize = 41;
 const SCHED_OTHER: u32 = 0;
 
-/// Starts the daemon in `directory`, and returns it once it is ready.
-fn start(directory: &Path, metrics: SocketAddr) -> Child {
-    let config = directory.join("robot.toml");
-    let robot = std::fs::read_to_string(CONFIG).unwrap();
-    std::fs::write(&config, format!("{robot}\n[telemetry]\nprometheus-listen = '{metrics}'\n")).unwrap();
-    let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"))
-        .args(["run".as_ref(), "--config".as_ref(), config.as_os_str()])
-        .env("MOTORD_RUNTIME_DIR", directory)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
-    assert!(lines.any(|line| line.contains(" ready ")), "it starts");
-    // The pipe is read on, so that the daemon can write its log.
-    std::thread::spawn(move || lines.for_each(drop));
+/// Returns a daemon with twelve motors on four simulated buses, once it is ready.
+fn start(metrics: SocketAddr) -> Daemon {
+    let daemon = Daemon::start(&format!("{}\n[telemetry]\nprometheus-listen = '{metrics}'\n", quadruped()));
+    daemon.await_log(" ready ");
     daemon
 }
 
@@ -55,9 +40,8 @@ fn stat(pid: u32, name: &str, field: usize) -> u32 {
 
 #[test]
 fn resident_memory_stays_within_budget() {
-    let directory = tempfile::tempdir().unwrap();
     let metrics = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let mut daemon = start(directory.path(), metrics);
+    let mut daemon = start(metrics);
     std::thread::sleep(std::time::Duration::from_secs(1));
     // Each holds a buffer of the server.
     let clients: Vec<_> = (0..64).map(|_| TcpStream::connect(metrics).unwrap()).collect();
@@ -65,10 +49,9 @@ fn resident_memory_stays_within_budget() {
         let _closed = client.write_all(b"GET /metrics HTTP/1.1\r\nHost: ");
     }
     std::thread::sleep(std::time::Duration::from_secs(1));
-    assert_eq!(stat(daemon.id(), "motord-http", SCHEDULING_POLICY), SCHED_OTHER);
-    let [resident, locked] = ["VmRSS", "VmLck"].map(|key| status(daemon.id(), key));
-    kill(Pid::from_raw(daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
-    assert!(daemon.wait().unwrap().success());
+    assert_eq!(stat(daemon.process.id(), "motord-http", SCHEDULING_POLICY), SCHED_OTHER);
+    let [resident, locked] = ["VmRSS", "VmLck"].map(|key| status(daemon.process.id(), key));
+    assert!(daemon.end().success());
     println!("resident: {resident} KiB, locked: {}", locked > 0);
     assert!(resident <= RESIDENT_MAX, "{resident} KiB");
 }
@@ -83,19 +66,13 @@ fn daemon_names_missing_capability() {
     if lacks(&["prlimit", "setpriv"]) {
         return;
     }
-    let directory = tempfile::tempdir().unwrap();
-    let mut daemon = Command::new("sh")
-        .args(["-c", WITHOUT_RIGHT, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config", CONFIG])
-        .env("MOTORD_RUNTIME_DIR", directory.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let lines = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let lines: Vec<_> = lines.take_while(|line| !line.contains(" ready ")).collect();
-    kill(Pid::from_raw(daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
-    daemon.wait().unwrap();
-    let refusal = lines.iter().find(|line| line.contains("SCHED_FIFO: no"));
+    let directory = TempDir::new().unwrap();
+    let mut daemon = Daemon::start_by(WITHOUT_RIGHT, directory, &quadruped(), |_| {});
+    daemon.await_log(" ready ");
+    daemon.end();
+    let log = daemon.log();
+    let refusal = log.lines().find(|line| line.contains("SCHED_FIFO: no"));
     let is_root = nix::unistd::geteuid().is_root();
     let reason = if is_root { "root has no CAP_SYS_NICE" } else { "RLIMIT_RTPRIO is 0" };
-    assert!(refusal.is_some_and(|line| line.contains(reason) && line.contains("The remedy: ")), "{lines:?}");
+    assert!(refusal.is_some_and(|line| line.contains(reason) && line.contains("The remedy: ")), "{log}");
 }

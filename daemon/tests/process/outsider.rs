@@ -95,10 +95,10 @@ fn configuration(directory: &Path, instance: &str, device: &str) -> PathBuf {
 }
 
 /// The switch, as a process.
-struct Switch(Child);
+pub(crate) struct Switch(Child);
 
 impl Switch {
-    fn start(runtime: &Path, config: &Path) -> Self {
+    pub(crate) fn start(runtime: &Path, config: &Path) -> Self {
         let mut switch = motord(runtime, &["deadman"], config).spawn().unwrap();
         let mut log = BufReader::new(switch.stderr.take().unwrap()).lines().map_while(Result::ok);
         assert!(log.any(|line| line.contains("ready")));

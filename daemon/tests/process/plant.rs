@@ -102,9 +102,8 @@ fn joint() -> Answer {
 
 /// Waits until the daemon ends, and returns its exit status and its log.
 fn end(mut daemon: Daemon) -> (Option<i32>, String) {
-    let status = until("the end of the daemon", || daemon.process.try_wait().unwrap());
-    let log = std::fs::read_to_string(daemon.directory.path().with_extension("log")).unwrap();
-    (status.code(), log)
+    let status = daemon.wait();
+    (status.code(), daemon.log())
 }
 
 #[test]

@@ -4,6 +4,8 @@
 
 use motord_client::{Cause, Client, Error, Imu, ImuContradiction, Phase, Refusal, Setpoint, State};
 use motord_harness::conventions::CONVENTIONS;
+use motord_harness::daemon::{Daemon, bench_at, until};
+use motord_harness::programs::Process;
 use motord_protocol::imu::hipnuc::serial::encode as hipnuc_frame;
 use motord_protocol::imu::xsens::{MESSAGE_LEN_MAX, encode as xsens_frame};
 use motord_protocol::imu::{DeviceTime, Quaternion, Sample};
@@ -11,34 +13,14 @@ use nix::pty::openpty;
 use nix::unistd::ttyname;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Longer than a busy machine stalls: an IMU that is lost sooner is not lost by this time.
 const LOST_AFTER: Duration = Duration::from_secs(10);
-const TIMEOUT: Duration = Duration::from_secs(60);
 /// The sensors of both are on one body, and sway together.
-const CONFIG: &str = r#"
-[daemon]
-instance = "robot"
-[cycle]
-rate-hz = 500
-max-lateness-ms = 1000.0
-max-skipped-percent = 100.0
-[safety]
-setpoint-timeout-ms = 1000.0
-start-timeout-ms = 10000.0
-lost-cycles = 1000
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
+const SENSORS: &str = r#"
 limits = { position-rad = [-1, 1] }
 [[group]]
 name = "arms"
@@ -59,29 +41,26 @@ mount-rpy-deg = [0, 0, 90]
 lost-after-ms = 10000
 "#;
 
-/// A program that is killed when it is dropped.
-struct Program(Child);
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ended = self.0.kill();
-        let _reaped = self.0.wait();
-    }
+fn config(directory: &Path) -> String {
+    let patient = "start-timeout-ms = 10000.0\nlost-cycles = 1000";
+    let robot = bench_at(500).replace("deadman-ms = 2000.0", patient);
+    let robot = robot.replace("[safety]", "max-skipped-percent = 100.0\n[safety]");
+    robot + &SENSORS.replace("PLACE", directory.to_str().unwrap())
 }
 
 /// The simulated sensors: another process, since a child of this one would keep their terminals open.
 struct Sensors {
-    process: Program,
+    process: Process,
     output: BufReader<ChildStdout>,
 }
 
 impl Sensors {
     fn start(directory: &Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_motord-sim"));
-        command.arg("--config").arg(directory.join("robot.toml")).arg("--link").arg(directory);
+        command.arg("--config").arg(directory.join("motord.toml")).arg("--link").arg(directory);
         let mut process = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let output = BufReader::new(process.stdout.take().unwrap());
-        let mut sensors = Self { process: Program(process), output };
+        let mut sensors = Self { process: Process(process), output };
         sensors.until("ready");
         sensors
     }
@@ -103,22 +82,22 @@ impl Sensors {
 
 /// A running daemon.
 struct Robot {
-    directory: TempDir,
-    daemon: Program,
+    daemon: Daemon,
     client: Client,
 }
 
 impl Robot {
     fn start() -> Self {
         let directory = TempDir::new().unwrap();
-        let config = CONFIG.replace("PLACE", directory.path().to_str().unwrap());
-        std::fs::write(directory.path().join("robot.toml"), config).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.args(["run", "--config"]).arg(directory.path().join("robot.toml"));
-        command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null());
-        let daemon = Program(command.spawn().unwrap());
-        let client = until("a daemon", || Client::connect_in(directory.path(), "robot").ok());
-        Self { directory, daemon, client }
+        let config = config(directory.path());
+        let daemon = Daemon::start_in(directory, &config, |_| {});
+        let client = until("a daemon", || Client::connect_in(daemon.directory.path(), "bench").ok());
+        Self { daemon, client }
+    }
+
+    /// Returns the runtime directory, with the links to the sensors.
+    fn directory(&self) -> &Path {
+        self.daemon.directory.path()
     }
 
     fn state(&self) -> State {
@@ -141,17 +120,7 @@ impl Robot {
     }
 
     fn device(&self) -> PathBuf {
-        std::fs::read_link(self.directory.path().join("hipnuc")).unwrap()
-    }
-}
-
-fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
-    let begun = Instant::now();
-    loop {
-        if let Some(found) = found() {
-            return found;
-        }
-        assert!(begun.elapsed() < TIMEOUT, "{what} within {TIMEOUT:?}");
+        std::fs::read_link(self.directory().join("hipnuc")).unwrap()
     }
 }
 
@@ -181,7 +150,7 @@ fn late_devices_deliver_samples_through_the_mount() {
         Err(Error::Refused { refusal: Refusal::ImuLost, .. }) => Some(()),
         _motor_is_not_known_yet => None,
     });
-    let mut sensors = Sensors::start(robot.directory.path());
+    let mut sensors = Sensors::start(robot.directory());
     robot.await_fresh();
     let (base, head) = until("samples of one moment", || {
         let state = robot.state();
@@ -212,7 +181,7 @@ fn late_devices_deliver_samples_through_the_mount() {
 #[test]
 fn unplugged_device_stops_the_robot_and_returns() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.directory.path());
+    let mut sensors = Sensors::start(robot.directory());
     robot.await_fresh();
     let mut claim = robot.client.claim("arms").unwrap();
     until("the robot moves", || {
@@ -249,7 +218,7 @@ fn unplugged_device_stops_the_robot_and_returns() {
 #[test]
 fn damaged_samples_are_counted_and_not_published() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.directory.path());
+    let mut sensors = Sensors::start(robot.directory());
     robot.await_fresh();
     sensors.obey("base corrupt 0.5%");
     let begun = robot.imu("base");
@@ -272,7 +241,7 @@ fn each_convention_of_a_serial_sensor_is_named() {
     let robot = Robot::start();
     let open = |name: &str| {
         let ends = openpty(None, None).unwrap();
-        std::os::unix::fs::symlink(ttyname(&ends.slave).unwrap(), robot.directory.path().join(name)).unwrap();
+        std::os::unix::fs::symlink(ttyname(&ends.slave).unwrap(), robot.directory().join(name)).unwrap();
         (std::fs::File::from(ends.master), ends.slave)
     };
     let ((mut hipnuc, _hipnuc_stays), (mut xsens, _xsens_stays)) = (open("hipnuc"), open("xsens"));
@@ -319,13 +288,13 @@ fn reader_ticks(pid: u32) -> u64 {
 #[test]
 fn garbage_at_line_speed_changes_nothing_else() {
     let robot = Robot::start();
-    let mut sensors = Sensors::start(robot.directory.path());
+    let mut sensors = Sensors::start(robot.directory());
     robot.await_fresh();
     sensors.obey("head garbage");
-    let (begun, ticks) = (robot.imu("head"), reader_ticks(robot.daemon.0.id()));
+    let (begun, ticks) = (robot.imu("head"), reader_ticks(robot.daemon.process.id()));
     let (base, first, since) = (robot.imu("base"), robot.state(), Instant::now());
     robot.await_imu("base", |imu| imu.sequence > base.sequence + 300);
-    let (percent, last) = (reader_ticks(robot.daemon.0.id()) - ticks, robot.state());
+    let (percent, last) = (reader_ticks(robot.daemon.process.id()) - ticks, robot.state());
     let percent = percent as f64 / since.elapsed().as_secs_f64();
     println!("{percent:.1} % of a processor");
     assert!(percent < 20.0, "{percent} % of a processor");

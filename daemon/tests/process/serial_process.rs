@@ -5,28 +5,28 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use crate::outsider::Switch;
 use crate::port::Motors;
+use crate::safe_stop::{motord, text};
 use motord_bus::serial::SerialSender;
 use motord_bus::{Frame, FrameId, Refusal};
+use motord_harness::daemon::{Daemon, TIMEOUT, until};
 use motord_harness::robot;
 use motord_simulator::Mode;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::thread::{sleep, spawn};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-const TIMEOUT: Duration = Duration::from_secs(20);
 /// The command that starts a motor, neutral for one in MIT mode.
 const START: [u8; 8] = [0x91, 0, 0x80, 0, 0, 0, 0x08, 0];
 
 /// Two native motors on a line, and a directory for everything.
 struct Arm {
-    directory: TempDir,
+    directory: Arc<TempDir>,
     motors: Motors,
     device: String,
 }
@@ -39,7 +39,7 @@ impl Arm {
     /// Starts the motors of the first of these configurations, each with its instance; all use the
     /// device.
     fn of(configurations: impl Fn(&str) -> Vec<(&'static str, String)>) -> Self {
-        let directory = TempDir::new().unwrap();
+        let directory = Arc::new(TempDir::new().unwrap());
         let link = directory.path().join("ttyUSB0");
         let device = link.to_str().unwrap().to_owned();
         let configurations = configurations(&device);
@@ -56,18 +56,15 @@ impl Arm {
     }
 
     fn motord(&self, command: &str, instance: &str) -> Command {
-        let mut motord = Command::new(env!("CARGO_BIN_EXE_motord"));
-        motord.arg(command).arg("--config").arg(self.file(instance));
-        motord.env("MOTORD_RUNTIME_DIR", self.directory.path()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        motord
+        motord(self.directory.path(), &[command], &self.file(instance))
     }
 
-    /// Starts a program, and waits until its log contains `text`.
-    fn start(&self, command: &str, text: &str) -> Program {
-        let mut child = self.motord(command, "one").spawn().unwrap();
-        let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-        assert!(log.any(|line| line.contains(text)), "{command} never said {text}");
-        Program { child, _log: Box::new(log) }
+    /// Starts the daemon of the first configuration, and waits until its log contains `text`.
+    fn run(&self, text: &str, adjust: impl FnOnce(&mut Command)) -> Daemon {
+        let config = fs::read_to_string(self.file("one")).unwrap();
+        let daemon = Daemon::start_in(Arc::clone(&self.directory), &config, adjust);
+        daemon.await_log(text);
+        daemon
     }
 
     /// Starts both motors.
@@ -97,20 +94,6 @@ impl Arm {
     }
 }
 
-/// A program that runs until it is dropped.
-struct Program {
-    child: Child,
-    /// Dropping it ends the program by a signal.
-    _log: Box<dyn Iterator<Item = String>>,
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ended = self.child.kill();
-        let _reaped = self.child.wait();
-    }
-}
-
 fn config(instance: &str, device: &str) -> String {
     let mut text = format!(
         "[daemon]\ninstance = \"{instance}\"\n[cycle]\nmax-lateness-ms = 500.0\n[safety]\ndamp-seconds = 10.0\n\
@@ -122,41 +105,31 @@ fn config(instance: &str, device: &str) -> String {
     text
 }
 
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 #[test]
 fn the_shipped_arm_runs_on_a_line() {
     let shipped = include_str!("../../../config/arm-native.toml");
     assert!(shipped.contains("device = \"/dev/ttyUSB0\""));
     let arm = Arm::of(|device| vec![("one", shipped.replace("/dev/ttyUSB0", device))]);
-    let mut daemon = arm.motord("run", "one").env("MOTORD_LOG", "debug").spawn().unwrap();
-    let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let pid = Pid::from_raw(daemon.id().cast_signed());
-    let (answered, waits) = channel::<()>();
-    let _ends_the_log = spawn(move || {
-        let is_late = waits.recv_timeout(TIMEOUT) == Err(RecvTimeoutError::Timeout);
-        is_late.then(|| kill(pid, Signal::SIGTERM))
+    let mut daemon = arm.run("", |command| {
+        command.env("MOTORD_LOG", "debug");
     });
-    let mut silent = vec!["shoulder", "elbow", "wrist", "gripper"];
-    for line in log.filter(|line| line.contains("The motor answers and is stopped")) {
-        silent.retain(|joint| !line.contains(&format!("motor=\"{joint}\"")));
-        if silent.is_empty() {
-            break;
-        }
+    for joint in ["shoulder", "elbow", "wrist", "gripper"] {
+        until(joint, || {
+            let has_answered = |line: &str| {
+                line.contains("The motor answers and is stopped")
+                    && line.contains(&format!("motor=\"{joint}\""))
+            };
+            daemon.log().lines().any(has_answered).then_some(())
+        });
     }
-    drop(answered);
-    assert_eq!(silent, [""; 0], "they never answered");
-    kill(pid, Signal::SIGTERM).unwrap();
-    assert!(daemon.wait().unwrap().success(), "its motors were stopped");
+    assert!(daemon.end().success(), "its motors were stopped");
 }
 
 #[test]
 fn switch_stops_motors_of_killed_daemons_line() {
     let arm = Arm::new();
-    let _switch = arm.start("deadman", "ready");
-    let daemon = arm.start("run", "dead man's switch: yes");
+    let _switch = Switch::start(arm.directory.path(), &arm.file("one"));
+    let daemon = arm.run("dead man's switch: yes", |_| {});
     drop(daemon);
     arm.start_motors();
     arm.must_stop();
@@ -204,8 +177,8 @@ fn safe_stop_reports_an_unreachable_line() {
 #[test]
 fn driven_line_refuses_second_daemon_and_safe_stop() {
     let arm = Arm::new();
-    let daemon = arm.start("run", "ready");
-    let holder = format!("is in use by process {}", daemon.child.id());
+    let daemon = arm.run("ready", |_| {});
+    let holder = format!("is in use by process {}", daemon.process.id());
     for (command, status) in [("run", 75), ("safe-stop", 69)] {
         let output = arm.motord(command, "two").output().unwrap();
         assert_eq!(output.status.code(), Some(status), "{command}: {}", text(&output));
@@ -220,15 +193,11 @@ fn daemon_waits_for_adapter_that_comes_later() {
     fs::rename(&arm.device, &unplugged).unwrap();
     let impatient = arm.motord("run", "one").output().unwrap();
     assert_eq!(impatient.status.code(), Some(69), "{impatient:?}");
-    let mut motord = arm.motord("run", "one");
-    let mut child = motord.args(["--wait-for-buses", "60"]).spawn().unwrap();
-    let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-    assert!(log.any(|line| line.contains("waiting for it, at most 60 s")));
+    let daemon = arm.run("waiting for it, at most 60 s", |command| {
+        command.args(["--wait-for-buses", "60"]);
+    });
     fs::rename(&unplugged, &arm.device).unwrap();
-    let is_ready = log.any(|line| line.contains(" ready "));
-    child.kill().unwrap();
-    child.wait().unwrap();
-    assert!(is_ready, "the daemon did not start");
+    daemon.await_log(" ready ");
 }
 
 /// A port that returned once is opened once: the substitute that the cycle has meanwhile is no further loss.
@@ -243,26 +212,14 @@ fn returned_port_is_opened_once() {
     let mut simulator = simulator.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut verbs = simulator.stdin.take().unwrap();
     assert!(BufReader::new(simulator.stdout.take().unwrap()).lines().any(|line| line.unwrap() == "ready"));
-    let mut daemon = Command::new(env!("CARGO_BIN_EXE_motord"));
-    daemon.args(["run", "--config"]).arg(&file).env("MOTORD_RUNTIME_DIR", directory.path());
-    let mut daemon = daemon.stderr(Stdio::piped()).spawn().unwrap();
-    let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let (lines, logged) = channel();
-    spawn(move || log.for_each(|line| drop(lines.send(line))));
-    let await_line = |text: &str| {
-        let end = Instant::now() + TIMEOUT;
-        while !logged.recv_timeout(end - Instant::now()).expect(text).contains(text) {}
-    };
-    await_line(" ready ");
+    let daemon = Daemon::start_in(directory, &fs::read_to_string(&file).unwrap(), |_| {});
+    daemon.await_log(" ready ");
     writeln!(verbs, "arm gone").unwrap();
-    await_line("trying again");
+    daemon.await_log("trying again");
     writeln!(verbs, "arm ok").unwrap();
-    await_line("opened again");
+    daemon.await_log("opened again");
     sleep(Duration::from_secs(3));
-    for child in [&mut daemon, &mut simulator] {
-        child.kill().unwrap();
-        child.wait().unwrap();
-    }
-    let again: Vec<_> = logged.try_iter().filter(|line| line.contains("opened again")).collect();
-    assert_eq!(again, [""; 0]);
+    simulator.kill().unwrap();
+    simulator.wait().unwrap();
+    assert_eq!(daemon.log().matches("opened again").count(), 1);
 }

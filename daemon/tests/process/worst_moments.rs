@@ -9,7 +9,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use crate::player::become_user;
-use motord_harness::daemon::{TIMEOUT, until};
+use motord_harness::daemon::{Daemon, TIMEOUT, bench_at, until};
 use motord_harness::programs::lacks;
 use motord_ports::ClientPorts;
 use motord_ports::instance::Instance;
@@ -31,25 +31,6 @@ use std::thread::{JoinHandle, sleep, spawn};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-const CONFIG: &str = r#"
-[daemon]
-instance = "robot"
-[cycle]
-rate-hz = 200
-max-lateness-ms = 1000.0
-[safety]
-setpoint-timeout-ms = 1000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-"#;
-
 /// Variable for a process that sends requests without pause: its runtime directory.
 const ASK: &str = "MOTORD_TEST_ASK";
 /// Variable for a process in separate namespaces, which may mount.
@@ -70,8 +51,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 /// A daemon, and its motor that follows setpoints.
 struct Robot {
-    process: Child,
-    directory: TempDir,
+    daemon: Daemon,
     ports: Arc<ClientPorts>,
     over: Arc<AtomicBool>,
     owner: Option<JoinHandle<()>>,
@@ -80,21 +60,17 @@ struct Robot {
 impl Robot {
     /// Starts the daemon in `directory`, and waits until the motor is active.
     fn start(directory: TempDir) -> Self {
-        let path = directory.path().join("motord.toml");
-        fs::write(&path, CONFIG).unwrap();
-        let log = fs::File::create(directory.path().with_extension("log")).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", directory.path()).stderr(log);
-        let process = command.spawn().unwrap();
-        let ports = Arc::new(until("the daemon runs", || attached(directory.path())));
+        let daemon = Daemon::start_in(directory, &bench_at(200), |_| {});
+        let ports = Arc::new(until("the daemon runs", || attached(daemon.directory.path())));
         let over = Arc::new(AtomicBool::new(false));
-        let mut robot = Self { process, directory, ports, over, owner: None };
+        let mut robot = Self { daemon, ports, over, owner: None };
         robot.activate();
         robot
     }
 
-    fn pid(&self) -> Pid {
-        Pid::from_raw(self.process.id().cast_signed())
+    /// Returns the runtime directory.
+    fn directory(&self) -> &Path {
+        self.daemon.directory.path()
     }
 
     /// Claims the arm, and holds it from a thread.
@@ -109,8 +85,7 @@ impl Robot {
         until("an owner", || (self.ask(Operation::Enable)?.refusal == 0).then_some(()));
         let begun = Instant::now();
         while self.phase() != Some(Phase::Active) {
-            let log = || fs::read_to_string(self.directory.path().with_extension("log")).unwrap_or_default();
-            assert!(begun.elapsed() < TIMEOUT, "no active arm: {}", log());
+            assert!(begun.elapsed() < TIMEOUT, "no active arm");
             sleep(Duration::from_millis(1));
         }
     }
@@ -157,15 +132,12 @@ impl Drop for Robot {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
         let _held = self.owner.take().map(JoinHandle::join);
-        let _signal = kill(self.pid(), Signal::SIGCONT);
-        let _ended = self.process.kill();
-        let _reaped = self.process.wait();
-        let _log = fs::remove_file(self.directory.path().with_extension("log"));
+        let _signal = kill(self.daemon.pid(), Signal::SIGCONT);
     }
 }
 
 fn attached(runtime: &Path) -> Option<ClientPorts> {
-    let instance = Instance::below(runtime, "robot").unwrap();
+    let instance = Instance::below(runtime, "bench").unwrap();
     ClientPorts::open(instance.attach().ok()??).ok()
 }
 
@@ -203,7 +175,7 @@ fn none(_: &Robot) -> Misfortune {
 }
 
 fn file_system_full(robot: &Robot) -> Misfortune {
-    let path = robot.directory.path().join("filler");
+    let path = robot.directory().join("filler");
     let mut file = fs::File::create(&path).unwrap();
     let full = std::io::copy(&mut std::io::repeat(0), &mut file).unwrap_err();
     assert_eq!(full.raw_os_error(), Some(nix::libc::ENOSPC), "{full}");
@@ -211,7 +183,7 @@ fn file_system_full(robot: &Robot) -> Misfortune {
 }
 
 fn directory_emptied(robot: &Robot) -> Misfortune {
-    for entry in fs::read_dir(robot.directory.path()).unwrap().map(Result::unwrap) {
+    for entry in fs::read_dir(robot.directory()).unwrap().map(Result::unwrap) {
         let path = entry.path();
         if path.is_dir() { fs::remove_dir_all(path).unwrap() } else { fs::remove_file(path).unwrap() }
     }
@@ -219,8 +191,8 @@ fn directory_emptied(robot: &Robot) -> Misfortune {
 }
 
 fn descriptors_used_up(robot: &Robot) -> Misfortune {
-    let pid = rustix::process::Pid::from_raw(robot.process.id().cast_signed());
-    let used = fs::read_dir(format!("/proc/{}/fd", robot.process.id())).unwrap().count();
+    let pid = rustix::process::Pid::from_raw(robot.daemon.process.id().cast_signed());
+    let used = fs::read_dir(format!("/proc/{}/fd", robot.daemon.process.id())).unwrap().count();
     let limit = move |most: u64| {
         let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
         prlimit(pid, Resource::Nofile, Rlimit { current: Some(most), maximum })
@@ -232,7 +204,7 @@ fn descriptors_used_up(robot: &Robot) -> Misfortune {
 }
 
 fn slots_taken(robot: &Robot) -> Misfortune {
-    let instance = Instance::below(robot.directory.path(), "robot").unwrap();
+    let instance = Instance::below(robot.directory(), "bench").unwrap();
     let mut taken = Vec::new();
     while let Ok(ports) = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()) {
         taken.push(ports);
@@ -246,7 +218,7 @@ fn crowd(robot: &Robot) -> Misfortune {
         let mut requester = Command::new(std::env::current_exe().unwrap());
         requester
             .args(["--exact", "worst_moments::one_of_the_crowd", "--nocapture"])
-            .env(ASK, robot.directory.path());
+            .env(ASK, robot.directory());
         requester.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     };
     let mut crowd: Vec<Child> = (0..CROWD).map(|_| requester()).collect();
@@ -261,7 +233,7 @@ fn crowd(robot: &Robot) -> Misfortune {
 }
 
 fn daemon_frozen(robot: &Robot) -> Misfortune {
-    let pid = robot.pid();
+    let pid = robot.daemon.pid();
     kill(pid, Signal::SIGSTOP).unwrap();
     Box::new(Undo(move || kill(pid, Signal::SIGCONT).unwrap()))
 }
@@ -269,7 +241,8 @@ fn daemon_frozen(robot: &Robot) -> Misfortune {
 /// Stops the whole ipc thread while the other threads of the daemon run: a debugger stops one
 /// thread only.
 fn ipc_thread_hangs(robot: &Robot) -> Misfortune {
-    let tasks = fs::read_dir(format!("/proc/{}/task", robot.pid())).unwrap().map(|task| task.unwrap().path());
+    let tasks =
+        fs::read_dir(format!("/proc/{}/task", robot.daemon.pid())).unwrap().map(|task| task.unwrap().path());
     let is_ipc =
         |task: &PathBuf| fs::read_to_string(task.join("comm")).is_ok_and(|comm| comm.trim() == "motord-ipc");
     let task = tasks.into_iter().find(is_ipc).unwrap();
@@ -308,7 +281,8 @@ fn row(misfortune: &'static str, directory: TempDir, begin: Begin) -> Row {
     let robot = Robot::start(directory);
     let happens = begin(&robot);
     let (since_ns, begun) = (motord_ports::clock::now_ns(), Instant::now());
-    let mut motorctl = estop(robot.directory.path());
+    let mut motorctl = robot.daemon.command(&["estop"]);
+    let mut motorctl = motorctl.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut printed = String::new();
     BufReader::new(motorctl.stdout.take().unwrap()).read_line(&mut printed).unwrap();
     let answered_after = begun.elapsed();
@@ -322,14 +296,6 @@ fn row(misfortune: &'static str, directory: TempDir, begin: Begin) -> Row {
     let group = until("a latched stop", latched);
     let damped_after = robot.stopped_after(since_ns);
     Row { misfortune, status: status.code(), printed, answered_after, damped_after, group }
-}
-
-fn estop(runtime: &Path) -> Child {
-    let motorctl = Path::new(env!("CARGO_BIN_EXE_motord")).with_file_name("motorctl");
-    assert!(motorctl.is_file(), "{} is missing: run `cargo build --workspace` first", motorctl.display());
-    let mut command = Command::new(motorctl);
-    command.arg("estop").env("MOTORD_RUNTIME_DIR", runtime).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command.spawn().unwrap()
 }
 
 impl Row {
@@ -406,7 +372,7 @@ fn emergency_stop_is_confirmed_on_full_filesystem() {
 #[test]
 fn an_intruder_asks() {
     let Some(runtime) = std::env::var_os(INTRUDE) else { return };
-    let instance = Instance::below(Path::new(&runtime), "robot").unwrap();
+    let instance = Instance::below(Path::new(&runtime), "bench").unwrap();
     become_user(NOBODY);
     let asked = AskedStop::send(&instance, TIMEOUT).unwrap();
     assert_eq!(asked.confirm(TIMEOUT), Err(StopError::NotPermitted));
@@ -422,7 +388,7 @@ fn nobody_else_may_stop_the_robot() {
     let mut intruder = Command::new(std::env::current_exe().unwrap());
     intruder
         .args(["--exact", "worst_moments::an_intruder_asks", "--nocapture"])
-        .env(INTRUDE, robot.directory.path());
+        .env(INTRUDE, robot.directory());
     assert!(intruder.status().unwrap().success());
     assert_eq!(robot.phase(), Some(Phase::Active));
 }
@@ -430,7 +396,7 @@ fn nobody_else_may_stop_the_robot() {
 /// Goal: motors that keep their last command are not taken for stopped ones.
 #[test]
 fn daemon_that_died_is_named_until_the_next() {
-    let connect = |directory: &Path| motord_client::Client::connect_in(directory, "robot");
+    let connect = |directory: &Path| motord_client::Client::connect_in(directory, "bench");
     let died = |directory: &Path| match connect(directory) {
         Err(motord_client::Error::NotRunning { died, .. }) => died,
         other => panic!("{other:?}"),
@@ -438,11 +404,11 @@ fn daemon_that_died_is_named_until_the_next() {
     let _alone = alone();
     for signal in [Signal::SIGTERM, Signal::SIGKILL] {
         let mut robot = Robot::start(TempDir::new().unwrap());
-        kill(robot.pid(), signal).unwrap();
-        robot.process.wait().unwrap();
-        let expected = (signal == Signal::SIGKILL).then_some(robot.process.id());
-        assert_eq!(died(robot.directory.path()), expected, "{signal}");
-        let text = connect(robot.directory.path()).unwrap_err().to_string();
+        robot.daemon.signal(signal);
+        robot.daemon.wait();
+        let expected = (signal == Signal::SIGKILL).then_some(robot.daemon.process.id());
+        assert_eq!(died(robot.directory()), expected, "{signal}");
+        let text = connect(robot.directory()).unwrap_err().to_string();
         assert_eq!(text.contains("died without stopping its motors"), expected.is_some(), "{text}");
     }
 }

@@ -8,23 +8,14 @@
 use crate::alone;
 use motord_client::{Cause, Client, Error, Phase, Setpoint, State};
 use motord_harness::daemon::{Daemon, quadruped, until};
+use motord_harness::programs::Process;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Variable for the killed controller: the runtime directory of its daemon. It is this program,
 /// started again for one ignored test.
 const RUNTIME: &str = "MOTORD_TEST_RUNTIME";
-
-/// A child process that is killed with its test.
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _exited = self.0.kill();
-        let _status = self.0.wait();
-    }
-}
 
 fn controller(daemon: &Daemon) -> Process {
     let mut command = Command::new(std::env::current_exe().unwrap());

@@ -7,7 +7,8 @@ use nix::unistd::Pid;
 use serde_json::Value;
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, ExitStatus, Output};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -35,6 +36,12 @@ id = 1
 protocol = "mit"
 model = "GIM8108-8"
 "#;
+
+/// Returns [`BENCH`] with another rate.
+#[must_use]
+pub fn bench_at(rate_hz: u32) -> String {
+    BENCH.replace("rate-hz = 100", &format!("rate-hz = {rate_hz}"))
+}
 
 /// The shipped simulated quadruped: the instance `demo` with the group `legs`, at 1 kHz.
 ///
@@ -73,7 +80,7 @@ pub struct Daemon {
     /// The process.
     pub process: Child,
     /// The runtime directory, which also holds the configuration `motord.toml`.
-    pub directory: TempDir,
+    pub directory: Arc<TempDir>,
     instance: String,
 }
 
@@ -94,22 +101,52 @@ impl Daemon {
     ///
     /// If it cannot be started.
     #[must_use]
-    pub fn start_in(directory: TempDir, config: &str, adjust: impl FnOnce(&mut Command)) -> Self {
+    pub fn start_in(
+        directory: impl Into<Arc<TempDir>>,
+        config: &str,
+        adjust: impl FnOnce(&mut Command),
+    ) -> Self {
+        Self::launch(directory.into(), program("motord"), config, adjust)
+    }
+
+    /// Starts a daemon in `directory` by a shell `script`, which runs its arguments; `adjust` changes
+    /// the command.
+    ///
+    /// # Panics
+    ///
+    /// If it cannot be started.
+    #[must_use]
+    pub fn start_by(
+        script: &str,
+        directory: impl Into<Arc<TempDir>>,
+        config: &str,
+        adjust: impl FnOnce(&mut Command),
+    ) -> Self {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", script, "sh"]).arg(program("motord").get_program());
+        Self::launch(directory.into(), shell, config, adjust)
+    }
+
+    fn launch(
+        directory: Arc<TempDir>,
+        command: Command,
+        config: &str,
+        adjust: impl FnOnce(&mut Command),
+    ) -> Self {
         fs::write(directory.path().join("motord.toml"), config).expect("the directory is writable");
         let instance = config.lines().find_map(|line| line.strip_prefix("instance = "));
         let instance = instance.expect("the configuration names an instance").trim_matches('"').to_owned();
-        let mut command = Self::prepared(&directory);
-        adjust(&mut command);
-        Self { process: command.spawn().expect("it is built"), directory, instance }
+        let process = Self::spawn(&directory, command, adjust);
+        Self { process, directory, instance }
     }
 
-    fn prepared(directory: &TempDir) -> Command {
+    fn spawn(directory: &TempDir, mut command: Command, adjust: impl FnOnce(&mut Command)) -> Child {
         let log = OpenOptions::new().create(true).append(true).open(log_path(directory));
-        let mut command = program("motord");
         command.arg("run").arg("--config").arg(directory.path().join("motord.toml"));
         command.env("MOTORD_RUNTIME_DIR", directory.path()).env_remove("MOTORD_INSTANCE");
         command.stderr(log.expect("a log can be created"));
-        command
+        adjust(&mut command);
+        command.spawn().expect("it is built")
     }
 
     /// Sends a signal to the daemon.
@@ -143,7 +180,50 @@ impl Daemon {
     ///
     /// If it cannot be started.
     pub fn restart(&mut self) {
-        self.process = Self::prepared(&self.directory).spawn().expect("it is built");
+        self.restart_as(|_| {});
+    }
+
+    /// Starts the next daemon in the same directory; `adjust` changes the command.
+    ///
+    /// # Panics
+    ///
+    /// If it cannot be started.
+    pub fn restart_as(&mut self, adjust: impl FnOnce(&mut Command)) {
+        self.process = Self::spawn(&self.directory, program("motord"), adjust);
+    }
+
+    /// Waits until the daemon exits.
+    ///
+    /// # Panics
+    ///
+    /// If it does not exit within [`TIMEOUT`].
+    pub fn wait(&mut self) -> ExitStatus {
+        until("the end of the daemon", || self.process.try_wait().expect("it is a child"))
+    }
+
+    /// Ends the daemon as systemd does.
+    ///
+    /// # Panics
+    ///
+    /// If it does not exit within [`TIMEOUT`].
+    pub fn end(&mut self) -> ExitStatus {
+        self.signal(Signal::SIGTERM);
+        self.wait()
+    }
+
+    /// Returns the log of all daemons in this directory.
+    #[must_use]
+    pub fn log(&self) -> String {
+        fs::read_to_string(log_path(&self.directory)).unwrap_or_default()
+    }
+
+    /// Waits until the log contains `text`.
+    ///
+    /// # Panics
+    ///
+    /// If it does not within [`TIMEOUT`].
+    pub fn await_log(&self, text: &str) {
+        until(text, || self.log().contains(text).then_some(()));
     }
 
     /// `motorctl` for this instance.
@@ -192,16 +272,16 @@ impl Drop for Daemon {
     fn drop(&mut self) {
         let _exited = self.process.kill();
         let _status = self.process.wait();
-        let log = log_path(&self.directory);
         if std::thread::panicking() {
-            eprintln!("log of motord:\n{}", fs::read_to_string(&log).unwrap_or_default());
+            eprintln!("log of motord:\n{}", self.log());
         }
-        let _none = fs::remove_file(log);
+        let _none = fs::remove_file(log_path(&self.directory));
     }
 }
 
-/// The log is beside the runtime directory, which tests fill and empty.
-fn log_path(directory: &TempDir) -> PathBuf {
+/// Returns the file of the log. It is beside the runtime directory, which tests fill and empty.
+#[must_use]
+pub fn log_path(directory: &TempDir) -> PathBuf {
     directory.path().with_extension("log")
 }
 

@@ -1,7 +1,18 @@
 //! The programs of the workspace.
 
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Child, Command};
+
+/// A process that is killed with its test.
+#[derive(Debug)]
+pub struct Process(pub Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _exited = self.0.kill();
+        let _status = self.0.wait();
+    }
+}
 
 /// Returns the directory in which cargo builds the programs.
 ///
