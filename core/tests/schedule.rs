@@ -8,8 +8,8 @@ const RETRY: Duration = Duration::from_millis(100);
 const DAMP: Duration = Duration::from_millis(100);
 const BEGIN: Instant = Instant::from_nanos(1_000_000_000);
 
-/// Returns the rounds of the bus, in ms since the begin, when it accepts those for which `accepts` is
-/// true.
+/// Returns the rounds of the bus, in ms since the begin, when it accepts those for which `accepts`
+/// is true.
 fn given(millis: u64, accepts: impl Fn(u64) -> bool) -> Vec<(u64, SafeFrame)> {
     let mut schedule = Schedule::begin(DAMP, BEGIN);
     let mut given = Vec::new();

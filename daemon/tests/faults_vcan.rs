@@ -337,7 +337,8 @@ fn bus_off_pauses_sending_and_resumes_with_stops() {
     assert_eq!(robot.condition(), BusCondition::Active);
 }
 
-/// A HiPNUC of 200 Hz, and a DM-IMU-L1 that is asked in every cycle. Its samples and missing ones add up to the cycles.
+/// A HiPNUC of 200 Hz, and a DM-IMU-L1 that is asked in every cycle. Its samples and missing ones
+/// add up to the cycles.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn imus_beside_motors_deliver_and_return() {
@@ -423,8 +424,8 @@ fn queue_full_in_three_cycles_stops_group() {
     robot.recovers_on_request();
 }
 
-/// The queue holds four frames, each for 40 ms. No reply may be later than 50 ms: a state that is could be taken for the answer to a
-/// request for faults (docs/adr/0005).
+/// The queue holds four frames, each for 40 ms. No reply may be later than 50 ms: a state that is
+/// could be taken for the answer to a request for faults (docs/adr/0005).
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn refused_frames_are_never_sent_later() {

@@ -1,6 +1,7 @@
 //! `motorctl complete-words`: the names of the running daemon for the completions of a shell.
 //!
-//! A shell runs it at each press of TAB. It ends within [`TIMEOUT`] whatever the daemon does, and prints nothing but words.
+//! A shell runs it at each press of TAB. It ends within [`TIMEOUT`] whatever the daemon does, and
+//! prints nothing but words.
 
 use crate::explain;
 use clap::{Arg, Command};

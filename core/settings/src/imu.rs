@@ -1,7 +1,8 @@
-//! IMUs: their settings, their samples, and the mount that turns a sample into the frame of the body.
+//! IMUs: their settings, their samples, and the mount that turns a sample into the frame of the
+//! body.
 //!
-//! The body's frame has x forward, y left and z up, as in ROS (REP 103). The world's z points up; its x is where the
-//! sensor's heading is zero.
+//! The body's frame has x forward, y left and z up, as in ROS (REP 103). The world's z points up;
+//! its x is where the sensor's heading is zero.
 
 use crate::sensor::SensorFrames;
 use motord_bus::{Duration, FrameId};
@@ -123,7 +124,8 @@ impl ImuSerial {
 /// `[imu.simulation]`: the errors of a simulated IMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImuSimulation {
-    /// Standard deviation of each axis of the angular velocity, rad/s; of the acceleration it is ten times as much, m/s².
+    /// Standard deviation of each axis of the angular velocity, rad/s; of the acceleration it is
+    /// ten times as much, m/s².
     pub noise: f64,
     /// Constant error of each axis of the angular velocity, rad/s.
     pub bias: f64,
@@ -180,8 +182,8 @@ impl ImuSample {
         })
     }
 
-    /// Returns the sample with an orientation of norm 1. `None` when a value is not finite, or the norm of the orientation
-    /// is not 0.99 to 1.01. A temperature that is not finite is left out.
+    /// Returns the sample with an orientation of norm 1. `None` when a value is not finite, or the
+    /// norm of the orientation is not 0.99 to 1.01. A temperature that is not finite is left out.
     #[must_use]
     pub fn checked(&self) -> Option<Self> {
         let orientation = Quaternion::new(self.orientation).ok()?.parts();
@@ -199,7 +201,8 @@ impl Mount {
     /// The sensor has the axes of the body.
     pub const ALIGNED: Self = Self(Quaternion { w: 1.0, x: 0.0, y: 0.0, z: 0.0 });
 
-    /// The sensor is turned against the body by `roll`, `pitch` and `yaw`, rad, about x, y and z of the body, in this order.
+    /// The sensor is turned against the body by `roll`, `pitch` and `yaw`, rad, about x, y and z of
+    /// the body, in this order.
     #[must_use]
     pub fn from_roll_pitch_yaw([roll, pitch, yaw]: [f64; 3]) -> Self {
         let turn = |angle: f64, axis: usize| {
@@ -280,7 +283,8 @@ mod tests {
         assert_near(&sensor.orientation, &hanging.orientation);
     }
 
-    /// The nose of the body goes down by 0.3 rad, about its y, which is the x of a sensor that is turned left.
+    /// The nose of the body goes down by 0.3 rad, about its y, which is the x of a sensor that is
+    /// turned left.
     #[test]
     fn mount_turns_orientation_into_body() {
         let level = ImuSample {

@@ -84,9 +84,10 @@ impl SensorLoad {
     }
 }
 
-/// Returns the expected bits by which `frames`, sent at any time, delay the last reply of a cycle at most. A frame with a lower
-/// id than a motor's wins the bus each time. Frames with a higher id delay it only if they are already on the wire: one before
-/// the commands, and one more on a bus with a single motor, while it prepares its reply.
+/// Returns the expected bits by which `frames`, sent at any time, delay the last reply of a cycle
+/// at most. A frame with a lower id than a motor's wins the bus each time. Frames with a higher id
+/// delay it only if they are already on the wire: one before the commands, and one more on a bus
+/// with a single motor, while it prepares its reply.
 fn blocking(settings: &Settings, bus: usize, frames: &[(FrameId, u32)]) -> u32 {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
     let last = motors()

@@ -4,10 +4,11 @@
 //! asked for its faults or an indicator. The length of a frame depends on its bits: the worst case
 //! must fit, and the length without stuffing bits is the least time until a reply.
 //!
-//! The highest rate of a CAN bus is the one at which its last reply is expected at the reply deadline: a later reply is missed.
+//! The highest rate of a CAN bus is the one at which its last reply is expected at the reply
+//! deadline: a later reply is missed.
 //!
-//! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and the reply, in whole
-//! cycles: the reply is read when a cycle begins.
+//! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and
+//! the reply, in whole cycles: the reply is read when a cycle begins.
 
 use motord_bus::Duration;
 use motord_bus::arithmetic::{FdBits, FrameLength, SERIAL_FRAME_BITS, utilisation, wire_time};
@@ -26,13 +27,14 @@ const ANSWERING_TIME: Duration = Duration::from_micros(50);
 /// warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
 
-/// The load of one bus. Utilisations of a CAN bus are fractions of its fullest cycle: 1.0 leaves no gap. Those of a serial
-/// line are fractions of the time in which each motor has one turn.
+/// The load of one bus. Utilisations of a CAN bus are fractions of its fullest cycle: 1.0 leaves no
+/// gap. Those of a serial line are fractions of the time in which each motor has one turn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BusPlan {
     /// Number of its motors.
     pub motors: usize,
-    /// Commands and replies of all its motors, every stuffing bit included; on a line with the turnarounds.
+    /// Commands and replies of all its motors, every stuffing bit included; on a line with the
+    /// turnarounds.
     pub worst_case_utilisation: f64,
     /// The same frames without stuffing bits and turnarounds.
     pub unstuffed_utilisation: f64,
@@ -44,12 +46,13 @@ pub struct BusPlan {
     pub transaction_worst: Duration,
     /// The least `every` with which the turns of a line do not overlap; 1 on CAN.
     pub every_least: u32,
-    /// From the sending of a cycle's commands to its last reply, as expected; on a line the time of a turn.
+    /// From the sending of a cycle's commands to its last reply, as expected; on a line the time of
+    /// a turn.
     pub last_reply: Duration,
     /// The part of `last_reply` that is for IMUs.
     pub imu_time: Duration,
-    /// The highest rate of the cycle, Hz: at it the last reply is expected at the reply deadline, and turns of a line do not
-    /// overlap. Infinite for a bus that asks nothing.
+    /// The highest rate of the cycle, Hz: at it the last reply is expected at the reply deadline,
+    /// and turns of a line do not overlap. Infinite for a bus that asks nothing.
     pub rate_hz_max: f64,
 }
 
@@ -85,7 +88,8 @@ impl BusPlan {
         )
     }
 
-    /// Adds the frames of sensors. The cycle that asks them is the fullest; frames without a request are spread over all.
+    /// Adds the frames of sensors. The cycle that asks them is the fullest; frames without a
+    /// request are spread over all.
     fn with_sensors(
         self,
         sensors: &SensorLoad,
@@ -114,7 +118,8 @@ impl BusPlan {
         }
     }
 
-    /// Of transactions with their cycles. `deadline` is the reply deadline as a fraction of the period.
+    /// Of transactions with their cycles. `deadline` is the reply deadline as a fraction of the
+    /// period.
     fn of_turns(turns: &[(u32, TransactionBits)], bitrate: u32, rate_hz: f64, deadline: f64) -> Self {
         let transactions = || turns.iter().map(|(_, transaction)| transaction);
         let fullest = |bits: fn(&TransactionBits) -> u32| {
@@ -166,8 +171,9 @@ impl BusPlan {
     }
 }
 
-/// When the last reply to the commands of `cycle` is expected. The commands occupy the bus first, one after the other; then the
-/// replies, each when its motor has it ready. Requests to IMUs follow the commands. Zero for a cycle without a request.
+/// When the last reply to the commands of `cycle` is expected. The commands occupy the bus first,
+/// one after the other; then the replies, each when its motor has it ready. Requests to IMUs follow
+/// the commands. Zero for a cycle without a request.
 fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32, sensors: &SensorLoad) -> Duration {
     let asked = turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
     let motors = asked.map(|transaction| (transaction.command, transaction.reply, transaction.answering));

@@ -11,7 +11,8 @@ pub struct SensorFrames {
     pub rate_hz: f64,
     /// Id and bytes of the requests for a sample. None to a sensor that sends by itself.
     pub requests: Vec<(FrameId, u32)>,
-    /// Id and bytes of the frames with a sample; of a sensor that is asked, one for each request, in their order.
+    /// Id and bytes of the frames with a sample; of a sensor that is asked, one for each request,
+    /// in their order.
     pub samples: Vec<(FrameId, u32)>,
     /// The ids of all frames that it sends.
     pub sent_ids: Vec<FrameId>,

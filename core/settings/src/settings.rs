@@ -26,7 +26,8 @@ pub struct Settings {
     pub buses: Vec<BusSettings>,
     /// `[[motor]]`, in the order of the file: motor and joint indices everywhere.
     pub motors: Vec<MotorSettings>,
-    /// `[motor.simulation]`, in the order of the motors. Simulators use it, and the plan its reply latency.
+    /// `[motor.simulation]`, in the order of the motors. Simulators use it, and the plan its reply
+    /// latency.
     pub simulation: Vec<MotorSimulation>,
     /// `[[group]]`, or one group `all`. Every motor is in exactly one.
     pub groups: Vec<GroupSettings>,
@@ -119,7 +120,8 @@ pub struct IpcSettings {
 /// The way a group stops when there is a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SafeStop {
-    /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The default.
+    /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The
+    /// default.
     Damp,
     /// Hold the position measured last with the last gains, damped, for `damp`; then damp and stop.
     Hold,
@@ -313,15 +315,16 @@ impl MotorSettings {
 /// Most registers that are read from a motor before its group may start.
 pub const REGISTERS_MAX: usize = 3;
 
-/// The values of a register with which the group of its motor may start, in the unit of the register.
+/// The values of a register with which the group of its motor may start, in the unit of the
+/// register.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegisterRange {
     /// The least.
     pub least: f32,
     /// The largest.
     pub most: f32,
-    /// The value of a motor that does not report the register, as the configuration has it. A motor that reports none may start if each of
-    /// its registers has one.
+    /// The value of a motor that does not report the register, as the configuration has it. A motor
+    /// that reports none may start if each of its registers has one.
     pub written: Option<f32>,
 }
 

@@ -5,8 +5,8 @@ use motord_settings::imu::ImuSample;
 
 /// Time for which all samples must be equal.
 const TIME: Duration = Duration::from_secs(1);
-/// Number of samples that must be equal to the one before: codes of 0.1 °/s and 0.001 G hide the noise of a sensor at rest from some
-/// samples in a row.
+/// Number of samples that must be equal to the one before: codes of 0.1 °/s and 0.001 G hide the
+/// noise of a sensor at rest from some samples in a row.
 const SAMPLES: u32 = 100;
 
 /// Finds out whether a sensor is stuck. A live one measures noise, also at rest.
@@ -19,8 +19,8 @@ pub struct Repetition {
 }
 
 impl Repetition {
-    /// Takes a sample of a device that arrived at `at`. Returns whether it has repeated angular velocity and acceleration, bit by
-    /// bit, for 1 s and in 100 samples. Real-time: constant time.
+    /// Takes a sample of a device that arrived at `at`. Returns whether it has repeated angular
+    /// velocity and acceleration, bit by bit, for 1 s and in 100 samples. Real-time: constant time.
     pub fn is_stuck(&mut self, sample: &ImuSample, at: Instant) -> bool {
         let ([a, b, c], [d, e, f]) = (sample.angular_velocity, sample.acceleration);
         let bits = [a, b, c, d, e, f].map(f32::to_bits);

@@ -20,8 +20,8 @@ const READS_MAX: usize = 1000;
 const OVERDUE: Duration = Duration::from_micros(20);
 
 impl Cycle {
-    /// Reads each line, and each bus with an open request of an earlier cycle: a reply must
-    /// be checked before the next command to its motor is decided. One system call for each; bounded
+    /// Reads each line, and each bus with an open request of an earlier cycle: a reply must be
+    /// checked before the next command to its motor is decided. One system call for each; bounded
     /// by motors and inboxes.
     pub(super) fn read_early(&mut self) {
         for bus in 0..self.channels.len() {
@@ -105,7 +105,8 @@ impl Cycle {
                 if now >= deadline {
                     return open;
                 }
-                // Enough is left for a wait that ends with a read of each open bus, or only for the last sleep.
+                // Enough is left for a wait that ends with a read of each open bus, or only for the
+                // last sleep.
                 match calls >= 2 * last {
                     true => ready = self.wait(open, deadline),
                     false => self.clock.sleep_until(deadline),
@@ -117,10 +118,11 @@ impl Cycle {
         }
     }
 
-    /// Reads each bus but the lines from `now` on, in the order of the configuration. An `open` one is read when the last replies of all
-    /// are `expected`, or [`OVERDUE`] after its own were, and the cycle stays awake until then: reads that find replies missing leave
-    /// too few calls to wait for them. Returns how many were read. One system call for each of them; bounded by their inboxes, and by
-    /// [`READS_MAX`] readings of the clock for each.
+    /// Reads each bus but the lines from `now` on, in the order of the configuration. An `open` one
+    /// is read when the last replies of all are `expected`, or [`OVERDUE`] after its own were, and
+    /// the cycle stays awake until then: reads that find replies missing leave too few calls to
+    /// wait for them. Returns how many were read. One system call for each of them; bounded by
+    /// their inboxes, and by [`READS_MAX`] readings of the clock for each.
     fn receive_expected(&mut self, open: Ready, mut now: Instant, expected: Instant) -> usize {
         let mut read = 0;
         for bus in 0..self.channels.len() {
@@ -155,7 +157,8 @@ impl Cycle {
         woken
     }
 
-    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times. Returns the last reading.
+    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times. Returns the last
+    /// reading.
     pub(super) fn stay_awake(&self, mut now: Instant, time: Instant) -> Instant {
         for _ in 0..READS_MAX {
             if now >= time {
@@ -189,8 +192,8 @@ impl Cycle {
         Ready::of(self.channels.iter().map(|channel| channel.can().is_some_and(CanChannel::is_open)))
     }
 
-    /// Reads the buses that are `ready` at `now`, or all when that is not known, but never a line. Returns how many were read. One
-    /// system call for each of them; bounded by their inboxes.
+    /// Reads the buses that are `ready` at `now`, or all when that is not known, but never a line.
+    /// Returns how many were read. One system call for each of them; bounded by their inboxes.
     fn receive(&mut self, ready: Option<Ready>, now: Instant) -> usize {
         let mut read = 0;
         for bus in 0..self.channels.len() {
@@ -244,9 +247,10 @@ impl Cycle {
         pass_condition(bus, channel, control);
     }
 
-    /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is not `open`, and if request
-    /// and reply still fit before `end`, the next tick. Waits for the replies at most until `end`. One system call per bus that
-    /// is asked, and those of [`collect`](Self::collect).
+    /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is
+    /// not `open`, and if request and reply still fit before `end`, the next tick. Waits for the
+    /// replies at most until `end`. One system call per bus that is asked, and those of
+    /// [`collect`](Self::collect).
     pub(super) fn ask(&mut self, open: Ready, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;

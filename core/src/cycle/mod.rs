@@ -176,7 +176,8 @@ impl Cycle {
     /// the meantime are missed: no burst of cycles replaces them. The cycle has the number of the
     /// latest tick that has passed.
     ///
-    /// Real-time: does not allocate; blocks only in the clock, at most until the replies are overdue.
+    /// Real-time: does not allocate; blocks only in the clock, at most until the replies are
+    /// overdue.
     pub fn run(&mut self, tick: Tick) -> Tick {
         self.await_tick(tick.at);
         let (begun, suspended) = self.clock.now_and_suspended();
@@ -214,8 +215,8 @@ impl Cycle {
         self.tick_lateness.expected().min(self.timing.awake)
     }
 
-    /// The phases of one cycle. Real-time: does not allocate; blocks only in the clock, while replies are awaited. Bounded by
-    /// motors, buses, inboxes and [`REQUESTS_PER_CYCLE`].
+    /// The phases of one cycle. Real-time: does not allocate; blocks only in the clock, while
+    /// replies are awaited. Bounded by motors, buses, inboxes and [`REQUESTS_PER_CYCLE`].
     fn cycle(&mut self, wake: &Wake) {
         self.link.beat(wake.cycle);
         self.replace_buses();
@@ -237,16 +238,16 @@ impl Cycle {
         }
     }
 
-    /// Passes to control the readings that changed: first those of the sensors on buses, then those of other threads.
-    /// Wait-free; no system call; bounded by sensors.
+    /// Passes to control the readings that changed: first those of the sensors on buses, then those
+    /// of other threads. Wait-free; no system call; bounded by sensors.
     fn take_readings(&mut self) {
         self.take_bus_readings();
         let Self { link, control, .. } = self;
         link.newest_readings(|reading| control.receive_reading(reading));
     }
 
-    /// Passes to control the readings of sensors on buses that changed. After an early read, the decisions need them. No
-    /// system call; bounded by sensors and buses.
+    /// Passes to control the readings of sensors on buses that changed. After an early read, the
+    /// decisions need them. No system call; bounded by sensors and buses.
     fn take_bus_readings(&mut self) {
         let Self { channels, control, .. } = self;
         for channel in channels {
@@ -289,8 +290,8 @@ impl Cycle {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Publishes the states, answers and events of this cycle. At most one system call: that of the function which
-    /// [`on_publish`](Self::on_publish) was given.
+    /// Publishes the states, answers and events of this cycle. At most one system call: that of the
+    /// function which [`on_publish`](Self::on_publish) was given.
     fn publish(&mut self, wake: &Wake, transmitted: Instant) {
         let now = self.clock.now();
         self.report(wake, now);
@@ -306,8 +307,8 @@ impl Cycle {
     }
 }
 
-/// Passes the condition of a bus to control. While the bus is off or gone, its sensors are disconnected. No system call;
-/// bounded by sensors.
+/// Passes the condition of a bus to control. While the bus is off or gone, its sensors are
+/// disconnected. No system call; bounded by sensors.
 #[inline]
 fn pass_condition(bus: usize, channel: &mut BusChannel, control: &mut Control) {
     if control.bus_changed(bus, channel.base().condition()) {

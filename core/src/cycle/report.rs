@@ -9,8 +9,8 @@ use motord_bus::time::nanos;
 use motord_shared::{Rejection, StateMessage, message};
 
 impl Cycle {
-    /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate or block; bounded by
-    /// joints, groups, buses and IMUs.
+    /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate
+    /// or block; bounded by joints, groups, buses and IMUs.
     pub(super) fn report(&mut self, wake: &Wake, now: Instant) {
         let flags = self.flags(wake);
         let Self { link, control, channels, .. } = self;

@@ -7,8 +7,9 @@ use crate::control::Wake;
 use motord_bus::{Frame, Instant};
 
 impl Cycle {
-    /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before the last frames are handed over
-    /// whose replies this cycle awaits. Bounded by motors; one system call per bus.
+    /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before
+    /// the last frames are handed over whose replies this cycle awaits. Bounded by motors; one
+    /// system call per bus.
     pub(super) fn transmit(&mut self, wake: &Wake) -> Instant {
         self.control.decide(*wake);
         let mut sent = wake.begun;
@@ -25,8 +26,8 @@ impl Cycle {
         sent
     }
 
-    /// Sends one frame to each motor of a bus whose turn it is. Returns the time just before they are handed over. Bounded by
-    /// the motors of the bus; one system call.
+    /// Sends one frame to each motor of a bus whose turn it is. Returns the time just before they
+    /// are handed over. Bounded by the motors of the bus; one system call.
     fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
         let now = self.clock.now();
         let Self { control, drives, channels, .. } = self;

@@ -277,8 +277,9 @@ fn late_states_after_stall_are_no_faults() {
     }
 }
 
-/// Goal: the answers that were pending for longer than any reply is expected to take are late, not those of a second motor.
-/// Method: the answers are so long behind that no miss is remembered; then all of them arrive beside the timely ones.
+/// Goal: the answers that were pending for longer than any reply is expected to take are late, not
+/// those of a second motor. Method: the answers are so long behind that no miss is remembered; then
+/// all of them arrive beside the timely ones.
 #[test]
 fn burst_of_pending_answers_is_no_duplicate() {
     for delay in [7, 9, 60, 120] {
@@ -298,7 +299,8 @@ fn burst_of_pending_answers_is_no_duplicate() {
     }
 }
 
-/// Goal: the same at a low rate, where each request is older than any reply is expected to be when the next is sent.
+/// Goal: the same at a low rate, where each request is older than any reply is expected to be when
+/// the next is sent.
 #[test]
 fn burst_at_low_rate_is_no_duplicate() {
     let mut robot = Robot::new(motors_at(3, 10), 1);

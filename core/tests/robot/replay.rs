@@ -2,8 +2,8 @@
 //!
 //! Method: a log of `candump -L` holds both directions. On virtual time, cycles, arrivals and the
 //! client's enable occur at their recorded times. The frames that the cycle sends must equal the
-//! recorded ones, byte by byte. `verify/rigs/record-log` records the log. Its velocity codes are computed: the run is
-//! older than the rule that carries their rounding error.
+//! recorded ones, byte by byte. `verify/rigs/record-log` records the log. Its velocity codes are
+//! computed: the run is older than the rule that carries their rounding error.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 #![expect(clippy::disallowed_types, reason = "the test reads what its bus recorded")]

@@ -6,7 +6,8 @@ use motord_core::drive::safe_frames;
 use motord_settings::nodes::nodes;
 use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 
-/// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few milliseconds.
+/// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few
+/// milliseconds.
 const CAN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Longest wait for the answer of one motor on a line: an adapter on USB may keep bytes for 16 ms.
 const LINE_TIMEOUT: Duration = Duration::from_millis(20);
@@ -19,7 +20,8 @@ const TURN: Duration = Duration::from_millis(2);
 /// Most reads that empty a receive buffer.
 const DRAINS_MAX: usize = 1024;
 
-/// Opens a bus that is no line by its address to receive every frame; `None` where it cannot be read.
+/// Opens a bus that is no line by its address to receive every frame; `None` where it cannot be
+/// read.
 pub type Listen<'a> = &'a mut dyn FnMut(&str) -> Option<Box<dyn Bus>>;
 
 /// A motor that was commanded to stop.
@@ -49,7 +51,8 @@ struct AskedLine {
 
 /// The interfaces on which answers are awaited.
 ///
-/// An answer on a line names its receiver, and not the motor: each motor is commanded to stop once more, one after another.
+/// An answer on a line names its receiver, and not the motor: each motor is commanded to stop once
+/// more, one after another.
 pub(crate) struct Answers {
     ears: Vec<Ear>,
     lines: Vec<AskedLine>,
@@ -78,9 +81,9 @@ impl Answers {
         answers
     }
 
-    /// Reads what has arrived, asks the motors on lines, and returns the names of those that did not answer, except those on
-    /// `left_out` interfaces. The ports must not be in use. Takes at most [`LINES_TIMEOUT`], or [`CAN_TIMEOUT`] without a line,
-    /// and the time to open the ports.
+    /// Reads what has arrived, asks the motors on lines, and returns the names of those that did
+    /// not answer, except those on `left_out` interfaces. The ports must not be in use. Takes at
+    /// most [`LINES_TIMEOUT`], or [`CAN_TIMEOUT`] without a line, and the time to open the ports.
     pub(crate) fn silent(&mut self, left_out: &[String]) -> Vec<String> {
         self.ears.retain(|ear| !left_out.contains(&ear.interface));
         self.lines.retain(|line| !left_out.iter().any(|interface| interface == line.settings.device()));

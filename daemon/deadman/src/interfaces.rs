@@ -9,7 +9,8 @@ use nix::unistd::geteuid;
 use crate::port::Port;
 use crate::safe_frames::{InterfaceError, InterfaceFrames};
 
-/// Opens a bus without a thread of its own by its address, to send up to the given number of frames at a time.
+/// Opens a bus without a thread of its own by its address, to send up to the given number of frames
+/// at a time.
 pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;
 
 /// One interface, opened.
@@ -19,7 +20,8 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Checks the frames and opens the bus by `open`, or the serial port in a thread of its own. Allocates.
+    /// Checks the frames and opens the bus by `open`, or the serial port in a thread of its own.
+    /// Allocates.
     ///
     /// # Errors
     ///
@@ -47,7 +49,8 @@ impl Interface {
     }
 }
 
-/// Returns the holders of the locks of one interface: see [`motord_bus::transport::Hardware::holders`].
+/// Returns the holders of the locks of one interface: see
+/// [`motord_bus::transport::Hardware::holders`].
 pub(crate) fn holders_of(kind: Option<&BusKind>, thorough: bool) -> [Option<Holder>; 2] {
     let hardware = kind.and_then(|kind| kind.hardware());
     hardware.map_or([None; 2], |hardware| hardware.holders(thorough))
@@ -58,7 +61,8 @@ struct InterfaceOutlet {
     name: String,
     /// `None` for a name that no bus can have.
     kind: Option<BusKind>,
-    /// `None` once its motors are left to another daemon: nothing is sent, and none of it is unserved.
+    /// `None` once its motors are left to another daemon: nothing is sent, and none of it is
+    /// unserved.
     outlet: Option<Box<dyn Outlet>>,
     /// The interface has accepted a round since the stopper began.
     accepted: bool,
@@ -94,8 +98,9 @@ pub struct Interfaces {
 }
 
 impl Interfaces {
-    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`unserved`](Self::unserved),
-    /// [`leave_driven`](Self::leave_driven) and [`outcome`](Self::outcome) do.
+    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only
+    /// [`unserved`](Self::unserved), [`leave_driven`](Self::leave_driven) and
+    /// [`outcome`](Self::outcome) do.
     #[must_use]
     pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
         let (lines, frames): (Vec<_>, Vec<_>) =
@@ -115,16 +120,19 @@ impl Interfaces {
         self.stopper.begin(now);
     }
 
-    /// From now on skips the interfaces that a successor of the dead daemon `dead` drives. Any user may hold the lock of an
-    /// interface: a successor is a process of root or of this user, as which alone a daemon registers. Returns the processes
-    /// that hold a lock, those that are no successors included.
+    /// From now on skips the interfaces that a successor of the dead daemon `dead` drives. Any user
+    /// may hold the lock of an interface: a successor is a process of root or of this user, as
+    /// which alone a daemon registers. Returns the processes that hold a lock, those that are no
+    /// successors included.
     ///
-    /// A successor has had the time to start only if this process `was_frozen`. Then the kernel is asked for the user of a
-    /// process that hides, and one in another process namespace may be a successor. A process of unknown user never is, nor
-    /// one with the number of the dead daemon: motors that keep their last command are the greater harm.
+    /// A successor has had the time to start only if this process `was_frozen`. Then the kernel is
+    /// asked for the user of a process that hides, and one in another process namespace may be a
+    /// successor. A process of unknown user never is, nor one with the number of the dead daemon:
+    /// motors that keep their last command are the greater harm.
     ///
-    /// Allocates. At most twelve system calls per interface, and a search for the path of a serial port. Blocks only where
-    /// it closes a serial port of ours, at most 50 ms for each, and where a process hides, at most 80 ms for each.
+    /// Allocates. At most twelve system calls per interface, and a search for the path of a serial
+    /// port. Blocks only where it closes a serial port of ours, at most 50 ms for each, and where a
+    /// process hides, at most 80 ms for each.
     pub fn leave_driven(&mut self, dead: i32, was_frozen: bool) -> Vec<Locked> {
         let mut found = Vec::new();
         for line in &mut self.lines {

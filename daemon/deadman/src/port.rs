@@ -1,8 +1,8 @@
-//! A serial port whose motors are stopped, in a dedicated thread. Opening a port and writing to it have no time limit, and no
-//! CAN interface waits for them.
+//! A serial port whose motors are stopped, in a dedicated thread. Opening a port and writing to it
+//! have no time limit, and no CAN interface waits for them.
 //!
-//! An RS485 line carries one direction at a time. A motor answers each frame, so the next one leaves after the time for an
-//! answer. The answers are not read.
+//! An RS485 line carries one direction at a time. A motor answers each frame, so the next one
+//! leaves after the time for an answer. The answers are not read.
 
 use motord_bus::serial::SerialSender;
 use motord_bus::{Duration, Frame, Inbox, Instant, Refusal};
@@ -13,10 +13,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
 use std::thread::Builder;
 
-/// Time from one frame to the next. At 921 600 bit/s frame and answer take 0.26 ms; the rest is for the motor.
+/// Time from one frame to the next. At 921 600 bit/s frame and answer take 0.26 ms; the rest is for
+/// the motor.
 const PACE: Duration = Duration::from_millis(2);
-/// Period in which an idle thread checks whether the adapter was unplugged. A port that stays open would keep its name
-/// from the adapter that is plugged in again.
+/// Period in which an idle thread checks whether the adapter was unplugged. A port that stays open
+/// would keep its name from the adapter that is plugged in again.
 const IDLE: Duration = Duration::from_millis(100);
 /// Longest time to send the queued rounds before the port is closed.
 const LINGER: Duration = Duration::from_millis(50);
@@ -31,7 +32,8 @@ struct Round {
 }
 
 impl Round {
-    /// Returns `None` without a frame. Drops frames beyond the capacity: opening the port refuses more.
+    /// Returns `None` without a frame. Drops frames beyond the capacity: opening the port refuses
+    /// more.
     fn of(frames: &[Frame]) -> Option<Self> {
         let count = frames.len().min(Inbox::CAPACITY);
         let mut round = Self { frames: [*frames.first()?; Inbox::CAPACITY], count };
@@ -71,8 +73,8 @@ impl Port {
 }
 
 impl Outlet for Port {
-    /// Queues the round for the thread. Refuses while the round before the last one is not sent, and while the port accepts
-    /// no frames; each round tries again. At most one system call.
+    /// Queues the round for the thread. Refuses while the round before the last one is not sent,
+    /// and while the port accepts no frames; each round tries again. At most one system call.
     fn send_round(&mut self, _now: Instant, frames: &[Frame]) -> Option<Refusal> {
         let round = Round::of(frames)?;
         let is_taken = self.rounds.as_ref().is_some_and(|rounds| rounds.try_send(round).is_ok());
@@ -136,7 +138,8 @@ impl PortThread {
         }
     }
 
-    /// Sends one frame to each motor. Returns true when the port accepted all. Takes [`PACE`] for each.
+    /// Sends one frame to each motor. Returns true when the port accepted all. Takes [`PACE`] for
+    /// each.
     fn send(&mut self, round: &Round) -> bool {
         let mut accepted_all = true;
         for frame in &round.frames[..round.count] {

@@ -10,16 +10,16 @@
 //!        └──────────────────────────────────── at rest, or every bus is served ──────┘
 //! ```
 //!
-//! When the heartbeat changes again, the switch leaves the motors to the daemon: that daemon was late, detects it, and
-//! stops safely by itself. Two senders with different commands would be worse than either. A closed connection is
-//! final: its daemon is dead.
+//! When the heartbeat changes again, the switch leaves the motors to the daemon: that daemon was
+//! late, detects it, and stops safely by itself. Two senders with different commands would be worse
+//! than either. A closed connection is final: its daemon is dead.
 
 use crate::heartbeat::AT_REST;
 use motord_bus::{Duration, Instant};
 use motord_core::stopper::schedule::{INTERVAL, next_tick};
 
-/// Reads of the heartbeat within `heartbeat_timeout`. The switch detects the last beat, and its absence, at most a fifth of
-/// `heartbeat_timeout` late.
+/// Reads of the heartbeat within `heartbeat_timeout`. The switch detects the last beat, and its
+/// absence, at most a fifth of `heartbeat_timeout` late.
 const READS: u32 = 5;
 /// The least time between two reads.
 const READ_INTERVAL_MIN: Duration = Duration::from_millis(1);
@@ -54,8 +54,8 @@ pub struct Switch {
 }
 
 impl Switch {
-    /// Creates a switch for a heartbeat, which is `heartbeat` at `now`. It acts when the heartbeat does not change for
-    /// `heartbeat_timeout`.
+    /// Creates a switch for a heartbeat, which is `heartbeat` at `now`. It acts when the heartbeat
+    /// does not change for `heartbeat_timeout`.
     #[must_use]
     pub fn new(heartbeat_timeout: Duration, heartbeat: u64, now: Instant) -> Self {
         let phase = if heartbeat == AT_REST { Phase::Quiet } else { Phase::Watching };
@@ -77,14 +77,15 @@ impl Switch {
         self.heartbeat
     }
 
-    /// Returns when the next [`step`](Self::step) is due, unless the switch acts: then one precedes every round.
+    /// Returns when the next [`step`](Self::step) is due, unless the switch acts: then one precedes
+    /// every round.
     #[must_use]
     pub const fn due(&self) -> Instant {
         self.due
     }
 
-    /// Checks the daemon at `now` by its heartbeat and by whether its connection is open. Real-time: does not allocate,
-    /// block or loop.
+    /// Checks the daemon at `now` by its heartbeat and by whether its connection is open.
+    /// Real-time: does not allocate, block or loop.
     pub fn step(&mut self, now: Instant, connected: bool, heartbeat: u64) {
         let moved = heartbeat != self.heartbeat;
         self.heartbeat = heartbeat;

@@ -5,7 +5,8 @@
 //!                       ◀──verb, outcome──┘
 //! ```
 //!
-//! Only a configuration whose buses are all simulated gets such buses: the cycle of a real bus never passes here.
+//! Only a configuration whose buses are all simulated gets such buses: the cycle of a real bus
+//! never passes here.
 
 use super::fault_line::{self, FaultLineError};
 use super::simulate;
@@ -21,7 +22,8 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 /// Between two looks for its outcome.
 const TURN: Duration = Duration::from_millis(1);
 
-/// A verb and its outcome. It returns to the thread that allocated it, because the cycle frees nothing.
+/// A verb and its outcome. It returns to the thread that allocated it, because the cycle frees
+/// nothing.
 type Outcome = (FaultVerb, Result<(), InjectError>);
 
 /// A simulated bus.
@@ -71,8 +73,8 @@ impl InjectedBus {
         let _queued = self.outcomes.push((verb, outcome));
     }
 
-    /// The cycle sends nothing to a bus that is gone until its controller reports a restart: the verb that ends the fault makes
-    /// that report. A real bus is opened again instead.
+    /// The cycle sends nothing to a bus that is gone until its controller reports a restart: the
+    /// verb that ends the fault makes that report. A real bus is opened again instead.
     fn plug(&mut self, now: Instant, fault: Fault) {
         if fault == Fault::Ok && std::mem::take(&mut self.unplugged) {
             let restarted = ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] };
@@ -142,7 +144,8 @@ pub struct Injectors {
 }
 
 impl Injectors {
-    /// The buses of `settings`, and the end that gives them faults; `None` when one of them is real. Allocates.
+    /// The buses of `settings`, and the end that gives them faults; `None` when one of them is
+    /// real. Allocates.
     #[must_use]
     pub fn open(settings: &Settings) -> Option<(Vec<Box<dyn Bus>>, Self)> {
         let seeds: Vec<_> = settings.buses.iter().map(|bus| bus.kind.seed()).collect::<Option<_>>()?;
@@ -153,8 +156,8 @@ impl Injectors {
         Some(Self::of(settings, wires))
     }
 
-    /// As [`open`](Self::open), where `mechanics` move the motors. They begin where the mechanics have them; `settings` says so
-    /// afterwards. Every bus must be a simulated one. Allocates.
+    /// As [`open`](Self::open), where `mechanics` move the motors. They begin where the mechanics
+    /// have them; `settings` says so afterwards. Every bus must be a simulated one. Allocates.
     ///
     /// # Errors
     ///
@@ -187,7 +190,8 @@ impl Injectors {
         Self { imus, ..self }
     }
 
-    /// Gives the fault that `line` asks for to its motor, bus or IMU. Waits for the cycle, at most 1 s.
+    /// Gives the fault that `line` asks for to its motor, bus or IMU. Waits for the cycle, at most
+    /// 1 s.
     ///
     /// # Errors
     ///

@@ -3,7 +3,8 @@
 use motord_bus::{Duration, Instant};
 use motord_protocol::imu::{DeviceTime, Sample};
 
-/// Slack of the gap check. A gap of more samples than fit into the elapsed time and this is a restart of the device's counter or clock.
+/// Slack of the gap check. A gap of more samples than fit into the elapsed time and this is a
+/// restart of the device's counter or clock.
 const SLACK: Duration = Duration::from_secs(1);
 
 /// Counts the samples between two received ones.
@@ -22,7 +23,8 @@ struct Mark {
 }
 
 impl Gaps {
-    /// Counts samples of `rate_hz`. The rate converts the clock of a device without a counter into a number of samples, and bounds a gap.
+    /// Counts samples of `rate_hz`. The rate converts the clock of a device without a counter into
+    /// a number of samples, and bounds a gap.
     pub(super) const fn new(rate_hz: f64) -> Self {
         Self { rate_hz, last: None }
     }
@@ -32,7 +34,8 @@ impl Gaps {
         self.last = None;
     }
 
-    /// Returns the samples that are missing before `sample`; 0 where the device has neither counter nor clock.
+    /// Returns the samples that are missing before `sample`; 0 where the device has neither counter
+    /// nor clock.
     pub(super) fn before(&mut self, sample: &Sample, received: Instant) -> u32 {
         let mark = Mark { counter: sample.counter, time: sample.time, received };
         let Some(last) = self.last.replace(mark) else { return 0 };

@@ -4,8 +4,8 @@
 //!   Reader, ExternalImus ──sample──▶ Writer: turned into the frame of the body ──wait-free buffer──▶ cycle
 //! ```
 //!
-//! A [`Reader`] has a dedicated thread. The samples of other processes arrive at the ports of the ipc thread, which passes them
-//! to [`ExternalImus`].
+//! A [`Reader`] has a dedicated thread. The samples of other processes arrive at the ports of the
+//! ipc thread, which passes them to [`ExternalImus`].
 
 mod external;
 mod gaps;
@@ -33,8 +33,8 @@ use triple_buffer::Input;
 /// The IMUs of a robot, by source.
 #[derive(Default)]
 pub struct Sources {
-    /// Those with a thread: all simulated ones together, and each on a serial line, because to open a port can take longer than
-    /// a sample of another IMU may wait.
+    /// Those with a thread: all simulated ones together, and each on a serial line, because to open
+    /// a port can take longer than a sample of another IMU may wait.
     pub readers: Vec<Box<dyn Reader>>,
     /// The simulated ones, for injected faults.
     pub simulated: Option<SimulatedImus>,
@@ -43,8 +43,8 @@ pub struct Sources {
 }
 
 impl Sources {
-    /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`, and measure `world`; `boot_id` is that
-    /// of the daemon.
+    /// Divides `imus`, with their ends of the cycle. The simulated ones begin at `start`, and
+    /// measure `world`; `boot_id` is that of the daemon.
     #[must_use]
     pub fn of(
         imus: &[ImuSettings],

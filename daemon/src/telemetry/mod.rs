@@ -1,4 +1,5 @@
-//! The telemetry thread: takes in what the cycle measured and did, answers questions about it, and does what is not urgent.
+//! The telemetry thread: takes in what the cycle measured and did, answers questions about it, and
+//! does what is not urgent.
 //!
 //! | type | job |
 //! |---|---|

@@ -1,4 +1,5 @@
-//! The start of the threads, in stages: each consumes the one before, whose fields are what it needs.
+//! The start of the threads, in stages: each consumes the one before, whose fields are what it
+//! needs.
 //!
 //! ```text
 //!   Assembled ──plant, IMUs, ipc, owners──▶ Served ──reconnector, telemetry──▶ Observed
@@ -48,8 +49,9 @@ use triple_buffer::Input;
 const OWNERS_TURN: Duration = Duration::from_secs(1);
 
 impl Daemon {
-    /// Starts everything on `buses`, for the instance that `lock` holds. The file of the configuration and its hash are
-    /// watched for changes, if there is one. The metrics go to `outputs`.
+    /// Starts everything on `buses`, for the instance that `lock` holds. The file of the
+    /// configuration and its hash are watched for changes, if there is one. The metrics go to
+    /// `outputs`.
     ///
     /// # Errors
     ///
@@ -213,8 +215,8 @@ impl Observed {
     }
 }
 
-/// The thread may wait for the switch. It sleeps most of the time, but when the daemon is killed, its connection closes with this
-/// thread, and no motor is damped before: so it must not wait.
+/// The thread may wait for the switch. It sleeps most of the time, but when the daemon is killed,
+/// its connection closes with this thread, and no motor is damped before: so it must not wait.
 fn start_registrar(starter: &Starter, pulse: Pulse) -> Result<(), RunError> {
     let frames = SafeFrames::of(&starter.settings);
     if frames.buses.is_empty() {
@@ -226,7 +228,8 @@ fn start_registrar(starter: &Starter, pulse: Pulse) -> Result<(), RunError> {
         let counters = Arc::clone(&starter.counters);
         registrar = registrar.reports(move |lost| counters.alarms.stand(lost.then_some(Cause::SwitchLost)));
     }
-    // If the connection closed before the last cycle, the switch would act on motors that the cycle still drives.
+    // If the connection closed before the last cycle, the switch would act on motors that the cycle
+    // still drives.
     starter.detach_below_the_cycle("registrar", move |orders| {
         orders.outlive_the_cycle("registrar", || registrar.run(|| orders.are(Orders::END)));
     })
@@ -243,7 +246,8 @@ impl Stops {
     fn start(self, starter: &Starter) -> Result<(), RunError> {
         let Self { stops, programs, injectors } = self;
         let instance = starter.lock.instance().clone();
-        // This thread sleeps until a stop arrives. No other load of the computer may delay that stop.
+        // This thread sleeps until a stop arrives. No other load of the computer may delay that
+        // stop.
         starter.detach_below_the_cycle("stop", move |orders| {
             emergency_stop::run(&instance, stops, programs, || orders.are(Orders::END));
         })?;

@@ -1,4 +1,5 @@
-//! Values in other units and bases, and slips of the form: what is written instead keeps the meaning.
+//! Values in other units and bases, and slips of the form: what is written instead keeps the
+//! meaning.
 
 use crate::document::{GOOD, validate};
 use crate::messages::ROBOT;

@@ -3,7 +3,8 @@
 use crate::interval::{Value, Why};
 use crate::sample::Sample;
 
-/// Bits of the shortest frame of 8 bytes by those of the longest, with stuff bits and the space between frames: 108 of 135.
+/// Bits of the shortest frame of 8 bytes by those of the longest, with stuff bits and the space
+/// between frames: 108 of 135.
 const SHORTEST_SHARE: f64 = 0.8;
 /// Largest half of the distance of bounds that bound anything, s.
 const WIDEST: f64 = 50e-6;
@@ -22,11 +23,14 @@ pub struct BusTiming {
 /// Times from a command to its answer, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Delay {
-    /// Shortest, median and longest time from the sending of a command to the receipt of its answer.
+    /// Shortest, median and longest time from the sending of a command to the receipt of its
+    /// answer.
     pub answers: [f64; 3],
-    /// From the end of a command to the begin of its answer: `reply-latency-us`. Includes what computer and adapter add.
+    /// From the end of a command to the begin of its answer: `reply-latency-us`. Includes what
+    /// computer and adapter add.
     pub motor: Value,
-    /// From the sending of a command until its torque acts. Lower end: its frame. Upper end: its answer was under way.
+    /// From the sending of a command until its torque acts. Lower end: its frame. Upper end: its
+    /// answer was under way.
     pub action: [f64; 2],
 }
 

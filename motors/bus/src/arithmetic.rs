@@ -15,8 +15,8 @@
 //! stuffs the bits up to the CRC, a CAN FD frame those up to the payload. In CAN FD, the first
 //! fixed stuff bit replaces a stuff bit after the payload.
 //!
-//! Sources: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
-//! revised" (2007); ISO 11898-1:2015, 10.4.2 and 10.5.
+//! Sources: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis:
+//! refuted, revisited and revised" (2007); ISO 11898-1:2015, 10.4.2 and 10.5.
 
 use crate::frame::Format;
 use crate::time::Duration;
@@ -36,7 +36,8 @@ const CLASSIC_END: (u32, u32) = (4 + 15, 13);
 /// Bits of any frame from the ACK slot to the end of the interframe space.
 const END: u32 = 12;
 
-/// Bits of a classic data frame with `bytes` of payload without stuff bits, including the interframe space.
+/// Bits of a classic data frame with `bytes` of payload without stuff bits, including the
+/// interframe space.
 #[must_use]
 pub const fn unstuffed_bits(width: IdWidth, bytes: u32) -> u32 {
     stuffable_bits(width, bytes) + CLASSIC_END.1
@@ -64,8 +65,8 @@ const fn stuffable_bits(width: IdWidth, bytes: u32) -> u32 {
     header + CLASSIC_END.0 + 8 * bytes
 }
 
-/// Bits of a frame, including the interframe space, by the bit rate at which they are sent. Those of a classic frame are all
-/// nominal.
+/// Bits of a frame, including the interframe space, by the bit rate at which they are sent. Those
+/// of a classic frame are all nominal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FdBits {
     /// At the bit rate of arbitration.
@@ -168,8 +169,8 @@ impl FrameLength {
     }
 }
 
-/// Bits of one native frame on RS485 or RS232: 4 bytes of header, 8 of payload, 10 bits a byte (8N1).
-/// Source: GIM document, tables 1 and 3.
+/// Bits of one native frame on RS485 or RS232: 4 bytes of header, 8 of payload, 10 bits a byte
+/// (8N1). Source: GIM document, tables 1 and 3.
 pub const SERIAL_FRAME_BITS: u32 = (4 + 8) * 10;
 
 /// Returns the time that `bits` take at `bitrate` bit/s, rounded up to a nanosecond.
@@ -216,11 +217,13 @@ mod tests {
             let [least, most] = [FdBits::unstuffed(width, bytes), FdBits::worst_case(width, bytes)];
             [least.nominal, least.data, most.nominal, most.data]
         };
-        // Header 17, end 12. Data: 1 + 4 + 0 payload + 27 + 1 = 33. Of 22 bits, (22 - 2) / 4 = 5 get a stuff bit, 4 in the header.
+        // Header 17, end 12. Data: 1 + 4 + 0 payload + 27 + 1 = 33. Of 22 bits, (22 - 2) / 4 = 5
+        // get a stuff bit, 4 in the header.
         assert_eq!(fd(IdWidth::Standard, 0), [29, 33, 33, 34]);
         // Data: 1 + 4 + 64 + 27 + 1 = 97. Of 86 bits, 84 / 4 = 21 stuff bits, 4 and 17.
         assert_eq!(fd(IdWidth::Standard, 8), [29, 97, 33, 114]);
-        // The last length with CRC-17. Data: 1 + 4 + 128 + 27 + 1 = 161. Of 150 bits, 148 / 4 = 37, 4 and 33.
+        // The last length with CRC-17. Data: 1 + 4 + 128 + 27 + 1 = 161. Of 150 bits, 148 / 4 = 37,
+        // 4 and 33.
         assert_eq!(fd(IdWidth::Standard, 16), [29, 161, 33, 194]);
         // CRC-21. Data: 1 + 4 + 160 + 32 + 1 = 198. Of 182 bits, 180 / 4 = 45, 4 and 41.
         assert_eq!(fd(IdWidth::Standard, 20), [29, 198, 33, 239]);

@@ -102,8 +102,8 @@ macro_rules! conformance {
 
 /// Long enough for everything on the wire to arrive, on a loaded machine and a slow emulation.
 const SETTLED: Duration = Duration::from_millis(50);
-/// A call that blocks waits for a frame that never comes. Far longer than other work of the computer may delay one that does not
-/// block: rigs run with the processor time that is left.
+/// A call that blocks waits for a frame that never comes. Far longer than other work of the
+/// computer may delay one that does not block: rigs run with the processor time that is left.
 const BLOCKED: Duration = Duration::from_secs(30);
 
 fn numbered(id: FrameId, number: u16) -> Frame {

@@ -1,4 +1,5 @@
-//! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this file.
+//! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this
+//! file.
 //!
 //! The safe wrappers of nix 0.31 are not sufficient:
 //! - nix has none for these requests to serial ports.
@@ -145,7 +146,8 @@ impl Batch {
     }
 }
 
-/// A header without control bytes. The kernel changes the length of the control buffer, but not its address.
+/// A header without control bytes. The kernel changes the length of the control buffer, but not its
+/// address.
 fn header(vector: *mut libc::iovec, control: &Cell<Control>) -> libc::mmsghdr {
     let msg_hdr = libc::msghdr {
         msg_name: ptr::null_mut(),

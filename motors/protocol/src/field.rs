@@ -18,7 +18,8 @@ pub struct Field {
     step: f64,
     /// Position of zero between the codes: exactly half way where the range is symmetric.
     zero: f64,
-    /// The sum of `zero`, a half and [`TIE`]: a value in codes plus this, rounded down, is the nearest code.
+    /// The sum of `zero`, a half and [`TIE`]: a value in codes plus this, rounded down, is the
+    /// nearest code.
     base: f64,
     /// The largest code plus a half.
     top: f64,
@@ -179,7 +180,8 @@ mod tests {
         }
     }
 
-    /// 250 N·m/rad is half way between two codes, and its product with the codes of one unit is rounded down.
+    /// 250 N·m/rad is half way between two codes, and its product with the codes of one unit is
+    /// rounded down.
     #[test]
     fn exact_midpoint_rounds_to_the_upper_code() {
         let [_, _, kp, kd, _] = every_field();

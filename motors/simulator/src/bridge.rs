@@ -4,8 +4,8 @@ use crate::{FaultVerb, InjectError, SimulatedBus};
 use motord_bus::transport::{MotorsBus, MotorsEnd, OpenError};
 use motord_bus::{Bus, Content, IdFilter, Inbox, Instant, Readiness};
 
-/// Passes the commands that arrive at the motors' end of a bus to a simulated bus, and sends the motors'
-/// answers there.
+/// Passes the commands that arrive at the motors' end of a bus to a simulated bus, and sends the
+/// motors' answers there.
 ///
 /// The simulated bus keeps its bit rate, so that motors on a virtual interface answer at the times
 /// of real ones. The bridge also sends its error reports: on a virtual interface they look like

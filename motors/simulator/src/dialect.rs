@@ -5,9 +5,10 @@ use motord_bus::{Frame, FrameId, IdFilter};
 /// Bytes of every command of MIT and GIM, and of every request to a register.
 const COMMAND_BYTES: usize = 8;
 
-/// Defines the dialects. A row has the documentation, the name in Rust, the name in configurations, the number in the
-/// memory of a drive (GIM document, table 7, ConfID 0x1C), the ids of the commands to a motor with an id, and the
-/// function that tells whether a frame has the form of a command.
+/// Defines the dialects. A row has the documentation, the name in Rust, the name in configurations,
+/// the number in the memory of a drive (GIM document, table 7, ConfID 0x1C), the ids of the
+/// commands to a motor with an id, and the function that tells whether a frame has the form of a
+/// command.
 macro_rules! dialects {
     ($($(#[$doc:meta])* $dialect:ident = $name:literal, $number:literal, $commands:expr, $is_formed:expr);+ $(;)?) => {
         /// The protocol of a motor over CAN. A serial line is always native.

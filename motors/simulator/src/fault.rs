@@ -33,7 +33,8 @@ pub enum Fault {
     Reorder,
     /// `short`: answers lack their last two bytes.
     Short,
-    /// `fault 0x02`: the drive raises this number of its vendor's fault list (SteadyWin: bits of GIM document, table 9).
+    /// `fault 0x02`: the drive raises this number of its vendor's fault list (SteadyWin: bits of
+    /// GIM document, table 9).
     Raise(u32),
     /// `power-cycle`: the motor restarts: silent while it boots, then stopped, with its position
     /// within one turn.
@@ -53,20 +54,24 @@ pub enum Fault {
     Voltage(f64),
     /// `load 5`: constant external torque on the output, N·m.
     Load(f64),
-    /// `bus-off`: the controller has left the bus. Frames are accepted and lost, as Linux does without carrier.
+    /// `bus-off`: the controller has left the bus. Frames are accepted and lost, as Linux does
+    /// without carrier.
     BusOff,
     /// `tx-full`, `tx-full 1`: each send accepts this many frames and refuses the rest. Waiting
     /// frames are still sent.
     TxFull(usize),
-    /// `no-ack`: no node acknowledges. The queue fills, and its old frames are sent when the fault ends.
+    /// `no-ack`: no node acknowledges. The queue fills, and its old frames are sent when the fault
+    /// ends.
     NoAck,
     /// `down`: the interface is down.
     Down,
-    /// `gone`: the interface is unplugged. `ok` plugs a serial port in again, perhaps under another name.
+    /// `gone`: the interface is unplugged. `ok` plugs a serial port in again, perhaps under another
+    /// name.
     Gone,
     /// `flood 8000`: frames per second with ids of no motor.
     Flood(u32),
-    /// `warning`, `passive`, `active`: the controller reports this state once; nothing else changes.
+    /// `warning`, `passive`, `active`: the controller reports this state once; nothing else
+    /// changes.
     Report(ControllerState),
     /// `extended`, `remote`, `fd`: one frame that no motor sends.
     Unsupported(Unsupported),

@@ -1,5 +1,5 @@
-//! The settings of a simulated IMU on a serial line, and the commands that change them. Written from the vendors' documents,
-//! without the encoders of the host.
+//! The settings of a simulated IMU on a serial line, and the commands that change them. Written
+//! from the vendors' documents, without the encoders of the host.
 
 use crate::imu_stream::ImuVendor;
 
@@ -87,7 +87,8 @@ impl ImuConsole {
         answers
     }
 
-    /// HiPNUC: a line of text (command manual). While it sends samples, it obeys only the command that ends them.
+    /// HiPNUC: a line of text (command manual). While it sends samples, it obeys only the command
+    /// that ends them.
     fn hipnuc(&mut self, answers: &mut Vec<u8>) {
         if self.input.last() != Some(&b'\n') {
             return;
@@ -153,7 +154,8 @@ impl ImuConsole {
         answer(answers, message + 1, &[]);
     }
 
-    /// SetOutputConfiguration: takes the nearest rate, and stores it. The simulated device has the outputs of a complete sample.
+    /// SetOutputConfiguration: takes the nearest rate, and stores it. The simulated device has the
+    /// outputs of a complete sample.
     fn outputs(&mut self, data: &[u8], answers: &mut Vec<u8>) {
         let mut taken = data.to_vec();
         for row in taken.chunks_exact_mut(4) {
@@ -207,8 +209,8 @@ mod tests {
         assert!(device.is_sending());
     }
 
-    /// By hand: FF+C0+04+20+10+01+90 = 0x284, so the checksum is 0x7C; the answer has 0xC1, so 0x7B. 350 Hz is
-    /// nearer to 400 than to 200.
+    /// By hand: FF+C0+04+20+10+01+90 = 0x284, so the checksum is 0x7C; the answer has 0xC1, so
+    /// 0x7B. 350 Hz is nearer to 400 than to 200.
     #[test]
     fn xsens_uses_the_nearest_rate() {
         let mut device = console(ImuVendor::Xsens);

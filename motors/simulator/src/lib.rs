@@ -34,8 +34,8 @@
 //! sensor noise, encoder offsets, backlash, the loops' gains (which have no documented unit), or
 //! error counters of the CAN controllers.
 //!
-//! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad, A, V, Ω, H, kg·m², s; temperatures in °C. Positions, velocities
-//! and torques are those of the output shaft.
+//! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad, A, V, Ω, H, kg·m², s; temperatures in °C.
+//! Positions, velocities and torques are those of the output shaft.
 
 mod body;
 #[cfg(feature = "bridge")]

@@ -1,4 +1,5 @@
-//! The RS485 and RS232 framing of the vendor, from the motors' side: bytes in, bytes out (GIM document, table 3).
+//! The RS485 and RS232 framing of the vendor, from the motors' side: bytes in, bytes out (GIM
+//! document, table 3).
 
 use crate::line::Line;
 use crate::motor::Motor;
@@ -113,7 +114,8 @@ impl SerialSlave {
         self.line.hand_over(now, answers);
     }
 
-    /// Sends the requests in the window to the bus, and drops damaged bytes. The window then has room for at least one byte.
+    /// Sends the requests in the window to the bus, and drops damaged bytes. The window then has
+    /// room for at least one byte.
     fn parse(&mut self, now: Instant) {
         loop {
             match self.start() {

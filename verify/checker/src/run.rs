@@ -45,8 +45,9 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
 
-/// Velocity, rad/s, that only messages without the owner's lease contain, and that no way of a horizon passes (I7). No
-/// slew delays the velocity of an impedance, so it reaches the wire in the cycle that uses it.
+/// Velocity, rad/s, that only messages without the owner's lease contain, and that no way of a
+/// horizon passes (I7). No slew delays the velocity of an impedance, so it reaches the wire in the
+/// cycle that uses it.
 pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 
 /// Time after which a request to clear a fault causes no more frames: a second, and a late cycle.
@@ -207,8 +208,8 @@ impl Checker {
         }
     }
 
-    /// Records a message of the group's owner that is good in every respect. Its setpoints are reached at `end`: when it
-    /// was sent, or at the end of its horizon.
+    /// Records a message of the group's owner that is good in every respect. Its setpoints are
+    /// reached at `end`: when it was sent, or at the end of its horizon.
     pub fn good_setpoint(&mut self, group: usize, end: Instant) {
         self.groups[group].good_setpoint = Some(end);
     }

@@ -270,8 +270,8 @@ impl Robot {
     }
 }
 
-/// Returns the state of a motor at rest: the middle codes, and temperatures of a cool motor. RobStride's
-/// has the mode "motor" above its temperature.
+/// Returns the state of a motor at rest: the middle codes, and temperatures of a cool motor.
+/// RobStride's has the mode "motor" above its temperature.
 fn at_rest(motor: &MotorSettings) -> Frame {
     let len = motor.profile.reply.lengths[0];
     let mode = if motor.profile.name == "robstride" { 0x80 } else { 0 };

@@ -1,4 +1,5 @@
-//! The rooms of `core` and `daemon`: the files and folders below `src`, and which of them may import which.
+//! The rooms of `core` and `daemon`: the files and folders below `src`, and which of them may
+//! import which.
 
 use crate::circles;
 use crate::sources::{self, Source};

@@ -75,7 +75,8 @@ const RETIRED: &[(&str, &str, Where)] = &[
 /// Most words of a function's name.
 const WORDS_MAX: usize = 8;
 
-/// Names with a retired word: of other people's libraries, of public interfaces, and idioms of Rust and Unix.
+/// Names with a retired word: of other people's libraries, of public interfaces, and idioms of Rust
+/// and Unix.
 const KEPT: &[&str] = &[
     "compare_exchange",
     "Home",

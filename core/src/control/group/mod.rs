@@ -200,8 +200,8 @@ impl Group {
         self.setpoints.age(now)
     }
 
-    /// Returns the mean interval between the messages of the owner. After a `setpoint-timeout`, returns
-    /// that of the stopped owner.
+    /// Returns the mean interval between the messages of the owner. After a `setpoint-timeout`,
+    /// returns that of the stopped owner.
     fn setpoint_period(&self) -> Option<Duration> {
         match self.cause() {
             Some(Cause::SetpointTimeout) => self.setpoints.at_stop.map(|(period, _)| period),
@@ -217,7 +217,8 @@ impl Group {
         }
     }
 
-    /// Returns whether the end of the horizon of the setpoints in use is not longer ago than the limit.
+    /// Returns whether the end of the horizon of the setpoints in use is not longer ago than the
+    /// limit.
     pub(super) fn has_fresh_setpoints(&self, cx: &Context) -> bool {
         self.setpoints.age_after_horizon(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
     }
@@ -230,7 +231,8 @@ impl Group {
             let wanted = self.setpoints.get(slot, share)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
-            // The target is the applied position, not the wanted one: a joint outside its limits would be pulled back into them.
+            // The target is the applied position, not the wanted one: a joint outside its limits
+            // would be pulled back into them.
             let target = wanted.values.position.clamp(low, high);
             (wanted.pulls() && (target - position).abs() > cx.safety.start_jump).then_some(motor)
         })

@@ -1,4 +1,5 @@
-//! The part of a motor that asks for its faults beside the regular questions: after a silence, a refusal or an ambiguous answer.
+//! The part of a motor that asks for its faults beside the regular questions: after a silence, a
+//! refusal or an ambiguous answer.
 
 use super::Motor;
 use super::mode::Mode;
@@ -23,8 +24,8 @@ impl Motor {
         requests && self.settings.capabilities.answers_fault_question
     }
 
-    /// Records an answer that may be its fault bits. If they are not the known ones, it is asked again in its turn after next: a
-    /// state in between shows whether the answer was a late one.
+    /// Records an answer that may be its fault bits. If they are not the known ones, it is asked
+    /// again in its turn after next: a state in between shows whether the answer was a late one.
     #[cold]
     pub(in crate::control) fn record_ambiguous(&mut self, fault: Faults, at: Instant, cx: &Context) {
         self.faults.postpone(at, cx);

@@ -53,8 +53,9 @@ impl Motor {
         if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
 
-    /// Returns the start of the interpolation to `target`: the command of the last cycle, with the torque of the previous setpoint
-    /// `wanted`. The limits may have reduced the torque of the command temporarily.
+    /// Returns the start of the interpolation to `target`: the command of the last cycle, with the
+    /// torque of the previous setpoint `wanted`. The limits may have reduced the torque of the
+    /// command temporarily.
     pub(in crate::control) fn interpolation_origin(
         &self,
         wanted: Option<Setpoint>,

@@ -48,8 +48,8 @@ use replies::Replies;
 use response::Response;
 use service::ServiceRequest;
 
-/// Safe frames of another sender that arrive for this long are those of another master. The dead man's switch ends within some
-/// milliseconds after the heartbeat of the daemon moves.
+/// Safe frames of another sender that arrive for this long are those of another master. The dead
+/// man's switch ends within some milliseconds after the heartbeat of the daemon moves.
 const SAFE_MAX: Duration = Duration::from_millis(200);
 /// The switch of a dead daemon stops its motors within this time after the damping.
 const SWITCH_ENDS: Duration = Duration::from_secs(1);
@@ -454,8 +454,8 @@ impl Motor {
         self.plausibility.duplicate()
     }
 
-    /// Records `frames` by which another sender commanded it, with `id`. Returns whether that sender
-    /// is another master.
+    /// Records `frames` by which another sender commanded it, with `id`. Returns whether that
+    /// sender is another master.
     pub(super) fn record_foreign(
         &mut self,
         id: FrameId,

@@ -32,8 +32,8 @@ impl Motor {
         self.registers.expire();
     }
 
-    /// Returns the register to request in this turn. Only a motor that confirmed its stop is asked: the request takes the
-    /// place of a stop, and the answer may change the scales of its codes.
+    /// Returns the register to request in this turn. Only a motor that confirmed its stop is asked:
+    /// the request takes the place of a stop, and the answer may change the scales of its codes.
     pub(super) fn register_to_read(&mut self, cx: &mut Context) -> Option<u8> {
         if self.may_run || !matches!(self.mode, Mode::Idle | Mode::Fault { .. }) {
             return None;

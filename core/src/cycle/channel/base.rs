@@ -16,8 +16,8 @@ pub(crate) struct ChannelBase {
     routes: Routes,
     foreign: ForeignCommands,
     sensors: Sensors,
-    /// One slot for each motor of the bus, and those for its sensors. The first hold the batch: one frame for each of
-    /// `senders`, then those to sensors.
+    /// One slot for each motor of the bus, and those for its sensors. The first hold the batch: one
+    /// frame for each of `senders`, then those to sensors.
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
@@ -70,8 +70,8 @@ impl ChannelBase {
         }
     }
 
-    /// Replaces a bus that disconnected by one that was opened again, or by a substitute in another condition. Returns the old
-    /// one: closing it may block.
+    /// Replaces a bus that disconnected by one that was opened again, or by a substitute in another
+    /// condition. Returns the old one: closing it may block.
     pub(crate) fn replace(&mut self, bus: Box<dyn Bus>, condition: BusCondition) -> Box<dyn Bus> {
         self.condition = condition;
         std::mem::replace(&mut self.bus, bus)
@@ -91,13 +91,15 @@ impl ChannelBase {
             .flat_map(move |to_sensors| (0..=motors).map(move |to_motors| to_sensors + to_motors))
     }
 
-    /// Returns the number of the batch among all that differ in their frames to motors or to sensors; 0 without a frame.
+    /// Returns the number of the batch among all that differ in their frames to motors or to
+    /// sensors; 0 without a frame.
     #[inline]
     pub(super) fn batch(&self) -> usize {
         self.senders.len() + self.sensors.queued() * (self.routes.len() + 1)
     }
 
-    /// Queues the requests to the sensors in the cycle with this number, after the frames of the motors. Bounded by sensors.
+    /// Queues the requests to the sensors in the cycle with this number, after the frames of the
+    /// motors. Bounded by sensors.
     pub(crate) fn queue_sensors(&mut self, cycle: u64, now: Instant) {
         if matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive) {
             self.sensors.reconnect();
@@ -117,15 +119,17 @@ impl ChannelBase {
         }
     }
 
-    /// Queues the frame of a motor, if `write` writes one. There is a slot for each motor of the bus.
+    /// Queues the frame of a motor, if `write` writes one. There is a slot for each motor of the
+    /// bus.
     pub(crate) fn queue(&mut self, motor: usize, write: impl FnOnce(&mut Frame) -> bool) {
         if self.frames.get_mut(self.senders.len()).is_some_and(write) {
             self.senders.push(motor);
         }
     }
 
-    /// Sends the queued frames; nothing to a bus that is off, gone or exchanged. Frames that the bus does not accept are dropped and
-    /// counted, and `unsent` is called with their motors. At most one system call.
+    /// Sends the queued frames; nothing to a bus that is off, gone or exchanged. Frames that the
+    /// bus does not accept are dropped and counted, and `unsent` is called with their motors. At
+    /// most one system call.
     #[inline]
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
         self.replied_at = now;
@@ -172,7 +176,8 @@ impl ChannelBase {
         Accepted { awaited: of_motors + self.sensors.open(), accepted_all: dropped == 0 }
     }
 
-    /// Discards what has arrived, then sends `frames` whose replies are not read. At most two system calls.
+    /// Discards what has arrived, then sends `frames` whose replies are not read. At most two
+    /// system calls.
     pub(super) fn send_unanswered(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
@@ -194,8 +199,8 @@ impl ChannelBase {
         self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY
     }
 
-    /// Reads once, and gives every frame to the motor that it is from, or `None` for a request that the motor refused. Bounded by
-    /// the inbox times the motors of the bus; one system call.
+    /// Reads once, and gives every frame to the motor that it is from, or `None` for a request that
+    /// the motor refused. Bounded by the inbox times the motors of the bus; one system call.
     #[inline]
     pub(super) fn receive(
         &mut self,
@@ -312,7 +317,8 @@ impl ChannelBase {
     }
 }
 
-/// Takes a frame that is from no motor: from a sensor, as [`Sensors::receive`] does, or a command of another program.
+/// Takes a frame that is from no motor: from a sensor, as [`Sensors::receive`] does, or a command
+/// of another program.
 #[cold]
 fn unrouted(
     sensors: &mut Sensors,

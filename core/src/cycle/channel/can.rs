@@ -8,7 +8,8 @@ use motord_settings::plan::BusPlan;
 /// A CAN bus.
 pub(crate) struct CanChannel {
     pub(crate) base: ChannelBase,
-    /// Each read takes everything that has arrived: not every motor gets a command in every cycle, or a sensor sends frames.
+    /// Each read takes everything that has arrived: not every motor gets a command in every cycle,
+    /// or a sensor sends frames.
     reads_all: bool,
     /// Requests of the last batch that are not answered.
     awaited: usize,
@@ -22,8 +23,8 @@ pub(crate) struct CanChannel {
     batch: Batch,
     /// Index of the last batch in `expected`.
     slot: usize,
-    /// Separate for batches with different numbers of frames: a probed, an excluded or a waiting motor makes a difference of a
-    /// command and its reply. The first is that of questions.
+    /// Separate for batches with different numbers of frames: a probed, an excluded or a waiting
+    /// motor makes a difference of a command and its reply. The first is that of questions.
     expected: Vec<ReplyTime>,
     /// Longest time of a question and its reply on the wire.
     question_time: Duration,
@@ -57,7 +58,8 @@ impl CanChannel {
         }
     }
 
-    /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not arrived may still do so.
+    /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not
+    /// arrived may still do so.
     #[inline]
     pub(crate) fn begin(&mut self, batch: Batch, now: Instant) {
         self.give_up(now);
@@ -65,7 +67,8 @@ impl CanChannel {
         self.base.clear();
     }
 
-    /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
+    /// Ends the wait for the replies to the last batch, before another one is sent at `now` or
+    /// later.
     pub(crate) fn give_up(&mut self, now: Instant) {
         if self.awaited > 0 {
             self.unsettle(now);
@@ -74,7 +77,8 @@ impl CanChannel {
         }
     }
 
-    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted all. At most one system call.
+    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted
+    /// all. At most one system call.
     #[inline]
     pub(crate) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
@@ -131,13 +135,15 @@ impl CanChannel {
         self.question_time
     }
 
-    /// For [`LATEST_REPLY`] every request was answered in its cycle, and nothing else arrived: no reply is late.
+    /// For [`LATEST_REPLY`] every request was answered in its cycle, and nothing else arrived: no
+    /// reply is late.
     const fn is_settled(&self) -> bool {
         self.sent_at.as_nanos() > self.unsettled_until.as_nanos()
     }
 
-    /// The most arrivals of the next read. While the bus is settled, they are the replies that are awaited: to check for
-    /// one more costs the kernel as much as a third of a frame. Later arrivals are read with the next replies.
+    /// The most arrivals of the next read. While the bus is settled, they are the replies that are
+    /// awaited: to check for one more costs the kernel as much as a third of a frame. Later
+    /// arrivals are read with the next replies.
     const fn space(&self) -> usize {
         let reads_all = !self.is_settled() || self.is_cut_short || self.reads_all;
         if reads_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
@@ -155,8 +161,8 @@ impl CanChannel {
         self.base.clear_inbox_for(self.space());
     }
 
-    /// Checks what a read at `now` took. Returns whether the `arrivals` are the awaited replies and nothing else; if not,
-    /// [`settle`](Self::settle) follows.
+    /// Checks what a read at `now` took. Returns whether the `arrivals` are the awaited replies and
+    /// nothing else; if not, [`settle`](Self::settle) follows.
     #[inline]
     pub(crate) fn record_read(&mut self, arrivals: Arrivals, now: Instant) -> bool {
         if arrivals.answers < arrivals.all {
@@ -168,7 +174,8 @@ impl CanChannel {
         false
     }
 
-    /// Finds the requests of the last batch that are still open after a read. Bounded by the motors of the bus.
+    /// Finds the requests of the last batch that are still open after a read. Bounded by the motors
+    /// of the bus.
     #[cold]
     pub(crate) fn settle(&mut self, drives: &[Drive]) {
         let motors = self.base.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
@@ -177,7 +184,8 @@ impl CanChannel {
         self.may_be_late = self.base.others().any(|motor| drives[motor].is_open());
     }
 
-    /// Something other than an answer arrived by `now`, or a request is sent then and the one before has no answer.
+    /// Something other than an answer arrived by `now`, or a request is sent then and the one
+    /// before has no answer.
     fn unsettle(&mut self, now: Instant) {
         self.unsettled_until = self.unsettled_until.max(now + LATEST_REPLY);
     }

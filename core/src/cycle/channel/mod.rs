@@ -1,7 +1,7 @@
 //! One bus in the cycle: frames sent on it, motors that reply there, counters.
 //!
-//! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
-//! or by one inbox.
+//! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by
+//! the motors of the bus or by one inbox.
 
 mod base;
 mod can;
@@ -36,7 +36,8 @@ impl BusChannel {
     pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
         let motors = || settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
         if settings.buses[index].is_line() {
-            // A frame on a line names its receiver only, so such a bus names the motor that answers.
+            // A frame on a line names its receiver only, so such a bus names the motor that
+            // answers.
             let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
             return Self::Line(LineChannel::new(ChannelBase::new(
                 bus,
@@ -105,8 +106,9 @@ impl BusChannel {
         }
     }
 
-    /// Returns whether the bus is read before the decisions of a cycle: a reply must be checked before the next command
-    /// to its motor is decided. That read takes everything that has arrived.
+    /// Returns whether the bus is read before the decisions of a cycle: a reply must be checked
+    /// before the next command to its motor is decided. That read takes everything that has
+    /// arrived.
     pub(super) const fn reads_early(&mut self) -> bool {
         match self {
             Self::Can(channel) => channel.reads_early(),
@@ -123,7 +125,8 @@ impl BusChannel {
         }
     }
 
-    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted all. At most one system call.
+    /// Sends the queued frames, as [`ChannelBase::send`] does. Returns whether the bus accepted
+    /// all. At most one system call.
     #[inline]
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         match self {
@@ -142,8 +145,8 @@ impl BusChannel {
 }
 
 impl Outlet for BusChannel {
-    /// Discards what has arrived, then sends frames whose replies are not read; on a line one of them. At most two
-    /// system calls.
+    /// Discards what has arrived, then sends frames whose replies are not read; on a line one of
+    /// them. At most two system calls.
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         match self {
             Self::Can(channel) => channel.base.send_unanswered(now, frames),

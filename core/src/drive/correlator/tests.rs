@@ -53,8 +53,8 @@ const FEW: Reports = Reports::Unseen(UNREPORTED_MAX - 1);
 const MANY: Reports = Reports::Unseen(UNREPORTED_MAX);
 const SEEN: Reports = Reports::Seen(0);
 
-/// Which states and times, as (open, reports, pending, distrusted, time), where `ANY…` is every one; then what becomes of each
-/// kind of payload.
+/// Which states and times, as (open, reports, pending, distrusted, time), where `ANY…` is every
+/// one; then what becomes of each kind of payload.
 type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 5]);
 const ANY: &[Reports] = &[FEW, MANY, SEEN];
 const ANY_PENDING: &[u32] = &[0, 1, 2];
@@ -62,7 +62,7 @@ const ANY_TIME: &[Time] = &[Soon, Timely];
 const PAYLOADS: [Shape; 5] = [Unreadable, Report, Continuation, Plain, Shape::Register];
 #[rustfmt::skip]
 const TABLE: [Row; 25] = [
-    // open,        reports,  pending,     distrusted, time,      unreadable, report, continuation, plain, register
+    // open, reports, pending, distrusted, time, unreadable, report, continuation, plain, register
     (None,          ANY,      ANY_PENDING, false,      ANY_TIME,  [Una,       Una,    Una,          Una, Reg]),
     (None,          ANY,      ANY_PENDING, true,       ANY_TIME,  [Una,       Rep,    Una,          Una, Reg]),
     (Some(State),   ANY,      ANY_PENDING, false,      &[Soon],   [Una,       Una,    Una,          Una, Reg]),
@@ -165,8 +165,9 @@ fn expected_reports(outcome: Outcome, before: Correlator, shape: Shape) -> Repor
     }
 }
 
-/// Goal: every payload in every state at every time has the role that the table says, and leaves the state it says.
-/// Method: all states that differ in any column, each looked up in the table; exactly one row speaks of each.
+/// Goal: every payload in every state at every time has the role that the table says, and leaves
+/// the state it says. Method: all states that differ in any column, each looked up in the table;
+/// exactly one row speaks of each.
 #[test]
 fn every_payload_in_every_state_matches_the_table() {
     for (before, time) in every_state() {
@@ -222,8 +223,9 @@ fn report_without_shape_is_ambiguous_after_ten() {
     assert_eq!(role(DOUBTED_AFTER + 1), Role::Ambiguous);
 }
 
-/// Goal: no more replies are called late than requests were unanswered, however late, and a second motor with the same
-/// id is still found. Method: `missed` silent turns of `period`; then two replies to each request.
+/// Goal: no more replies are called late than requests were unanswered, however late, and a second
+/// motor with the same id is still found. Method: `missed` silent turns of `period`; then two
+/// replies to each request.
 #[test]
 fn surplus_replies_are_late_while_requests_are_unanswered() {
     for period in [1, 20, 100].map(Duration::from_millis) {

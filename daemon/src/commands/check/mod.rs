@@ -44,7 +44,8 @@ pub struct Wanted {
     pub joints: bool,
 }
 
-/// Checks the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the exit status.
+/// Checks the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the
+/// exit status.
 ///
 /// # Errors
 ///
@@ -82,8 +83,8 @@ struct Report<'a> {
     joints: Option<Vec<JointReport<'a>>>,
 }
 
-/// One bus. Utilisations of a CAN bus are fractions of its fullest cycle. Those of a serial line are fractions of the time in
-/// which each motor has one turn.
+/// One bus. Utilisations of a CAN bus are fractions of its fullest cycle. Those of a serial line
+/// are fractions of the time in which each motor has one turn.
 #[derive(Serialize)]
 struct BusReport<'a> {
     name: &'a str,
@@ -95,7 +96,8 @@ struct BusReport<'a> {
     worst_case_utilisation: f64,
     unstuffed_utilisation: f64,
     fault_poll_utilisation: f64,
-    /// The highest rate of the cycle that this bus allows, rounded down; `None` when nothing is asked on it.
+    /// The highest rate of the cycle that this bus allows, rounded down; `None` when nothing is
+    /// asked on it.
     rate_hz_max: Option<f64>,
     /// The last reply of a cycle is expected after the reply deadline.
     #[serde(skip)]

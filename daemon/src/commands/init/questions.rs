@@ -5,7 +5,8 @@ use dialoguer::{Confirm, Error, Input};
 use motord_protocol::{FAMILIES, MotorProtocol, Profile};
 use std::path::PathBuf;
 
-/// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard error.
+/// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard
+/// error.
 ///
 /// # Errors
 ///

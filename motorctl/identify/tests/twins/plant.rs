@@ -193,7 +193,8 @@ pub(crate) fn draw(seed: u64) -> Hidden {
     }
 }
 
-/// A joint of the kind number `seed` modulo 8: plain, gravity, cogging, Stribeck, backlash, ripple, lag, filter.
+/// A joint of the kind number `seed` modulo 8: plain, gravity, cogging, Stribeck, backlash, ripple,
+/// lag, filter.
 pub(crate) fn draw_kind(seed: u64) -> Hidden {
     let mut hidden = draw(seed);
     let mut random = Random::seeded(seed ^ 0xA5A5);

@@ -185,7 +185,8 @@ fn age_style(joint: &JointReport) -> Style {
     if joint.age_cycles == 0 { Style::new() } else { WARNING }
 }
 
-/// Returns everything about a joint in lines of at most `width`: a row of a small terminal cuts its notes.
+/// Returns everything about a joint in lines of at most `width`: a row of a small terminal cuts its
+/// notes.
 pub(super) fn details(joint: &JointReport, width: usize) -> Vec<Line<'static>> {
     let known = |value: Option<f32>| number(value.map(f64::from), 2);
     let [position, velocity, torque] = [joint.position_rad, joint.velocity_rad_s, joint.torque_nm].map(known);

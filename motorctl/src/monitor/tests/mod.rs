@@ -1,5 +1,5 @@
-//! The pages as a person sees them, drawn into a buffer. The pictures stand in `snapshots/`; after a change on purpose
-//! `MOTORD_WRITE_DOCS=1 cargo test -p motorctl monitor` writes them anew.
+//! The pages as a person sees them, drawn into a buffer. The pictures stand in `snapshots/`; after
+//! a change on purpose `MOTORD_WRITE_DOCS=1 cargo test -p motorctl monitor` writes them anew.
 
 mod curves;
 mod moments;
@@ -98,7 +98,8 @@ fn a_filter_and_an_order_choose_the_rows() {
     assert_eq!(rows(&mut view), ["rl-knee", "rl-thigh", "rl-hip"]);
 }
 
-/// Goal: no name of another process can move the cursor, ring, or write over what a person must see.
+/// Goal: no name of another process can move the cursor, ring, or write over what a person must
+/// see.
 #[test]
 fn a_name_with_escapes_reaches_no_cell() {
     let hostile = "\x1b[2J\u{9b}31m\x07\r\nx\u{202e}y\u{200b}";

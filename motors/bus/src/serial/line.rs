@@ -202,7 +202,8 @@ impl Line {
 
     /// Takes the next byte. Returns the reply that it completes.
     ///
-    /// Real-time: does not allocate or block; tries at most 12 positions for each of at most 12 bytes.
+    /// Real-time: does not allocate or block; tries at most 12 positions for each of at most 12
+    /// bytes.
     pub(super) fn push(&mut self, byte: u8) -> Option<Reply> {
         let Some(open) = &mut self.open else {
             self.unmatched = true;

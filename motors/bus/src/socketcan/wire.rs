@@ -1,8 +1,8 @@
 //! The kernel's bytes for a frame and for its control messages. The bytes come from outside: no
 //! function here panics, for any bytes.
 //!
-//! Source: `linux/can.h` (`struct can_frame`, `struct canfd_frame`, the flags in the id), `linux/socket.h` (control
-//! messages).
+//! Source: `linux/can.h` (`struct can_frame`, `struct canfd_frame`, the flags in the id),
+//! `linux/socket.h` (control messages).
 
 use crate::clock::RealtimeStamp;
 use crate::frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
@@ -43,8 +43,8 @@ fn lay_out(word: u32, len: u8, data: Data) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// Adds a received message, by its length and its first bytes. `accepts_extended`: a frame with an id of 29 bits is supported.
-/// Returns `false` when the inbox is full.
+/// Adds a received message, by its length and its first bytes. `accepts_extended`: a frame with an
+/// id of 29 bits is supported. Returns `false` when the inbox is full.
 #[inline]
 pub(super) fn deliver(
     at: Instant,

@@ -16,15 +16,15 @@ pub trait Transport {
     /// Returns the bit rate of the wire, bit/s.
     fn bitrate(&self) -> u32;
 
-    /// Returns the bit rate of the payload of CAN FD frames with BRS, bit/s: [`bitrate`](Self::bitrate) on
-    /// a bus without a second one.
+    /// Returns the bit rate of the payload of CAN FD frames with BRS, bit/s:
+    /// [`bitrate`](Self::bitrate) on a bus without a second one.
     fn data_bitrate(&self) -> u32 {
         self.bitrate()
     }
 
     /// Returns the longest time from the end of a request to the beginning of its reply, the host's
-    /// adapter included, on a line: a bus that carries one request at a time, whose reply may arrive
-    /// in a later cycle. `None` for a bus that carries the requests of all motors at a time.
+    /// adapter included, on a line: a bus that carries one request at a time, whose reply may
+    /// arrive in a later cycle. `None` for a bus that carries the requests of all motors at a time.
     fn turnaround(&self) -> Option<Duration> {
         None
     }
@@ -49,7 +49,8 @@ pub trait Transport {
         None
     }
 
-    /// Returns the text by which [`find`](super::find) finds it; `None` for a bus inside the daemon.
+    /// Returns the text by which [`find`](super::find) finds it; `None` for a bus inside the
+    /// daemon.
     fn address(&self) -> Option<&str> {
         self.interface().or_else(|| self.port())
     }
@@ -138,8 +139,8 @@ pub trait Hardware {
     /// Returns the processes that hold the bus, as [`BusLock::holders_of_interface`] finds them.
     fn holders(&self, thorough: bool) -> [Option<Holder>; 2];
 
-    /// Opens the bus for the cycle, for the first time or again, and sets it up as far as permitted.
-    /// With `expected` it sets up no other adapter than this one.
+    /// Opens the bus for the cycle, for the first time or again, and sets it up as far as
+    /// permitted. With `expected` it sets up no other adapter than this one.
     ///
     /// # Errors
     ///
@@ -159,8 +160,8 @@ pub trait Hardware {
     /// The reason for which it cannot be used, with a remedy.
     fn open_as_is(&self, nodes: &Nodes) -> Result<OpenedAsIs, OpenError>;
 
-    /// Opens the bus as it is, to send up to `frames` at a time and receive nothing, for the stop of
-    /// motors whose daemon has died. An adapter that is missing may come later.
+    /// Opens the bus as it is, to send up to `frames` at a time and receive nothing, for the stop
+    /// of motors whose daemon has died. An adapter that is missing may come later.
     ///
     /// # Errors
     ///
@@ -178,8 +179,9 @@ pub trait Hardware {
         false
     }
 
-    /// Returns the way to its motors' end, for a program that simulates them. `None` where they are at the other end of a
-    /// cable, such as a serial line: a simulator then serves a device of its own.
+    /// Returns the way to its motors' end, for a program that simulates them. `None` where they are
+    /// at the other end of a cable, such as a serial line: a simulator then serves a device of its
+    /// own.
     fn motors_end(&self) -> Option<&dyn MotorsEnd> {
         None
     }
@@ -251,8 +253,8 @@ pub struct OpenedAsIs {
 /// A bus that only sends, and finds its adapter again.
 #[cfg(feature = "linux")]
 pub trait SendingBus: Bus {
-    /// Searches the adapter after [`Refusal::Gone`](crate::Refusal::Gone). Returns whether it is there.
-    /// Does not allocate; may wait while another process configures adapters.
+    /// Searches the adapter after [`Refusal::Gone`](crate::Refusal::Gone). Returns whether it is
+    /// there. Does not allocate; may wait while another process configures adapters.
     fn find(&mut self) -> bool;
 }
 

@@ -122,8 +122,8 @@ fn nothing_is_sent_on_a_busy_bus() {
     assert_eq!(to_motor, 0);
 }
 
-/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms without a request, and its axis every second while its
-/// heartbeat is on.
+/// A bus with an ODrive beside its motors. It reports its encoder every 10 ms without a request,
+/// and its axis every second while its heartbeat is on.
 struct BesideOdrive {
     bus: SharedBus,
     node: u16,
@@ -190,7 +190,8 @@ fn odrive_is_named_and_neither_asked_nor_counted() {
     assert!(sent(&bus).iter().all(|id| *id >= 32), "its commands begin with id 0");
 }
 
-/// Goal: a CANSimple driver whose heartbeat is off is recognised by its encoder estimates (command 0x009, every 10 ms).
+/// Goal: a CANSimple driver whose heartbeat is off is recognised by its encoder estimates (command
+/// 0x009, every 10 ms).
 #[test]
 fn driver_without_heartbeat_is_named_and_not_asked() {
     for node in [0, 1] {
@@ -243,8 +244,8 @@ fn ids_that_command_other_drivers_are_not_asked() {
     assert_eq!(report.found.len(), 1);
 }
 
-/// A bus on which id 50 is answered in CAN FD format, and id 51 with a 29-bit id. If it `reports`, a frame with a 29-bit id arrives
-/// before each read.
+/// A bus on which id 50 is answered in CAN FD format, and id 51 with a 29-bit id. If it `reports`,
+/// a frame with a 29-bit id arrives before each read.
 struct OtherFormats {
     bus: SharedBus,
     reports: bool,

@@ -1,9 +1,10 @@
-//! RobStride's drives in MIT mode, from the vendor's SampleProgram, the RS00 manual, and the Chinese
-//! manuals 1.1 of 2026-04-10.
+//! RobStride's drives in MIT mode, from the vendor's SampleProgram, the RS00 manual, and the
+//! Chinese manuals 1.1 of 2026-04-10.
 //!
 //! An answer is the id, the state, and the winding's temperature in tenths of a °C. Newer firmware
-//! has mode (2 bits), fault and warning above 12 bits of temperature. The answer to a fault request is the id, 32 bits of faults with the low byte first, and zeros. The drive answers
-//! a clear with its state.
+//! has mode (2 bits), fault and warning above 12 bits of temperature. The answer to a fault request
+//! is the id, 32 bits of faults with the low byte first, and zeros. The drive answers a clear with
+//! its state.
 
 use super::drive::{Answer, Asked, Drive, Status, bits};
 use crate::settings::RobStrideFirmware;

@@ -1,8 +1,8 @@
-//! The registers of a Damiao drive, from DM_CAN.py, LeRobot and openarm_can: a request to 0x7FF has the motor's id in two bytes, the
-//! kind, and the register; the answer repeats these four bytes.
+//! The registers of a Damiao drive, from DM_CAN.py, LeRobot and openarm_can: a request to 0x7FF has
+//! the motor's id in two bytes, the kind, and the register; the answer repeats these four bytes.
 //!
-//! Of the drive's registers it has 7, 8 and 10 (master id, id, mode), 21 to 23 (ends of the codes) and 35 (bit rate). Only the ends can
-//! be written, and a written one is kept as if it were stored.
+//! Of the drive's registers it has 7, 8 and 10 (master id, id, mode), 21 to 23 (ends of the codes)
+//! and 35 (bit rate). Only the ends can be written, and a written one is kept as if it were stored.
 
 use super::Motor;
 use super::configuration::int;

@@ -64,7 +64,8 @@ pub(crate) enum DecodedCommand {
 }
 
 impl DecodedCommand {
-    /// Returns the command to the joint of a motor with this direction and this offset, rad, from that to the motor.
+    /// Returns the command to the joint of a motor with this direction and this offset, rad, from
+    /// that to the motor.
     pub(crate) fn on_joint(self, direction: f64, offset: f64) -> Self {
         match self {
             Self::Impedance { position, velocity, kp, kd, torque, neutral } => Self::Impedance {

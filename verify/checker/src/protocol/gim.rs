@@ -59,8 +59,9 @@ impl Meaning {
     }
 }
 
-/// Decodes the motion in the payload of a reply: the state after a control command, the angle of the output shaft
-/// (indicator 0x13), or its speed (0x14). `None` for other replies, and for a failure.
+/// Decodes the motion in the payload of a reply: the state after a control command, the angle of
+/// the output shaft (indicator 0x13), or its speed (0x14). `None` for other replies, and for a
+/// failure.
 #[must_use]
 pub fn reported(payload: &[u8]) -> Option<Reported> {
     match *payload {
@@ -100,7 +101,8 @@ impl Codec for Native {
         reported(frame.payload())
     }
 
-    /// No control command is neutral in MIT mode. It may be sent: the motor has answered in native mode before.
+    /// No control command is neutral in MIT mode. It may be sent: the motor has answered in native
+    /// mode before.
     fn check(&self, frame: &Frame) {
         let bytes = eight_bytes(frame);
         let in_mit = mit::Meaning::of(bytes, &Ranges::steadywin(1.0));

@@ -1,7 +1,7 @@
 //! Frames of the MIT protocol, as a motor decodes them.
 //!
-//! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and other lengths and ids
-//! of a reply ([`ReplyFormat`]).
+//! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and
+//! other lengths and ids of a reply ([`ReplyFormat`]).
 
 use super::codec::{Codec, DecodedCommand, Reported, eight_bytes};
 use super::ranges::Ranges;
@@ -56,7 +56,8 @@ impl Codec for Mit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplyFormat {
-    /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code.
+    /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an
+    /// error code.
     #[serde(rename = "id-mask")]
     pub id_mask: u8,
     /// Number of bytes of a reply to a command.

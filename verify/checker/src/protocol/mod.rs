@@ -1,4 +1,5 @@
-//! The protocols that motors speak: a row in [`Protocol`] and in its two matches, and a file beside this one.
+//! The protocols that motors speak: a row in [`Protocol`] and in its two matches, and a file beside
+//! this one.
 
 pub(crate) mod codec;
 pub mod gim;
@@ -19,11 +20,13 @@ pub enum Protocol {
 }
 
 impl Protocol {
-    /// Returns the protocol with this name in configurations, of a motor with these ranges and this form of MIT replies.
+    /// Returns the protocol with this name in configurations, of a motor with these ranges and this
+    /// form of MIT replies.
     ///
     /// # Panics
     ///
-    /// When the checker has no codec for the protocol: the frames of its motors could not be checked.
+    /// When the checker has no codec for the protocol: the frames of its motors could not be
+    /// checked.
     #[must_use]
     pub fn named(name: &str, ranges: Ranges, reply: ReplyFormat) -> Self {
         match name {

@@ -18,7 +18,8 @@ pub(super) struct Cycle {
     pub(super) elapsed: f64,
     /// Sum of all `elapsed`, s.
     pub(super) time: f64,
-    /// By group: time of the owner's last message that is good in every respect, or the end of its horizon.
+    /// By group: time of the owner's last message that is good in every respect, or the end of its
+    /// horizon.
     pub(super) good_setpoint: Vec<Option<Instant>>,
     /// By group: an enable was requested, and nothing has stopped the group since.
     pub(super) enabled: Vec<bool>,

@@ -117,7 +117,8 @@ fn protocol(settings: &MotorSettings) -> Protocol {
     Protocol::named(settings.protocol.name(), ranges(settings), reply)
 }
 
-/// Returns the simulation's command for `fault` of a motor of `vendor`: a drive raises a number of its vendor's list.
+/// Returns the simulation's command for `fault` of a motor of `vendor`: a drive raises a number of
+/// its vendor's list.
 #[must_use]
 pub fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
     match fault {
