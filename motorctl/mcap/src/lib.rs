@@ -39,7 +39,7 @@ pub use reader::Reader;
 pub use stops::Stops;
 pub use writer::{Counts, Writer};
 
-/// The messages. The test `generated_files_are_those_of_schema` makes them from `proto/`.
+/// The messages, made from `proto/`: `verify/house/src/generated.rs`.
 #[allow(unreachable_pub, reason = "prost makes it")]
 mod motord {
     include!("../generated/motord.rs");

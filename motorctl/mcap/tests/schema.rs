@@ -1,8 +1,6 @@
 //! The messages of a joint and of an IMU in `proto/motord.proto` come from the tables of their states.
 
 use motord_shared::{Field, ImuState, JointState, Kind};
-use prost::Message;
-use std::path::Path;
 
 /// Longest line of the schema.
 const COLUMNS: usize = 100;
@@ -73,27 +71,6 @@ fn joint_schema_is_generated_from_its_table() {
     expected.push_str("}\n");
     let found = committed("Joint");
     assert!(found == expected, "write this into proto/motord.proto:\n{expected}\ninstead of:\n{found}");
-}
-
-/// `MOTORD_WRITE_DOCS=1` writes them. A build of motord does without the compiler of Protobuf.
-#[test]
-fn generated_files_are_those_of_schema() {
-    let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let files = ["motord.proto", "foxglove/Log.proto"];
-    let schema = protox::compile(files, [crate_folder.join("proto")]).expect("the schema is valid");
-    let made = tempfile::tempdir().expect("a temporary folder");
-    std::fs::write(made.path().join("schema.bin"), schema.encode_to_vec()).expect("it can be written");
-    let mut build = prost_build::Config::new();
-    build.out_dir(made.path()).compile_fds(schema).expect("the schema is valid");
-    for file in ["motord.rs", "foxglove.rs", "schema.bin"] {
-        let committed = crate_folder.join("generated").join(file);
-        let made = std::fs::read(made.path().join(file)).expect("it was made");
-        if std::env::var_os("MOTORD_WRITE_DOCS").is_some() {
-            std::fs::write(&committed, &made).expect("it can be written");
-        }
-        let advice = "MOTORD_WRITE_DOCS=1 cargo test -p motord-mcap --test schema generated";
-        assert!(std::fs::read(committed).ok() == Some(made), "{file} is old: {advice}");
-    }
 }
 
 /// Recordings of older versions stay readable: a name keeps its number and its type.

@@ -8,6 +8,7 @@ mod comments;
 mod docs;
 mod explanations;
 mod functions;
+mod generated;
 mod imports;
 mod links;
 mod paths;
