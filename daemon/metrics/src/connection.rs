@@ -1,4 +1,5 @@
-//! A connection to the server of the metrics: the head of one request in, one answer out, without waiting.
+//! A connection to the server of the metrics: the head of one request in, one answer out, without
+//! waiting.
 
 use bytes::Bytes;
 use http::header::{CONTENT_LENGTH, TRANSFER_ENCODING};
@@ -20,7 +21,8 @@ pub(crate) const HEADERS_MAX: usize = 64;
 pub(crate) struct Limits {
     /// Most connections. One more closes the oldest.
     pub(crate) connections: usize,
-    /// Longest time until the head of the request is complete, also of a connection that sends nothing.
+    /// Longest time until the head of the request is complete, also of a connection that sends
+    /// nothing.
     pub(crate) head: Duration,
     /// Longest time of a connection, also of one that reads no answer.
     pub(crate) connection: Duration,
@@ -68,7 +70,8 @@ impl Connection {
         PollFd::new(self.stream.as_fd(), flags)
     }
 
-    /// Receives and sends what it can without waiting. Returns `false` at the end of the connection.
+    /// Receives and sends what it can without waiting. Returns `false` at the end of the
+    /// connection.
     pub(crate) fn advance(&mut self, answer: impl FnOnce(&Request<()>) -> Response<Bytes>) -> bool {
         self.transfer(answer)
             .unwrap_or_else(|error| matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted))
@@ -149,7 +152,8 @@ fn parse(bytes: &[u8]) -> Result<Option<Request<()>>, StatusCode> {
     request.map(Some).ok_or(StatusCode::BAD_REQUEST)
 }
 
-/// Whether the end of the body is told as RFC 9112, section 6.3 demands. The body itself is not read.
+/// Whether the end of the body is told as RFC 9112, section 6.3 demands. The body itself is not
+/// read.
 fn has_valid_length(request: &Request<()>) -> bool {
     let lengths = request.headers().get_all(CONTENT_LENGTH);
     let first = lengths.iter().next();

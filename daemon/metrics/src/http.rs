@@ -1,7 +1,8 @@
 //! The metrics by HTTP, for a Prometheus on this computer.
 //!
-//! One thread of normal priority serves all connections, each for one request. Number, time and bytes of the
-//! connections are bounded ([`Limits`]), so a silent, slow or hostile client delays no other reader of the metrics.
+//! One thread of normal priority serves all connections, each for one request. Number, time and
+//! bytes of the connections are bounded ([`Limits`]), so a silent, slow or hostile client delays no
+//! other reader of the metrics.
 
 use crate::connection::{Connection, Limits};
 use crate::hosts::Hosts;
@@ -19,8 +20,8 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Pause after a connection that could not be accepted. If no descriptors are left, an immediate next attempt would
-/// fail as well.
+/// Pause after a connection that could not be accepted. If no descriptors are left, an immediate
+/// next attempt would fail as well.
 const PAUSE: Duration = Duration::from_secs(1);
 /// The type of the text format of Prometheus.
 const TEXT_FORMAT: HeaderValue = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
@@ -34,8 +35,8 @@ pub(crate) struct Pages {
     pub(crate) hosts: Hosts,
 }
 
-/// Answers the connections of `listener` within `limits`. Does not return, except with the error of the system that
-/// prevents it from starting.
+/// Answers the connections of `listener` within `limits`. Does not return, except with the error of
+/// the system that prevents it from starting.
 pub(crate) fn run(listener: TcpListener, pages: Pages, limits: Limits) -> io::Result<Infallible> {
     listener.set_nonblocking(true)?;
     let mut open = VecDeque::with_capacity(limits.connections);
@@ -52,8 +53,8 @@ pub(crate) fn run(listener: TcpListener, pages: Pages, limits: Limits) -> io::Re
     }
 }
 
-/// Waits until a connection arrives or can advance, or the time of one is over. Does not wait for new connections
-/// before `accepts_from`.
+/// Waits until a connection arrives or can advance, or the time of one is over. Does not wait for
+/// new connections before `accepts_from`.
 fn wait(listener: &TcpListener, accepts_from: Instant, open: &VecDeque<Connection>) {
     let now = Instant::now();
     let accepts = now >= accepts_from;
@@ -73,7 +74,8 @@ fn wait(listener: &TcpListener, accepts_from: Instant, open: &VecDeque<Connectio
     }
 }
 
-/// Accepts a connection if there is one. Closes the oldest of those in `open` if these are the most.
+/// Accepts a connection if there is one. Closes the oldest of those in `open` if these are the
+/// most.
 fn admit(listener: &TcpListener, limits: Limits, open: &mut VecDeque<Connection>) -> io::Result<()> {
     let stream = match listener.accept() {
         Ok((stream, _)) => stream,

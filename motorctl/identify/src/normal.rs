@@ -23,7 +23,8 @@ pub(crate) fn dot(values: &[f64], others: &[f64]) -> f64 {
     values.iter().zip(others).map(|(value, other)| value * other).sum()
 }
 
-/// The inverse of a positive definite matrix, by the eigenvalues and eigenvectors of its correlation.
+/// The inverse of a positive definite matrix, by the eigenvalues and eigenvectors of its
+/// correlation.
 #[derive(Debug, Clone)]
 pub(crate) struct Inverse {
     scale: Vec<f64>,
@@ -32,8 +33,8 @@ pub(crate) struct Inverse {
 }
 
 impl Inverse {
-    /// Returns `None` where the largest eigenvalue is more than `condition` times the smallest: the equations do not
-    /// separate the unknowns.
+    /// Returns `None` where the largest eigenvalue is more than `condition` times the smallest: the
+    /// equations do not separate the unknowns.
     pub(crate) fn of(matrix: &Matrix, condition: f64) -> Option<Self> {
         let scale = (0..matrix.len()).map(|at| 1.0 / matrix[at][at].max(f64::MIN_POSITIVE).sqrt());
         let scale: Vec<f64> = scale.collect();
@@ -58,8 +59,8 @@ impl Inverse {
     }
 }
 
-/// The eigenvalues and eigenvectors of a symmetric matrix: Jacobi's method with cyclic rotations (Golub and Van Loan,
-/// *Matrix Computations*, 4th edition, section 8.5).
+/// The eigenvalues and eigenvectors of a symmetric matrix: Jacobi's method with cyclic rotations
+/// (Golub and Van Loan, *Matrix Computations*, 4th edition, section 8.5).
 fn eigen(mut matrix: Matrix) -> Vec<(f64, Vec<f64>)> {
     let size = matrix.len();
     let mut vectors: Matrix =
@@ -72,8 +73,8 @@ fn eigen(mut matrix: Matrix) -> Vec<(f64, Vec<f64>)> {
     matrix.iter().enumerate().map(|(at, row)| row[at]).zip(vectors).collect()
 }
 
-/// Rotates the rows and columns `low` and `high` so that their common entry becomes zero. The rows of `vectors` turn with
-/// them.
+/// Rotates the rows and columns `low` and `high` so that their common entry becomes zero. The rows
+/// of `vectors` turn with them.
 fn rotate(matrix: &mut Matrix, vectors: &mut Matrix, low: usize, high: usize) {
     let common = matrix[low][high];
     // The entries of a correlation are at most 1.
