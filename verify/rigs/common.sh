@@ -73,6 +73,20 @@ build_programs() {
     cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
 }
 
+# open_work: makes the folder $work. At its end the rig kills $processes, and removes the folder with what is mounted in it.
+open_work() {
+    work=$(mktemp -d)
+    processes=()
+    trap close_work EXIT
+}
+
+close_work() {
+    [ ${#processes[@]} -eq 0 ] || kill "${processes[@]}" 2>/dev/null || true
+    wait
+    umount "$work"/* 2>/dev/null || true
+    rm -rf "$work"
+}
+
 # hand_over COMMAND...: makes the folder $rig, from which `guest` reads the command, its directory and its environment.
 hand_over() {
     rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)
