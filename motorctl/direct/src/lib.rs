@@ -56,14 +56,7 @@ pub enum DirectCommand {
     #[command(
         after_help = "Examples:\n  motorctl ping --bus can0 --id 3\n  motorctl ping --bus /dev/ttyUSB0 --id 3 --json | jq .answer_us"
     )]
-    Ping {
-        /// The motor.
-        #[command(flatten)]
-        target: Target,
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
+    Ping(ObjectArguments),
     /// Show or change a motor's id, host id, bit rate and protocol.
     ///
     /// Connect the motor alone: every motor with the old id would change. Each change is read back under the new address.
@@ -73,23 +66,13 @@ pub enum DirectCommand {
     Id(address::Arguments),
     /// Show the version of a motor's firmware.
     #[command(after_help = "Example:\n  motorctl version --bus can0 --id 3")]
-    Version {
-        /// The motor.
-        #[command(flatten)]
-        target: Target,
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
+    Version(ObjectArguments),
     /// Start a motor: it is energised and follows the next control command.
     #[command(after_help = "Example:\n  motorctl start --bus can0 --id 3 --yes")]
     Start {
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
         /// No argument: names the command that is meant.
         #[arg(hide = true, value_parser = no_group_starts)]
         group: Option<String>,
@@ -124,12 +107,9 @@ pub enum DirectCommand {
         /// Refuse a larger torque, N·m.
         #[arg(long, value_name = "NM", default_value_t = 2.0, value_parser = |text: &str| motion::ranged(text, 0.0, 200.0))]
         max_nm: f64,
-        /// The motor.
+        /// The motor and the bounds of its motion.
         #[command(flatten)]
-        target: Target,
-        /// The bounds of the motion.
-        #[command(flatten)]
-        bounds: Bounds,
+        motion: MotionArguments,
     },
     /// Hold a speed for a duration, then stop.
     ///
@@ -140,12 +120,9 @@ pub enum DirectCommand {
         /// Speed of the output shaft, rad/s.
         #[arg(value_name = "RAD/S", value_parser = finite, allow_negative_numbers = true)]
         speed: f64,
-        /// The motor.
+        /// The motor and the bounds of its motion.
         #[command(flatten)]
-        target: Target,
-        /// The bounds of the motion.
-        #[command(flatten)]
-        bounds: Bounds,
+        motion: MotionArguments,
     },
     /// Go to a position, hold it for a duration, then stop.
     ///
@@ -156,12 +133,9 @@ pub enum DirectCommand {
         /// Position of the output shaft, rad, as the motor counts it.
         #[arg(value_name = "RAD", value_parser = finite, allow_negative_numbers = true)]
         position: f64,
-        /// The motor.
+        /// The motor and the bounds of its motion.
         #[command(flatten)]
-        target: Target,
-        /// The bounds of the motion.
-        #[command(flatten)]
-        bounds: Bounds,
+        motion: MotionArguments,
     },
     /// PTS control, which no driver supports. The command quotes the vendor's document and sends
     /// nothing.
@@ -212,24 +186,18 @@ pub enum DirectCommand {
         /// The new protocol.
         #[arg(value_name = "PROTOCOL")]
         to: Protocol,
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
     },
     /// Calibrate the phase order or the encoder of a motor. Its shaft turns.
     #[command(after_help = "Example:\n  motorctl calibrate encoder --bus can0 --id 3 --yes")]
     Calibrate {
         /// The part that is calibrated.
         what: service::CalibrationPart,
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
     },
     /// Put a motor into firmware mode for the vendor's tool. It leaves the bus.
     #[command(after_help = "Example:\n  motorctl firmware-mode --bus can0 --id 3 --repeat-id 3 --yes")]
@@ -245,12 +213,9 @@ pub enum ParameterCommand {
         /// Its name or number.
         #[arg(value_name = "NAME", value_parser = memory::parse_parameter)]
         parameter: Option<&'static Parameter>,
-        /// The motor.
+        /// The motor and the output format.
         #[command(flatten)]
-        target: Target,
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        output: ReadArguments,
     },
     /// Change a parameter, and read it back. No document gives its unit: change it in small steps.
     #[command(after_help = "Example:\n  motorctl parameter set position-kp 110 --bus can0 --id 3 --yes")]
@@ -260,12 +225,9 @@ pub enum ParameterCommand {
         parameter: &'static Parameter,
         /// The new value, 0 to 4294967295.
         value: u32,
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
     },
 }
 
@@ -296,12 +258,9 @@ pub enum ConfigCommand {
         /// The new value.
         #[arg(allow_hyphen_values = true)]
         value: String,
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
     },
     /// Write all items to a file.
     #[command(after_help = "Example:\n  motorctl config dump knee.toml --force --bus can0 --id 3")]
@@ -338,23 +297,13 @@ pub enum ConfigCommand {
         /// .journal.
         #[arg(long, value_name = "FILE")]
         journal: Option<PathBuf>,
-        /// The motor.
+        /// The motor and the consent.
         #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
+        change: ChangeArguments,
     },
     /// Give every item the driver's default. Connect the motor alone.
     #[command(after_help = "Example:\n  motorctl config reset --bus can0 --id 3 --yes")]
-    Reset {
-        /// The motor.
-        #[command(flatten)]
-        target: Target,
-        /// The consent.
-        #[command(flatten)]
-        confirm: Confirm,
-    },
+    Reset(ChangeArguments),
 }
 
 /// The options of a command that reads one motor.
@@ -366,6 +315,39 @@ pub struct ReadArguments {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+/// The options of a command that asks one motor, and prints one object.
+#[derive(Debug, Args)]
+pub struct ObjectArguments {
+    /// The motor.
+    #[command(flatten)]
+    target: Target,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The options of a command that changes one motor.
+#[derive(Debug, Args)]
+pub struct ChangeArguments {
+    /// The motor.
+    #[command(flatten)]
+    target: Target,
+    /// The consent.
+    #[command(flatten)]
+    confirm: Confirm,
+}
+
+/// The options of a command that moves one motor.
+#[derive(Debug, Args)]
+pub struct MotionArguments {
+    /// The motor.
+    #[command(flatten)]
+    target: Target,
+    /// The bounds of the motion.
+    #[command(flatten)]
+    bounds: Bounds,
 }
 
 /// `motorctl fault get`.
@@ -388,17 +370,19 @@ fn no_group_stops(group: &str) -> Result<String, String> {
 pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
     match command {
         DirectCommand::Scan(arguments) => find::run(&arguments),
-        DirectCommand::Ping { target, json } => find::ping(&target, json),
+        DirectCommand::Ping(ObjectArguments { target, json }) => find::ping(&target, json),
         DirectCommand::Id(arguments) => address::run(&arguments),
-        DirectCommand::Version { target, json } => status::version(&target, json),
-        DirectCommand::Start { target, confirm, group: _ } => status::start(&target, confirm),
+        DirectCommand::Version(ObjectArguments { target, json }) => status::version(&target, json),
+        DirectCommand::Start { change, group: _ } => status::start(&change.target, change.confirm),
         DirectCommand::Stop { target, control, group: _ } => status::stop(&target, control),
-        DirectCommand::Torque { torque, max_nm, target, bounds } => {
-            motion::torque(&target, torque, max_nm, &bounds)
+        DirectCommand::Torque { torque, max_nm, motion } => {
+            motion::torque(&motion.target, torque, max_nm, &motion.bounds)
         }
-        DirectCommand::Speed { speed, target, bounds } => motion::run(&target, Goal::Speed(speed), &bounds),
-        DirectCommand::Position { position, target, bounds } => {
-            motion::run(&target, Goal::Position(position), &bounds)
+        DirectCommand::Speed { speed, motion } => {
+            motion::run(&motion.target, Goal::Speed(speed), &motion.bounds)
+        }
+        DirectCommand::Position { position, motion } => {
+            motion::run(&motion.target, Goal::Position(position), &motion.bounds)
         }
         DirectCommand::Pts => service::pts(),
         DirectCommand::Jog(arguments) => jog::run(&arguments),
@@ -406,17 +390,19 @@ pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
         DirectCommand::Setup(arguments) => setup::run(&arguments),
         DirectCommand::Parameter(command) => parameter(command),
         DirectCommand::Config(command) => config(command),
-        DirectCommand::Protocol { to, target, confirm } => address::protocol(&target, to, confirm),
-        DirectCommand::Calibrate { what, target, confirm } => service::calibrate(&target, what, confirm),
+        DirectCommand::Protocol { to, change } => address::protocol(&change.target, to, change.confirm),
+        DirectCommand::Calibrate { what, change } => service::calibrate(&change.target, what, change.confirm),
         DirectCommand::FirmwareMode(arguments) => service::firmware_mode(&arguments),
     }
 }
 
 fn parameter(command: ParameterCommand) -> Result<(), DirectFailure> {
     match command {
-        ParameterCommand::Get { parameter, target, json } => memory::get_parameter(&target, parameter, json),
-        ParameterCommand::Set { parameter, value, target, confirm } => {
-            memory::set_parameter(&target, parameter, value, confirm)
+        ParameterCommand::Get { parameter, output } => {
+            memory::get_parameter(&output.target, parameter, output.json)
+        }
+        ParameterCommand::Set { parameter, value, change } => {
+            memory::set_parameter(&change.target, parameter, value, change.confirm)
         }
     }
 }
@@ -425,12 +411,14 @@ fn config(command: ConfigCommand) -> Result<(), DirectFailure> {
     match command {
         ConfigCommand::Get { item, output } => memory::get(&output.target, Some(item), output.json),
         ConfigCommand::List(output) => memory::get(&output.target, None, output.json),
-        ConfigCommand::Set { item, value, target, confirm } => memory::set(&target, item, &value, confirm),
+        ConfigCommand::Set { item, value, change } => {
+            memory::set(&change.target, item, &value, change.confirm)
+        }
         ConfigCommand::Dump { file, force, target } => file::dump(&target, file.as_deref(), force),
         ConfigCommand::Diff { file, output } => file::diff(&output.target, &file, output.json),
-        ConfigCommand::Apply { file, journal, target, confirm } => {
-            file::apply(&target, &file, journal.as_deref(), confirm)
+        ConfigCommand::Apply { file, journal, change } => {
+            file::apply(&change.target, &file, journal.as_deref(), change.confirm)
         }
-        ConfigCommand::Reset { target, confirm } => file::reset(&target, confirm),
+        ConfigCommand::Reset(change) => file::reset(&change.target, change.confirm),
     }
 }

@@ -27,7 +27,7 @@ const BEYOND: f64 = 0.05;
 
 /// The bounds of a motion, and the consent to it.
 #[derive(Debug, Clone, clap::Args)]
-pub struct Bounds {
+pub(crate) struct Bounds {
     /// Duration of the motion, s: above 0, up to 60.
     #[arg(long, value_name = "S", value_parser = |text: &str| ranged(text, 0.0, 60.0))]
     seconds: f64,
