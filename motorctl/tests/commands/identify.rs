@@ -3,7 +3,7 @@
 use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
 use motord_client::Client;
-use motord_harness::daemon::{Daemon, until};
+use motord_harness::daemon::{Daemon, bench_at, until};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
@@ -11,24 +11,6 @@ use std::process::{Child, Stdio};
 
 /// A motor with an inertia of 0.03 kg·m², of which 0.00384 are the rotor behind its gear.
 const HIDDEN: &str = r#"
-[daemon]
-instance = "bench"
-[cycle]
-rate-hz = 500
-max-lateness-ms = 1000.0
-max-skipped-percent = 100
-[safety]
-setpoint-timeout-ms = 1000.0
-deadman-ms = 2000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
 limits = { position-rad = [-1.0, 1.0], velocity-rad-s = 6.0 }
 
 [motor.simulation]
@@ -37,6 +19,10 @@ viscous-friction-nm-s-per-rad = 0.08
 coulomb-friction-nm = 0.25
 reply-latency-us = 120
 "#;
+
+fn hidden() -> String {
+    bench_at(500).replace("[safety]", "max-skipped-percent = 100\n[safety]") + HIDDEN.trim_start()
+}
 
 /// The value, and whether `truth` is in the interval or at most `share` away.
 fn assert_near(printed: &Value, truth: f64, share: f64) {
@@ -49,7 +35,7 @@ fn assert_near(printed: &Value, truth: f64, share: f64) {
 
 #[test]
 fn joint_is_identified_and_its_lines_are_read() {
-    let daemon = started(HIDDEN);
+    let daemon = started(&hidden());
     let file = daemon.directory.path().join("arm.toml");
     let arguments =
         ["identify", "arm", "--seconds", "16", "--yes", "--json", "--output", file.to_str().unwrap()];
@@ -67,7 +53,8 @@ fn joint_is_identified_and_its_lines_are_read() {
 
     // The configuration without its mechanics and with the lines is one, and they are known again.
     let lines = std::fs::read_to_string(&file).unwrap();
-    let (motor, _) = HIDDEN.split_once("[motor.simulation]").unwrap();
+    let hidden = hidden();
+    let (motor, _) = hidden.split_once("[motor.simulation]").unwrap();
     drop(daemon);
     let again = Daemon::start(&format!("{motor}{lines}"));
     again.await_status(|status| status["joints"][0]["mode"] == "idle");
@@ -79,7 +66,7 @@ fn joint_is_identified_and_its_lines_are_read() {
 
 #[test]
 fn interrupted_identification_ends_stopped_with_130() {
-    let daemon = started(HIDDEN);
+    let daemon = started(&hidden());
     let mut child = identifying(&daemon);
     let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
     let mut moving = 0;
@@ -97,7 +84,7 @@ fn interrupted_identification_ends_stopped_with_130() {
 
 #[test]
 fn stopped_group_ends_identification_with_its_cause() {
-    let daemon = started(HIDDEN);
+    let daemon = started(&hidden());
     let mut child = identifying(&daemon);
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["estop"]).status.success());
@@ -110,7 +97,7 @@ fn stopped_group_ends_identification_with_its_cause() {
 /// The daemon has stopped the group before: that the program could not stop it explains nothing.
 #[test]
 fn removed_owner_is_told_so() {
-    let daemon = started(HIDDEN);
+    let daemon = started(&hidden());
     let mut child = identifying(&daemon);
     await_active(&daemon, &mut child);
     assert!(daemon.motorctl(&["release", "all", "--force"]).status.success());
@@ -135,7 +122,7 @@ fn await_active(daemon: &Daemon, child: &mut Child) {
 
 #[test]
 fn unconfirmed_or_narrow_motion_moves_nothing() {
-    let daemon = started(HIDDEN);
+    let daemon = started(&hidden());
     let refused = |arguments: &[&str]| {
         let output = daemon.motorctl(&[&["identify", "arm"], arguments].concat());
         assert!(!output.status.success());

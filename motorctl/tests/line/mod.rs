@@ -47,41 +47,26 @@ trait Served: Send {
 /// A longer wait would delay a fault.
 const GLANCE: Duration = Duration::from_millis(2);
 
-impl Served for SerialPort {
-    fn serve(&mut self, now: Instant) {
-        Self::serve(self, now);
-    }
-    fn inject(&mut self, now: Instant, verb: &FaultVerb) {
-        Self::inject(self, now, verb).unwrap();
-    }
-    fn wait(&self, now: Instant) {
-        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
-    }
+macro_rules! served {
+    ($Port:ty, |$port:ident, $now:ident, $verb:ident| $inject:expr) => {
+        impl Served for $Port {
+            fn serve(&mut self, now: Instant) {
+                Self::serve(self, now);
+            }
+            fn inject(&mut self, $now: Instant, $verb: &FaultVerb) {
+                let $port = self;
+                $inject.unwrap();
+            }
+            fn wait(&self, now: Instant) {
+                let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
+            }
+        }
+    };
 }
 
-impl Served for Bridge {
-    fn serve(&mut self, now: Instant) {
-        Self::serve(self, now);
-    }
-    fn inject(&mut self, now: Instant, verb: &FaultVerb) {
-        Self::inject(self, now, verb).unwrap();
-    }
-    fn wait(&self, now: Instant) {
-        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
-    }
-}
-
-impl Served for ImuPort {
-    fn serve(&mut self, now: Instant) {
-        Self::serve(self, now);
-    }
-    fn inject(&mut self, _now: Instant, verb: &FaultVerb) {
-        Self::inject(self, verb).unwrap();
-    }
-    fn wait(&self, now: Instant) {
-        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
-    }
-}
+served!(SerialPort, |port, now, verb| Self::inject(port, now, verb));
+served!(Bridge, |port, now, verb| Self::inject(port, now, verb));
+served!(ImuPort, |port, _now, verb| Self::inject(port, verb));
 
 impl Line {
     /// The line of an IMU `base` that sends 200 samples per second, with 921600 baud.
