@@ -7,7 +7,7 @@ use motord_core::control::Event;
 use motord_core::drive::{Drive, Received};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
-use motord_harness::robot::{Meaning, PERIOD, Robot};
+use motord_harness::robot::{Meaning, PERIOD, Robot, Sent};
 use motord_protocol::drive::{Command, Reported};
 use motord_settings::settings::{BeyondRange, Settings};
 use motord_shared::{BusCondition, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, message};
@@ -499,10 +499,10 @@ fn full_queue_three_times_in_row_stops_group() {
     assert_eq!((cause, cycles), (Cause::TransmitStall, 4), "told in the cycle after the third");
 }
 
-#[test]
-fn what_was_refused_is_never_sent_later() {
+/// Returns the frames of a robot whose bus refused them for 500 cycles, in the 100 after that.
+fn sent_after(disturbance: &str) -> Vec<Sent> {
     let (mut robot, joints) = active();
-    robot.disturb("can tx-full");
+    robot.disturb(disturbance);
     for _ in 0..500 {
         robot.follow(&joints);
     }
@@ -511,22 +511,17 @@ fn what_was_refused_is_never_sent_later() {
     for _ in 0..100 {
         robot.follow(&joints);
     }
-    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+    robot.take_sent()
+}
+
+#[test]
+fn what_was_refused_is_never_sent_later() {
+    assert!(sent_after("can tx-full").iter().all(|sent| sent.meaning.is_safe()));
 }
 
 #[test]
 fn jammed_bus_holds_at_most_two_cycles() {
-    let (mut robot, joints) = active();
-    robot.disturb("can no-ack");
-    for _ in 0..500 {
-        robot.follow(&joints);
-    }
-    robot.disturb("can ok");
-    robot.take_sent();
-    for _ in 0..100 {
-        robot.follow(&joints);
-    }
-    let sent = robot.take_sent();
+    let sent = sent_after("can no-ack");
     assert!(sent.iter().take_while(|sent| !sent.meaning.is_safe()).count() <= 8);
     assert!(sent.iter().skip(8).all(|sent| sent.meaning.is_safe()));
 }
