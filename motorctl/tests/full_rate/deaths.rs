@@ -6,7 +6,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use crate::alone;
-use motord_client::{Cause, Client, Error, Phase, Setpoint, State};
+use motord_client::{Cause, Claim, Client, Error, Phase, Setpoint, State};
 use motord_harness::daemon::{Daemon, quadruped, until};
 use motord_harness::programs::Process;
 use std::path::Path;
@@ -29,12 +29,8 @@ fn group(state: &State) -> motord_client::Group {
     state.group(0).unwrap()
 }
 
-/// Claims, enables and holds, until it is killed.
-#[test]
-#[ignore = "the process that other tests kill"]
-fn controller_process() {
-    let Some(runtime) = std::env::var_os(RUNTIME) else { return };
-    let client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
+/// Claims the legs, and sends setpoints that hold them.
+fn claimed(client: &Client) -> (Claim, Vec<Setpoint>) {
     let mut claim = client.claim("legs").unwrap();
     let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
     let hold: Vec<_> = state
@@ -42,6 +38,16 @@ fn controller_process() {
         .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 40.0, 1.0, 0.0))
         .collect();
     claim.send(&hold).unwrap();
+    (claim, hold)
+}
+
+/// Claims, enables and holds, until it is killed.
+#[test]
+#[ignore = "the process that other tests kill"]
+fn controller_process() {
+    let Some(runtime) = std::env::var_os(RUNTIME) else { return };
+    let client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
+    let (mut claim, hold) = claimed(&client);
     claim.enable().unwrap();
     loop {
         let _state = client.wait(Duration::from_secs(1)).unwrap();
@@ -76,13 +82,7 @@ fn killed_controller_leaves_joints_damped_until_reset() {
         let state = client.wait(Duration::from_secs(1)).unwrap();
         (group(&state).phase == Some(Phase::Disarmed)).then_some(())
     });
-    let mut claim = client.claim("legs").unwrap();
-    let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
-    let hold: Vec<_> = state
-        .joints()
-        .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 40.0, 1.0, 0.0))
-        .collect();
-    claim.send(&hold).unwrap();
+    let (mut claim, hold) = claimed(&client);
     let refused = claim.enable().unwrap_err();
     assert!(matches!(refused, Error::Refused { .. }), "{refused}");
     claim.reset().unwrap();
