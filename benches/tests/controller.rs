@@ -11,7 +11,7 @@ use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
 use motord_client::{Cause, Client, Error, Phase, RUNTIME_DIR_VARIABLE, State};
 use motord_configuration::{self as config, Machine};
-use motord_harness::daemon::{TIMEOUT, until};
+use motord_harness::daemon::{TIMEOUT, simulated_bus, until};
 use motord_ports::instance::Instance;
 use motord_simulator::{FaultVerb, SharedBus};
 use nix::sys::signal::{Signal, kill};
@@ -36,25 +36,8 @@ setpoint-timeout-ms = 500.0
 lost-cycles = 50
 deadman-ms = 2000.0
 start-timeout-ms = 5000.0
-[[bus]]
-name = "can"
-type = "simulated"
-[[motor]]
-name = "hip"
-bus = "can"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-[[motor]]
-name = "knee"
-bus = "can"
-id = 2
-protocol = "mit"
-model = "GIM8108-8"
-[[group]]
-name = "leg"
-joints = ["hip", "knee"]
 "#;
+const LEG: &str = "[[group]]\nname = 'leg'\njoints = ['hip', 'knee']\n";
 const GROUP: &str = "leg";
 /// Longer than the retry interval of the example, 0.5 s: a start of the robot by the example would
 /// be seen.
@@ -91,8 +74,9 @@ impl Process {
 #[ignore = "the process that the other tests disturb"]
 fn daemon_process() {
     let Some(runtime) = std::env::var_os(RUNTIME_DIR_VARIABLE) else { return };
+    let text = CONFIG.to_owned() + &simulated_bus(&["hip", "knee"]) + LEG;
     let settings =
-        config::parse(Path::new("robot.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
+        config::parse(Path::new("robot.toml"), text.as_bytes(), &Machine::here()).unwrap().settings;
     let bus = SharedBus::new(buses::simulate(&settings, 0, 1));
     let lock = Arc::new(Instance::below(Path::new(&runtime), "robot").unwrap().lock().unwrap());
     let opened: Vec<Box<dyn Bus>> = vec![Box::new(bus.clone())];

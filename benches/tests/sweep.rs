@@ -10,6 +10,7 @@ use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_client::{Client, Group, Operation, Rejection, Setpoint, State};
 use motord_configuration::{self as config, Machine};
+use motord_harness::daemon::{TIMEOUT, simulated_bus, until};
 use motord_ports::instance::Instance;
 use motord_ports::{ClientPorts, SetpointPort, clock};
 use motord_shared::SetpointMessage;
@@ -18,7 +19,6 @@ use motord_simulator::{BusSettings, Direction, SharedBus, SimulatedBus};
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 const CONFIG: &str = r#"
 [daemon]
@@ -31,42 +31,10 @@ setpoint-timeout-ms = 1000.0
 lost-cycles = 250
 deadman-ms = 2000.0
 start-timeout-ms = 5000.0
-[[bus]]
-name = "can"
-type = "simulated"
-[[motor]]
-name = "hip"
-bus = "can"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-[[motor]]
-name = "thigh"
-bus = "can"
-id = 2
-protocol = "mit"
-model = "GIM8108-8"
-[[motor]]
-name = "knee"
-bus = "can"
-id = 3
-protocol = "mit"
-model = "GIM8108-8"
 "#;
 
 const NOT_FINITE: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 const ABSURD: [f32; 5] = [f32::MAX, f32::MIN, f32::MIN_POSITIVE / 2.0, -0.0, 500.0];
-const TIMEOUT: Duration = Duration::from_secs(20);
-
-fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + TIMEOUT;
-    loop {
-        if let Some(found) = attempt() {
-            return found;
-        }
-        assert!(Instant::now() < deadline, "{what} did not happen");
-    }
-}
 
 fn group(state: &State) -> Group {
     state.group(0).unwrap()
@@ -145,8 +113,9 @@ impl Owner {
 #[test]
 fn absurd_value_is_rejected_or_limited() {
     let directory = tempfile::TempDir::new().unwrap();
+    let text = CONFIG.to_owned() + &simulated_bus(&["hip", "thigh", "knee"]);
     let settings =
-        config::parse(Path::new("sweep.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
+        config::parse(Path::new("sweep.toml"), text.as_bytes(), &Machine::here()).unwrap().settings;
     let (wire, motors) = buses::physics(&settings, 0);
     let wire = BusSettings { record: 1 << 17, ..wire };
     let bus = SharedBus::new(SimulatedBus::new(wire, motors, 1));

@@ -43,6 +43,16 @@ pub fn bench_at(rate_hz: u32) -> String {
     BENCH.replace("rate-hz = 100", &format!("rate-hz = {rate_hz}"))
 }
 
+/// Returns the simulated bus `can` with a motor for each of the `joints`, ids from 1.
+#[must_use]
+pub fn simulated_bus(joints: &[&str]) -> String {
+    let motor = |(id, name): (usize, &&str)| {
+        format!("[[motor]]\nname = '{name}'\nbus = 'can'\nid = {id}\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n")
+    };
+    let motors: String = (1..).zip(joints).map(motor).collect();
+    format!("[[bus]]\nname = 'can'\ntype = 'simulated'\n{motors}")
+}
+
 /// The shipped simulated quadruped: the instance `demo` with the group `legs`, at 1 kHz.
 ///
 /// # Panics
