@@ -163,11 +163,7 @@ impl MotorSettings {
             model: model.name.to_owned(),
             profile,
             scales,
-            constants: model.ends.is_none().then(|| DriveConstants {
-                torque_constant: model.torque_constant.into(),
-                gear_ratio: model.gear_ratio.into(),
-                pole_pairs: model.pole_pairs,
-            }),
+            constants: model.ends.is_none().then(|| DriveConstants::of(model)),
             winding,
             max_velocity,
             transmission: Transmission::new(1.0, 0.0),

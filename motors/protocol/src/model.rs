@@ -53,6 +53,18 @@ pub struct DriveConstants {
     pub pole_pairs: u8,
 }
 
+impl DriveConstants {
+    /// Returns the constants that a motor of this model has from the factory.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        Self {
+            torque_constant: model.torque_constant.into(),
+            gear_ratio: model.gear_ratio.into(),
+            pole_pairs: model.pole_pairs,
+        }
+    }
+}
+
 #[expect(clippy::too_many_arguments, reason = "a row of the table below, in the order of its columns")]
 pub(crate) const fn model(
     name: &'static str,

@@ -171,11 +171,11 @@ fn check_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Fin
 
 /// Returns the constants of the codes, as written or of the model.
 fn constants(keys: &keys::Motor, model: Option<&Model>) -> Option<DriveConstants> {
-    let model = model?;
+    let of_model = DriveConstants::of(model?);
     Some(DriveConstants {
-        torque_constant: keys.torque_constant_nm_per_a.value.unwrap_or(model.torque_constant.into()),
-        gear_ratio: keys.gear_ratio.value.unwrap_or(model.gear_ratio.into()),
-        pole_pairs: model.pole_pairs,
+        torque_constant: keys.torque_constant_nm_per_a.value.unwrap_or(of_model.torque_constant),
+        gear_ratio: keys.gear_ratio.value.unwrap_or(of_model.gear_ratio),
+        ..of_model
     })
 }
 
