@@ -1,5 +1,5 @@
 //! Checks before the first cycle that the motors are the configured ones: by the lock file, and by
-//! what they report.
+//! their reports.
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and
 //! nothing on the wire shows that. A motor that differs is never enabled

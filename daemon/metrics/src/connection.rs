@@ -152,8 +152,8 @@ fn parse(bytes: &[u8]) -> Result<Option<Request<()>>, StatusCode> {
     request.map(Some).ok_or(StatusCode::BAD_REQUEST)
 }
 
-/// Whether the end of the body is told as RFC 9112, section 6.3 demands. The body itself is not
-/// read.
+/// Returns whether the header states the length of the body as RFC 9112, section 6.3 requires. The
+/// body itself is not read.
 fn has_valid_length(request: &Request<()>) -> bool {
     let lengths = request.headers().get_all(CONTENT_LENGTH);
     let first = lengths.iter().next();

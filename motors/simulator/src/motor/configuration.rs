@@ -29,7 +29,7 @@ const TORQUE_CONSTANT: usize = 0x03;
 /// 1000 rpm, rad/s.
 const KRPM: f64 = 1000.0 * core::f64::consts::PI / 30.0;
 /// Effective line-to-line voltage of a phase amplitude of 1 V: the square root of 3/2. Resistance
-/// and inductance are line to line, too.
+/// and inductance are also line to line.
 const EFFECTIVE_LINE_TO_LINE: f64 = 1.224_744_871_391_589;
 /// ConfIDs of type 0x00 that table 7 leaves out.
 const UNASSIGNED: [u8; 9] = [0x03, 0x04, 0x05, 0x0A, 0x0B, 0x1B, 0x1D, 0x1E, 0x1F];
