@@ -9,7 +9,7 @@
 
 use crate::frame::{Arrival, Content, ControllerState, ErrorFrame, Frame, FrameId, Inbox};
 use crate::time::{Duration, Instant};
-use crate::{Bus, Readiness, Refusal, Sent, wait};
+use crate::{Bus, Readiness, Refusal, Sent, clock, wait};
 
 /// Ids that the bus under test receives.
 pub const HOST_IDS: [FrameId; 3] = [id(0x101), id(0x102), id(0x103)];
@@ -23,11 +23,15 @@ pub trait Fixture {
     /// The bus under test.
     fn bus(&mut self) -> &mut dyn Bus;
 
-    /// Returns the present time on the clock of this bus.
-    fn now(&self) -> Instant;
+    /// Returns the present time on the clock of this bus. The default is `CLOCK_MONOTONIC`.
+    fn now(&self) -> Instant {
+        clock::monotonic()
+    }
 
-    /// Lets time pass: sleeps, or advances the simulated clock.
-    fn pass(&mut self, time: Duration);
+    /// Lets time pass. The default sleeps; a bus on simulated time advances its clock.
+    fn pass(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
 
     /// Sends something from another node. `false` when this wire cannot carry it.
     fn inject(&mut self, stimulus: Stimulus) -> bool;
@@ -73,14 +77,15 @@ pub enum Condition {
     Gone,
 }
 
-/// Creates a test of each named property, for the fixture that `$new` returns.
+/// Creates a test of each named property, for the fixture that `$new` returns. `: CanBus` adds the
+/// properties that every bus with classic CAN frames has.
 ///
 /// ```text
 /// motord_bus::conformance! {
 ///     [ignore = "needs SocketCAN: run verify/rigs/test-can"]
-///     mod vcan = Vcan::new;
-///     frames_leave_in_the_order_given,
-///     own_frames_are_not_received,
+///     mod vcan: CanBus = Vcan::new;
+///     only_expected_ids_arrive,
+///     error_reports_arrive_as_reports,
 /// }
 /// ```
 #[macro_export]
@@ -90,6 +95,26 @@ macro_rules! conformance {
         $(#[$attribute])?
         fn $property() {
             $crate::conformance::$property(&mut $new());
+        }
+    };
+    ($attribute:tt mod $name:ident: CanBus = $new:path; $($property:ident),* $(,)?) => {
+        $crate::conformance! {
+            $attribute
+            mod $name = $new;
+            bus_that_is_down_reports_and_recovers,
+            unplugged_bus_is_reported,
+            a_flood_fills_an_inbox_and_no_more,
+            a_stalled_bus_refuses_at_once_and_forgets,
+            a_stamp_is_the_time_of_arrival,
+            an_absurd_batch_is_cut,
+            arrivals_keep_the_order_of_the_wire,
+            every_length_arrives_as_it_was_sent,
+            unsupported_frames_never_arrive_as_frames,
+            frames_leave_in_the_order_given,
+            own_frames_are_not_received,
+            readiness_announces_an_arrival,
+            stamps_run_forwards_and_never_into_the_future,
+            $($property,)*
         }
     };
     ($attribute:tt mod $name:ident = $new:path; $($property:ident),+ $(,)?) => {

@@ -8,9 +8,7 @@ mod counting;
 use motord_bus::conformance::{Condition, Fixture, Stimulus};
 use motord_bus::serial::framing::SerialFrame;
 use motord_bus::serial::{Address, OpenError, SerialBus, SerialSender, Settings};
-use motord_bus::{
-    Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent, clock, wait,
-};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Readiness, Refusal, Sent, clock, wait};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
@@ -258,14 +256,6 @@ impl Pty {
 impl Fixture for Pty {
     fn bus(&mut self) -> &mut dyn Bus {
         &mut self.bus
-    }
-
-    fn now(&self) -> Instant {
-        clock::monotonic()
-    }
-
-    fn pass(&mut self, time: Duration) {
-        std::thread::sleep(time);
     }
 
     fn inject(&mut self, stimulus: Stimulus) -> bool {
