@@ -1,6 +1,7 @@
 //! Errors between a controller and the daemon, with a sentence that advises what to do.
 
 pub use crate::lateness::Stop;
+use crate::rounded::Rounded;
 use motord_ports::permission::advice;
 use motord_ports::service::{self, Obstacle, Part};
 use motord_ports::stop_socket::StopError;
@@ -27,13 +28,13 @@ pub enum Error {
         died: Option<u32>,
     },
     /// The daemon runs but publishes no states. Calls work again once it does.
-    #[error("motord published no state for {silent_for:?}: it is stopped or overloaded; see its log")]
+    #[error("motord published no state for {}: it is stopped or overloaded; see its log", Rounded(*silent_for))]
     Silent {
         /// Time since its last state.
         silent_for: Duration,
     },
     /// No new state arrived in the time given to the call; the daemon is not overdue yet.
-    #[error("no new state within {waited:?}: allow at least two cycles")]
+    #[error("no new state within {}: allow at least two cycles", Rounded(*waited))]
     Timeout {
         /// The time given.
         waited: Duration,
@@ -195,8 +196,9 @@ pub enum Error {
     },
     /// The group did not reach the phase in the time given to the call.
     #[error(
-        "group {group} is {} after {waited:?}, not {expected}",
-        phase.map_or("in an unknown phase", Phase::name)
+        "group {group} is {} after {}, not {expected}",
+        phase.map_or("in an unknown phase", Phase::name),
+        Rounded(*waited)
     )]
     NotReached {
         /// The group.
@@ -210,7 +212,7 @@ pub enum Error {
         waited: Duration,
     },
     /// The daemon did not answer a request in time. The request may have been executed.
-    #[error("motord did not answer {operation} within {waited:?}: {}", without_answer(*operation))]
+    #[error("motord did not answer {operation} within {}: {}", Rounded(*waited), without_answer(*operation))]
     NoAnswer {
         /// The requested operation.
         operation: Operation,

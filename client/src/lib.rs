@@ -163,6 +163,7 @@ mod link;
 mod members;
 mod publisher;
 mod records;
+mod rounded;
 mod setpoint;
 mod state;
 mod stop;

@@ -212,7 +212,11 @@ impl Explained<'_> {
             self.limit(&keys.temperature_derate_celsius, is.temperature_derate, self.derating()),
             self.limit(&keys.temperature_max_celsius, is.temperature, Origin::Default),
             self.limit(&keys.following_error_rad, is.following_error, Origin::Default),
-            self.limit(&keys.torque_response_percent, 100.0 * is.torque_response, Origin::Default),
+            self.limit(
+                &keys.torque_response_percent,
+                keys.torque_response_percent.value as f32,
+                Origin::Default,
+            ),
         ]
     }
 
