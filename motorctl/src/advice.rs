@@ -16,8 +16,15 @@ pub(crate) struct Advice {
 }
 
 impl Advice {
-    /// Returns the advice after a stop of `group` for a cause of `joint`.
-    pub(crate) fn new(cause: Option<Cause>, instance: &str, group: &str, joint: Option<&str>) -> Self {
+    /// Returns the advice after a stop of `group` for a cause of `joint`. A group without an owner
+    /// cannot be enabled: its controller must start again.
+    pub(crate) fn new(
+        cause: Option<Cause>,
+        instance: &str,
+        group: &str,
+        joint: Option<&str>,
+        has_owner: bool,
+    ) -> Self {
         let motorctl = motorctl(instance);
         let fault = joint.filter(|_| cause == Some(Cause::MotorFault));
         let clear = fault.map(|joint| format!("{motorctl} fault clear {joint}"));
@@ -29,12 +36,10 @@ impl Advice {
         Self {
             remedy: remedy.into(),
             commands: clear.into_iter().chain([format!("{motorctl} reset {group}")]).collect(),
-            // Without its controller a group has no owner, and cannot be enabled.
-            start: match cause {
-                Some(Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied) => {
-                    "start the controller again".into()
-                }
-                _ => format!("`{motorctl} enable {group}`"),
+            start: if has_owner {
+                format!("`{motorctl} enable {group}`")
+            } else {
+                "start the controller again".to_owned()
             },
         }
     }
@@ -63,12 +68,13 @@ mod tests {
 
     #[test]
     fn advice_lines_name_instance_joint_and_group() {
-        let advice = Advice::new(Some(Cause::MotorFault), "demo", "legs", Some("fl-knee"));
+        let advice = Advice::new(Some(Cause::MotorFault), "demo", "legs", Some("fl-knee"), true);
+        assert_eq!(advice.start, "`motorctl --instance demo enable legs`");
         assert_eq!(
             advice.commands,
             ["motorctl --instance demo fault clear fl-knee", "motorctl --instance demo reset legs"]
         );
-        let advice = Advice::new(Some(Cause::OwnerLost), DEFAULT_INSTANCE, "legs", Some("fl-knee"));
+        let advice = Advice::new(Some(Cause::OwnerLost), DEFAULT_INSTANCE, "legs", Some("fl-knee"), false);
         assert_eq!(
             advice.to_string(),
             "Find out why the controller ended or was late. Then run `motorctl reset legs`, and start the controller again."

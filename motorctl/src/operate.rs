@@ -165,9 +165,16 @@ fn release(instance: &str, group: &str) -> Result<(), Failure> {
 
 /// `motorctl fault clear`: clears a motor's fault.
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
-    Client::connect(instance)?.clear_fault(joint)?;
+    let client = Client::connect(instance)?;
+    let index = client.joint_named(joint)?;
+    let reported = client.wait(status::TIMEOUT)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
+    client.clear_fault(joint)?;
     let status = format!("{} status", motorctl(instance));
-    print_effect(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"));
+    print_effect(&if reported.is_empty() {
+        format!("{joint}: reported no fault before; the motor has cleared its faults")
+    } else {
+        format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains")
+    });
     Ok(())
 }
 

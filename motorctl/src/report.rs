@@ -389,7 +389,8 @@ impl StopReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
         let described = group.cause_joint.and_then(|joint| robot.joints.get(joint));
         let joint = described.map(|joint| &joint.name);
-        let mut steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
+        let mut steps =
+            Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str), group.owned);
         if group.cause == Some(Cause::SetpointTimeout)
             && let Some(remedy) = group
                 .setpoint_period

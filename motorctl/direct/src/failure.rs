@@ -84,7 +84,7 @@ pub enum DirectFailure {
         journal: PathBuf,
     },
     /// The configurations differ.
-    #[error("{count} items differ")]
+    #[error("{count} {} differ", if *count == 1 { "item" } else { "items" })]
     Differs {
         /// Their number.
         count: usize,

@@ -170,15 +170,15 @@ pub(crate) fn apply(
         eprintln!("motorctl: an earlier application was cut off: {}", printable(&unfinished.to_string()));
     }
     confirm.ask(&format!(
-        "This permanently writes these {} items to {name}. {} records each write, also after a power cut.",
-        changes.len(),
+        "This permanently writes {} to {name}. {} records each write, also after a power cut.",
+        items(changes.len()),
         journal.path().display()
     ))?;
     journal.begin(&name, &changes)?;
     match apply.run(&mut session.gim(), &mut |event| journal.note(&event)) {
         Ok(()) => {
             journal.end("done")?;
-            print_line(&format!("{name}: {} items written, each read back", changes.len()))
+            print_line(&format!("{name}: {} written, each read back", items(changes.len())))
         }
         Err(Failed::Journal(failure)) => Err(failure),
         Err(failed @ Failed::Motor { .. }) => {
@@ -187,6 +187,11 @@ pub(crate) fn apply(
             Err(DirectFailure::Apply { reason, journal: journal.path().to_owned() })
         }
     }
+}
+
+/// Returns a count of items in words.
+fn items(count: usize) -> String {
+    if count == 1 { "1 item".to_owned() } else { format!("{count} items") }
 }
 
 /// `motorctl config reset`: sets every item to its default, also id and bit rate.

@@ -344,7 +344,7 @@ pub(crate) fn refuse_latched(client: &Client, instance: &str, group: &str) -> Re
     let robot = client.description();
     let joint =
         stopped.cause_joint.and_then(|joint| robot.joints.get(joint)).map(|joint| joint.name.as_str());
-    let advice = Advice::new(stopped.cause, instance, group, joint);
+    let advice = Advice::new(stopped.cause, instance, group, joint, stopped.owned);
     Err(HoldFailure::Stopped {
         group: group.to_owned(),
         cause: stopped.cause.map_or("a cause that this program does not know", Cause::name).to_owned(),

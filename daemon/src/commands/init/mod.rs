@@ -110,7 +110,8 @@ impl Configuration {
         let Settings { motors, buses, cycle, .. } = &self.settings;
         let (motors, buses, rate_hz, file) = (motors.len(), buses.len(), cycle.rate_hz, file.display());
         format!(
-            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check {file}\n  motord run {file}"
+            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check {file}\n  motorctl setup \
+             --config {file}  # new motors first get id and zero: docs/first-motor.md\n  motord run {file}"
         )
     }
 }

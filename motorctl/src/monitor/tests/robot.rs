@@ -154,7 +154,7 @@ pub(super) fn stopped_by(cause: Cause, joint: Option<usize>) -> Reading {
     report.joints.iter_mut().for_each(|joint| joint.mode = "idle");
     report.emergency_stop = cause == Cause::EmergencyStop;
     let described = joint.map(|joint| &reading.robot.joints[joint]);
-    let steps = Advice::new(Some(cause), "demo", "legs", described.map(|joint| joint.name.as_str()));
+    let steps = Advice::new(Some(cause), "demo", "legs", described.map(|joint| joint.name.as_str()), false);
     report.groups[0].phase = "disarmed";
     report.groups[0].setpoint_age_us = Some(12_300_000.0);
     report.groups[0].stop = Some(StopReport {
