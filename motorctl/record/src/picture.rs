@@ -6,14 +6,16 @@ use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::{
-    BLACK, ChartBuilder, ChartContext, Circle, DrawingArea, DrawingBackend, EmptyElement, IntoDrawingArea,
-    LineSeries, PathElement, RGBColor, SVGBackend, SeriesLabelPosition, Text, WHITE,
+    ChartBuilder, ChartContext, Circle, DrawingArea, DrawingBackend, EmptyElement, IntoDrawingArea,
+    LineSeries, PathElement, RGBColor, SVGBackend, Text, WHITE,
 };
 use plotters::style::{Color, FontTransform, IntoFont};
 use std::ops::Range;
 
 /// The size of a panel.
 const PANEL: (u32, u32) = (480, 260);
+/// Height of the names of the curves above a panel.
+const LEGEND: u32 = 18;
 /// Limit on the steps of a curve: more than a panel has pixels.
 const STEPS_MAX: usize = 1024;
 /// From the palette of Okabe and Ito, for people with a colour vision deficiency, with the dashes
@@ -225,7 +227,8 @@ fn dashed(svg: String) -> String {
 fn draw<B: DrawingBackend>(backend: B, rows: &[Row], scale: u32) -> Result<(), String> {
     let all = rows.iter().flat_map(|row| &row.panels);
     let (begin, end) = extremes(all.flat_map(Panel::points).map(|(time, _)| time)).unwrap_or((0.0, 1.0));
-    let times = begin..end.max(begin + 1e-3);
+    // A stop at the end of the recording is visible beside the curves.
+    let times = begin..(end + 0.01 * (end - begin)).max(begin + 1e-3);
     let columns = rows.iter().map(|row| row.panels.len()).max().unwrap_or(0);
     let area = backend.into_drawing_area();
     area.fill(&WHITE).map_err(text_of)?;
@@ -264,7 +267,11 @@ impl Style {
         panel: &Panel,
         marks: &[Mark],
     ) -> Result<(), String> {
-        let mut chart = ChartBuilder::on(area)
+        let (strip, area) = area.split_vertically(LEGEND * self.scale);
+        if self.has_legend {
+            self.draw_legend(&strip, panel)?;
+        }
+        let mut chart = ChartBuilder::on(&area)
             .margin(8 * self.scale)
             .x_label_area_size(28 * self.scale)
             .y_label_area_size(52 * self.scale)
@@ -285,12 +292,20 @@ impl Style {
         for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
             self.draw_curve(&mut chart, curve, colour)?;
         }
-        if self.has_legend {
-            let mut labels = chart.configure_series_labels();
-            let labels = labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE);
-            let labels =
-                labels.border_style(BLACK).label_font(self.font(11)).legend_area_size(34 * self.scale);
-            labels.draw().map_err(text_of)?;
+        Ok(())
+    }
+
+    /// Draws the names of the curves above a panel, where they cover no curve.
+    fn draw_legend<B: DrawingBackend>(&self, strip: &Area<B>, panel: &Panel) -> Result<(), String> {
+        let scale = self.scale as i32;
+        let middle = LEGEND as i32 * scale / 2;
+        let mut x = 60 * scale;
+        for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
+            let sample = [(x, middle), (x + 28 * scale, middle)];
+            strip.draw(&PathElement::new(sample, colour.stroke_width(2 * self.scale))).map_err(text_of)?;
+            let name = Text::new(curve.name, (x + 34 * scale, middle - 6 * scale), self.font(11));
+            strip.draw(&name).map_err(text_of)?;
+            x += (54 + 7 * curve.name.len() as i32) * scale;
         }
         Ok(())
     }
@@ -310,11 +325,6 @@ impl Style {
             }
             .map_err(text_of)?;
         }
-        let named = chart.draw_series(LineSeries::new([], colour)).map_err(text_of)?;
-        let length = (28 * scale) as i32;
-        named.label(curve.name).legend(move |(x, y)| {
-            PathElement::new([(x, y), (x + length, y)], colour.stroke_width(2 * scale))
-        });
         Ok(())
     }
 

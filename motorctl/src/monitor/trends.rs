@@ -1,5 +1,5 @@
-//! The last minute of every joint: position, velocity and torque, and its stops and faults, in the
-//! time of the states.
+//! The last minute of every joint: position, velocity and torque, the applied position, and its stops
+//! and faults, in the time of the states.
 
 use motord_client::{JointState, Kind, RobotDescription, State};
 use motord_record::{Event, Events, concerns, is_mark};
@@ -7,6 +7,10 @@ use std::collections::VecDeque;
 
 /// Position, velocity and torque.
 pub(super) const QUANTITIES: usize = 3;
+/// Index of the applied position among the values of a joint, after the quantities.
+pub(super) const APPLIED: usize = QUANTITIES;
+/// Number of values of a joint.
+const VALUES: usize = QUANTITIES + 1;
 /// Time whose values are merged, ns.
 const SLOT_NS: u64 = 50_000_000;
 /// Largest number of remembered slots: a minute.
@@ -23,7 +27,7 @@ type Extremes = Option<[f32; 2]>;
 struct Slot {
     /// Tick of its first state.
     tick_ns: u64,
-    joints: Vec<[Extremes; QUANTITIES]>,
+    joints: Vec<[Extremes; VALUES]>,
 }
 
 /// A stop or a fault.
@@ -79,7 +83,7 @@ impl Trends {
         }
     }
 
-    /// Returns a quantity of a joint in the last `seconds`, as the parts between gaps.
+    /// Returns a quantity of a joint, or its [`APPLIED`] position, in the last `seconds`, as the parts between gaps.
     pub(super) fn curve(&self, joint: usize, quantity: usize, seconds: f64) -> Vec<Vec<Point>> {
         let mut parts: Vec<Vec<Point>> = Vec::new();
         let mut before_ns = None;
@@ -126,14 +130,17 @@ impl Mark {
     }
 }
 
-fn values(state: &State) -> impl Iterator<Item = [Extremes; QUANTITIES]> {
+fn values(state: &State) -> impl Iterator<Item = [Extremes; VALUES]> {
     state.joints().map(|joint| {
-        let mut values = joint.quantities().map(|(_, value)| value.map(|value| [value, value]));
+        let measured = joint.quantities().map(|(_, value)| value).take(QUANTITIES);
+        // Without stiffness the position of a command has no effect.
+        let applied = Some(joint.applied.position).filter(|_| joint.applied.kp > 0.0);
+        let mut values = measured.chain([applied]).map(|value| value.map(|value| [value, value]));
         std::array::from_fn(|_| values.next().flatten())
     })
 }
 
-fn merge(slot: &mut [Extremes; QUANTITIES], new: [Extremes; QUANTITIES]) {
+fn merge(slot: &mut [Extremes; VALUES], new: [Extremes; VALUES]) {
     for (known, new) in slot.iter_mut().zip(new) {
         *known = match (*known, new) {
             (Some([low, high]), Some([lower, higher])) => Some([low.min(lower), high.max(higher)]),
@@ -203,5 +210,18 @@ mod tests {
         assert_eq!(trends.curve(0, 0, 60.0).len(), 3);
         trends.take(&state(0, Some(1.0), 0), &robot);
         assert_eq!(trends.slots.len(), 1, "older than the newest: it begins anew");
+    }
+
+    #[test]
+    fn applied_position_is_remembered_with_stiffness() {
+        let (mut trends, robot) = (Trends::default(), robot());
+        for (milliseconds, kp) in [(0, 0.0), (100, 20.0)] {
+            let mut message = *state(milliseconds, Some(1.0), 0).message();
+            message.joints[0].applied.position = 1.5;
+            message.joints[0].applied.kp = kp;
+            trends.take(&State::from(&message), &robot);
+        }
+        assert_eq!(trends.curve(0, 0, 60.0), [vec![(-0.1, 1.0), (0.0, 1.0)]]);
+        assert_eq!(trends.curve(0, APPLIED, 60.0), [vec![(0.0, 1.5)]]);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::picture::{Picture, Reading};
 use super::super::selection::Selection;
-use super::super::trends::{Mark, Point, quantities};
+use super::super::trends::{APPLIED, Mark, Point, quantities};
 use super::text::{bold, dim, flowed};
 use motord_terminal::number;
 use ratatui::buffer::Buffer;
@@ -14,6 +14,8 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Widget};
 
 /// The style of the marks of stops and faults.
 const MARK: Style = Style::new().bold();
+/// The style of the applied position.
+const APPLIED_STYLE: Style = Style::new().dim();
 /// Smallest number of rows of a panel.
 const ROWS: usize = 11;
 /// Smallest width of three panels side by side, and of one.
@@ -82,6 +84,8 @@ fn letter(mark: &Mark) -> Span<'static> {
 struct Panel {
     title: Line<'static>,
     parts: Vec<Vec<Point>>,
+    /// The applied position; empty for the other quantities.
+    applied: Vec<Vec<Point>>,
     limits: [f64; 2],
     seconds: f64,
     range: [f64; 2],
@@ -106,19 +110,21 @@ impl Panel {
         let limits = limits.map(f64::from);
         let seconds = selection.seconds();
         let parts = picture.trends.curve(joint, quantity, seconds);
+        let applied = if quantity == 0 { picture.trends.curve(joint, APPLIED, seconds) } else { Vec::new() };
         let newest = parts.last().and_then(|part| part.last()).filter(|(time, _)| *time > -1.0);
         let value = number(newest.map(|(_, value)| *value), 2);
         let limits_text = limits.map(|limit| number(Some(limit), 2)).join(" to ");
-        let values: Vec<f64> = parts.iter().flatten().map(|(_, value)| *value).collect();
+        let values: Vec<f64> = parts.iter().chain(&applied).flatten().map(|(_, value)| *value).collect();
         let range = range(&values, limits, selection.has_limits);
         let is_on_scale = limits.iter().any(|limit| (range[0]..=range[1]).contains(limit));
         let key = if is_on_scale { "" } else { ", key l" };
+        let grey = if applied.is_empty() { "" } else { ", grey: applied" };
         let title = vec![
             bold(format!("{} {name}", description.name)),
             Span::from(format!(" {value} {unit}")),
-            dim(format!("  limits {limits_text}{key}")),
+            dim(format!("  limits {limits_text}{key}{grey}")),
         ];
-        Self { title: title.into(), parts, limits, seconds, range }
+        Self { title: title.into(), parts, applied, limits, seconds, range }
     }
 
     fn draw(&self, buffer: &mut Buffer, cell: Rect, marks: &[(f64, &Mark)]) {
@@ -130,6 +136,7 @@ impl Panel {
         let mut data: Vec<Dataset<'_>> = Vec::new();
         data.extend(limits.iter().map(|limit| line(limit, Marker::Custom('┄'))));
         data.extend(lines.iter().map(|mark| line(mark, Marker::Custom('┊')).style(MARK)));
+        data.extend(self.applied.iter().map(|part| line(part, Marker::Braille).style(APPLIED_STYLE)));
         data.extend(self.parts.iter().map(|part| line(part, Marker::Braille)));
         data.extend(letters.iter().map(|(letter, at)| line(at, Marker::Custom(*letter)).style(MARK)));
         let middle = f64::midpoint(low, high);

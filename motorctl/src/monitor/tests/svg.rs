@@ -16,7 +16,8 @@ const LIGHT: Theme = Theme(["#ffffff", "#202020", "#cd0000", "#a000a0", "#ffffff
 /// Size of a character in the picture of the README, pixels.
 const CHARACTER: (usize, usize) = (8, 17);
 
-/// A screen as SVG, a text for each run of cells that look alike.
+/// A screen as SVG: a text for each run of cells that look alike, and a square for each Braille dot.
+/// Fonts draw Braille with another width than letters.
 fn svg(buffer: &Buffer, theme: &Theme) -> String {
     let (width, height) = (usize::from(buffer.area.width), usize::from(buffer.area.height));
     let (right, bottom) = ((width + 2) * CHARACTER.0, (height + 1) * CHARACTER.1);
@@ -56,13 +57,37 @@ fn draw_run(svg: &mut String, (x, y): (usize, usize), run: &[Cell], theme: &Them
     let fill = if is_reversed { theme.0[0] } else { theme.colour(first.fg) };
     let weight = if first.modifier.contains(Modifier::BOLD) { " font-weight=\"bold\"" } else { "" };
     let opacity = if first.modifier.contains(Modifier::DIM) { " opacity=\"0.6\"" } else { "" };
-    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    let squares: String =
+        run.iter().enumerate().map(|(index, cell)| dots(left + index * CHARACTER.0, top, cell)).collect();
+    if !squares.is_empty() {
+        writeln!(svg, "<path d=\"{squares}\" fill=\"{fill}\"{opacity}/>").unwrap();
+    }
+    let text = text.replace(is_braille, " ").replace('&', "&amp;").replace('<', "&lt;");
+    if text.trim().is_empty() {
+        return;
+    }
     let base = top + CHARACTER.1 - 4;
     writeln!(
         svg,
         "<text x=\"{left}\" y=\"{base}\" textLength=\"{width}\" xml:space=\"preserve\" fill=\"{fill}\"{weight}{opacity}>{text}</text>"
     )
     .unwrap();
+}
+
+fn is_braille(character: char) -> bool {
+    ('\u{2800}'..='\u{28FF}').contains(&character)
+}
+
+/// Returns the dots of a Braille cell as squares of a path.
+fn dots(left: usize, top: usize, cell: &Cell) -> String {
+    /// Column and row of each bit.
+    const BITS: [(usize, usize); 8] = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3)];
+    let Some(character) = cell.symbol().chars().next().filter(|&character| is_braille(character)) else {
+        return String::new();
+    };
+    let set = BITS.iter().enumerate().filter(|(bit, _)| (u32::from(character) >> bit) & 1 == 1);
+    set.map(|(_, (column, row))| format!("M{} {}h2v2h-2z", left + 1 + 4 * column, top + 1 + 4 * row))
+        .collect()
 }
 
 impl Theme {
