@@ -42,12 +42,9 @@ macro_rules! view {
 
 macro_rules! define {
     (
-        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
-        fields { $(
-            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
-            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
-        )+ }
-        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+        { $({ $measured_doc:literal $unit:literal $measured:ident })+ }
+        { $({ $doc:literal $kind:tt $name:ident $view:ident })+ }
+        { $({ $flag_doc:literal $flag:ident $bits:ident })+ }
     ) => {
         /// One joint after a cycle.
         ///
@@ -56,14 +53,14 @@ macro_rules! define {
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct Joint {
             $($measured: f32,)+
-            $($(#[doc = $doc] pub $view: view_type!($kind),)?)+
+            $(#[doc = $doc] pub $view: view_type!($kind),)+
             $(#[doc = $flag_doc] pub $flag: bool,)+
         }
 
         impl Joint {
             $(
                 #[doc = $measured_doc]
-                #[doc = concat!("\n\nUnit: ", $measured_unit, ".")]
+                #[doc = concat!("\n\nUnit: ", $unit, ".")]
                 /// `None` until the motor has reported it after coming online.
                 #[must_use]
                 pub fn $measured(&self) -> Option<f32> {
@@ -81,7 +78,7 @@ macro_rules! define {
             fn from(joint: &JointState) -> Self {
                 Self {
                     $($measured: joint.$measured,)+
-                    $($($view: view!($kind, joint.$name),)?)+
+                    $($view: view!($kind, joint.$name),)+
                     $($flag: joint.flags & $bits != 0,)+
                 }
             }
@@ -89,7 +86,7 @@ macro_rules! define {
     };
 }
 
-motord_shared::joint_state!(define);
+motord_shared::joint_state!(client define);
 
 impl Joint {
     /// Returns `true` if the group runs without this joint. Its motor need not be connected, and

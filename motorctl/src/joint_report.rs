@@ -16,50 +16,46 @@ pub(crate) struct IndicatorReport {
 
 /// The type of a row's kind in JSON.
 macro_rules! json_type {
+    ([Measured]) => { Option<f32> };
     ([Optional]) => { Option<f32> };
     ([Set Limit]) => { Vec<&'static str> };
     ([Set Fault]) => { Vec<String> };
     ([Code $code:ident]) => { &'static str };
     ([Count]) => { u32 };
     ([Latency]) => { f64 };
+    ([Flag $bits:ident]) => { bool };
 }
 
 /// The value of a row's kind in JSON.
 macro_rules! json {
-    ([Set Limit], $limits:expr) => {
-        $limits.iter().map(Limit::name).collect()
+    ([Measured] $joint:ident $view:ident) => {
+        $joint.$view()
     };
-    ([Set Fault], $faults:expr) => {
-        $faults.names().collect()
+    ([Set Limit] $joint:ident $view:ident) => {
+        $joint.$view.iter().map(Limit::name).collect()
     };
-    ([Code $code:ident], $code_or_none:expr) => {
-        $code_or_none.map_or(UNKNOWN, $code::name)
+    ([Set Fault] $joint:ident $view:ident) => {
+        $joint.$view.names().collect()
     };
-    ([Latency], $latency:expr) => {
-        $latency.as_secs_f64() * 1e6
+    ([Code $code:ident] $joint:ident $view:ident) => {
+        $joint.$view.map_or(UNKNOWN, $code::name)
     };
-    ([$kind:ident], $value:expr) => {
-        $value
+    ([Latency] $joint:ident $view:ident) => {
+        $joint.$view.as_secs_f64() * 1e6
+    };
+    ($kind:tt $joint:ident $view:ident) => {
+        $joint.$view
     };
 }
 
 macro_rules! define {
-    (
-        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
-        fields { $(
-            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
-            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
-        )+ }
-        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
-    ) => {
+    ($({ $doc:literal $kind:tt $view:ident $key:ident })+) => {
         /// A joint: its state and its limits.
         #[derive(Debug, Clone, Default, Serialize)]
         pub(crate) struct JointReport {
             pub(crate) name: String,
             pub(crate) bus: String,
-            $(#[doc = $measured_doc] pub(crate) $measured_json: Option<f32>,)+
-            $($($(#[doc = $doc] pub(crate) $json: json_type!($kind),)?)?)+
-            $($(#[doc = $flag_doc] pub(crate) $flag_json: bool,)?)+
+            $(#[doc = $doc] pub(crate) $key: json_type!($kind),)+
             /// Lowest and highest position that its limits allow.
             pub(crate) position_range_rad: [f32; 2],
             /// Largest torque that its limits allow.
@@ -80,9 +76,7 @@ macro_rules! define {
                 Self {
                     name: description.name.clone(),
                     bus: description.bus.clone(),
-                    $($measured_json: joint.$measured(),)+
-                    $($($($json: json!($kind, joint.$view),)?)?)+
-                    $($($flag_json: joint.$flag,)?)+
+                    $($key: json!($kind joint $view),)+
                     position_range_rad: description.limits.position,
                     torque_max_nm: description.limits.torque,
                     outside_limits: joint.position().is_some_and(outside),
@@ -94,7 +88,7 @@ macro_rules! define {
     };
 }
 
-motord_client::joint_state!(define);
+motord_client::joint_state!(json define);
 
 impl JointReport {
     pub(crate) fn trouble(&self) -> Option<String> {

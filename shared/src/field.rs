@@ -17,6 +17,8 @@ pub struct Field {
     pub json: Option<&'static str>,
     /// Name and number in Protobuf.
     pub proto: Option<(&'static str, u32)>,
+    /// Number in `motord_quantity` of C.
+    pub quantity: Option<u32>,
 }
 
 /// Type and shape of a field: how it is stored in a message, and how JSON and Protobuf represent it.

@@ -51,6 +51,7 @@ macro_rules! define {
                     offset: core::mem::offset_of!(Self, $name),
                     json: optional!($(stringify!($json))?),
                     proto: optional!($((stringify!($name), $number))?),
+                    quantity: None,
                 },)+
                 $(Field {
                     name: stringify!($flag),
@@ -60,6 +61,7 @@ macro_rules! define {
                     offset: core::mem::offset_of!(Self, flags),
                     json: Some(stringify!($flag)),
                     proto: Some((stringify!($flag), $flag_number)),
+                    quantity: None,
                 },)+
                 $(Field {
                     name: stringify!($set),
@@ -69,6 +71,7 @@ macro_rules! define {
                     offset: core::mem::offset_of!(Self, flags),
                     json: Some(stringify!($set)),
                     proto: Some((stringify!($set), $set_number)),
+                    quantity: None,
                 },)+
             ];
         }

@@ -34,26 +34,26 @@ plain! {
     }
 }
 
-/// Calls the macro `$with` with the table of a joint's state. Tokens after its name precede the
-/// table.
+/// Calls the macro `$with` with the rows of a joint's state that `$list` needs: [`joint_list!`] has
+/// the form of each list.
 ///
 /// The rows have the order of the memory. A row has the name in the message, its type, its [`Kind`]
 /// in brackets, and where the field appears. `view` is the name in the client library, `json` the
 /// key in JSON, `proto` the name and number in recordings. `measured` quantities are `f32`, have
-/// the same name everywhere, and are plotted. `flags` are bits of the field `flags`. Numbers of
-/// `proto` are never reused. A key in JSON ends with its unit.
+/// the same name everywhere, and are plotted; `quantity` is the number in `motord_quantity` of C.
+/// `flags` are bits of the field `flags`. Numbers are never reused. A key in JSON ends with its unit.
 #[macro_export]
 macro_rules! joint_state {
-    ($with:ident $($first:tt)*) => {
-        $with! {
-            $($first)*
+    ($list:ident $with:ident) => {
+        $crate::joint_list! {
+            $list $with
             measured {
                 /// Position as last received. `age_cycles` is its age.
-                position, unit "rad", json position_rad, proto 2;
+                position, unit "rad", json position_rad, proto 2, quantity 0;
                 /// Velocity as last received.
-                velocity, unit "rad/s", json velocity_rad_s, proto 3;
+                velocity, unit "rad/s", json velocity_rad_s, proto 3, quantity 1;
                 /// Torque as the motor estimates it.
-                torque, unit "N·m", json torque_nm, proto 4;
+                torque, unit "N·m", json torque_nm, proto 4, quantity 2;
             }
             fields {
                 /// Temperature of the motor.
@@ -97,6 +97,66 @@ macro_rules! joint_state {
     };
 }
 
+/// Turns the table of a joint's state into a list, `$with! { … }`. Each `[kind]` is that of the
+/// row, `[Measured]` or `[Flag BITS]`.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! joint_list {
+    (
+        $list:ident $with:ident
+        measured { $(
+            #[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident,
+            proto $measured_number:literal, quantity $quantity:literal;
+        )+ }
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
+            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+    ) => {
+        $crate::joint_list! {
+            @$list $with
+            {
+                {
+                    $({ $measured_doc ($measured_unit) $measured f32 })+
+                    $({ $doc ($($unit)?) $name $type })+
+                }
+                {
+                    $({ $measured_doc ($measured_unit) $measured $measured [Measured] ($measured_json) ($measured $measured_number) ($quantity) })+
+                    $({ $doc ($($unit)?) $name $name $kind ($($($json)?)?) ($($proto $number)?) () })+
+                    $({ $flag_doc () $flag flags [Flag $bits] ($($flag_json)?) ($($flag $flag_number)?) () })+
+                }
+            }
+            {
+                { $({ $measured_doc $measured_unit $measured })+ }
+                { $($({ $doc $kind $name $view })?)+ }
+                { $({ $flag_doc $flag $bits })+ }
+            }
+            {
+                $({ $measured_doc [Measured] $measured $measured_json })+
+                $($($({ $doc $kind $view $json })?)?)+
+                $($({ $flag_doc [Flag $bits] $flag $flag_json })?)+
+            }
+            {
+                {
+                    $({ [Measured] $measured $measured })+
+                    $($({ $kind $name $proto })?)+
+                }
+                { $($({ $flag $bits $flag_number })?)+ }
+            }
+        }
+    };
+    // `{ doc (unit) name type }` of each field in the memory; `{ doc (unit) name field [kind] (json)
+    // (proto number) (quantity) }` of each row.
+    (@memory $with:ident $list:tt $client:tt $json:tt $recording:tt) => { $with! $list };
+    // `{ doc unit name }` of measured quantities; `{ doc [kind] name view }`; `{ doc flag BITS }`.
+    (@client $with:ident $memory:tt $list:tt $json:tt $recording:tt) => { $with! $list };
+    // `{ doc [kind] view key }`.
+    (@json $with:ident $memory:tt $client:tt $list:tt $recording:tt) => { $with! $list };
+    // `{ [kind] name proto }`; `{ flag BITS number }`.
+    (@recording $with:ident $memory:tt $client:tt $json:tt $list:tt) => { $with! $list };
+}
+
 /// The [`Kind`] of a row.
 macro_rules! kind {
     ([Code $codes:ident]) => {
@@ -104,6 +164,9 @@ macro_rules! kind {
     };
     ([Set $codes:ident]) => {
         Kind::Set($codes::NAMES)
+    };
+    ([Flag $bits:ident]) => {
+        Kind::Flag($bits)
     };
     ([$kind:ident]) => {
         Kind::$kind
@@ -121,17 +184,13 @@ macro_rules! optional {
 
 macro_rules! define {
     (
-        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
-        fields { $(
-            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
-            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
-        )+ }
-        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+        { $({ $doc:literal ($($unit:literal)?) $name:ident $type:ident })+ }
+        { $({ $about:literal ($($in:literal)?) $row:ident $field:ident $kind:tt ($($json:ident)?)
+            ($($proto:ident $number:literal)?) ($($quantity:literal)?) })+ }
     ) => {
         plain! {
             /// One joint in a cycle. [`FIELDS`](Self::FIELDS) describes the fields.
             pub struct JointState {
-                $(#[doc = $measured_doc] #[doc = concat!("\n\nUnit: ", $measured_unit, ".")] pub $measured: f32,)+
                 $(#[doc = $doc] $(#[doc = concat!("\n\nUnit: ", $unit, ".")])? pub $name: $type,)+
             }
         }
@@ -140,38 +199,21 @@ macro_rules! define {
             /// All fields and flags, in the order of the table.
             pub const FIELDS: &'static [Field] = &[
                 $(Field {
-                    name: stringify!($measured),
-                    doc: $measured_doc.trim_ascii(),
-                    unit: $measured_unit,
-                    kind: Kind::Measured,
-                    offset: core::mem::offset_of!(Self, $measured),
-                    json: Some(stringify!($measured_json)),
-                    proto: Some((stringify!($measured), $measured_number)),
-                },)+
-                $(Field {
-                    name: stringify!($name),
-                    doc: $doc.trim_ascii(),
-                    unit: concat!("" $(, $unit)?),
+                    name: stringify!($row),
+                    doc: $about.trim_ascii(),
+                    unit: concat!("" $(, $in)?),
                     kind: kind!($kind),
-                    offset: core::mem::offset_of!(Self, $name),
-                    json: optional!($($(stringify!($json))?)?),
+                    offset: core::mem::offset_of!(Self, $field),
+                    json: optional!($(stringify!($json))?),
                     proto: optional!($((stringify!($proto), $number))?),
-                },)+
-                $(Field {
-                    name: stringify!($flag),
-                    doc: $flag_doc.trim_ascii(),
-                    unit: "",
-                    kind: Kind::Flag($bits),
-                    offset: core::mem::offset_of!(Self, flags),
-                    json: optional!($(stringify!($flag_json))?),
-                    proto: optional!($((stringify!($flag), $flag_number))?),
+                    quantity: optional!($($quantity)?),
                 },)+
             ];
         }
     };
 }
 
-joint_state!(define);
+joint_state!(memory define);
 
 #[cfg(test)]
 mod tests {

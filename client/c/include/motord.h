@@ -255,7 +255,7 @@ typedef enum motord_list {
  */
 typedef enum motord_fault {
   /**
-   * The current loop could not keep its rate.
+   * The current loop could not keep its rate (FOC frequency too high).
    */
   MOTORD_FAULT_FOC_FREQUENCY = (1 << 0),
   /**
@@ -279,7 +279,7 @@ typedef enum motord_fault {
    */
   MOTORD_FAULT_OVER_CURRENT = (1 << 6),
   /**
-   * The driver's software met a condition it could not handle.
+   * The driver's software met a condition it could not handle (software exception).
    */
   MOTORD_FAULT_SOFTWARE = (1 << 7),
   /**
@@ -315,7 +315,7 @@ typedef enum motord_fault {
    */
   MOTORD_FAULT_POSITION = (1 << 15),
   /**
-   * A fault that is in no document. Its number is the highest byte of `faults`.
+   * The motor reports a fault that is in no document: look at the number in the highest byte.
    */
   MOTORD_FAULT_UNRECOGNISED = (1 << 23),
 } motord_fault;

@@ -1,63 +1,22 @@
 //! Values of all joints of a group, in the order of a claim.
 
+use crate::generated::Quantity;
 use crate::status::Failure;
 use motord_client::{Claim, Error, Imu, Joint, Setpoint, State};
 
-/// A quantity of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub enum Quantity {
-    /// Position, rad.
-    Position = 0,
-    /// Velocity, rad/s.
-    Velocity = 1,
-    /// Torque, N·m.
-    Torque = 2,
-    /// Temperature of the motor, °C.
-    Temperature = 3,
-    /// Position of the applied command, rad.
-    AppliedPosition = 4,
-    /// Velocity of the applied command, rad/s.
-    AppliedVelocity = 5,
-    /// Torque of the applied command, N·m.
-    AppliedTorque = 6,
-    /// Stiffness of the applied command, N·m/rad.
-    AppliedKp = 7,
-    /// Damping of the applied command, N·m·s/rad.
-    AppliedKd = 8,
-    /// Time from the motor's last reply to now, s; NaN before its first.
-    Age = 9,
-}
-
 impl Quantity {
-    const ALL: [Self; 10] = [
-        Self::Position,
-        Self::Velocity,
-        Self::Torque,
-        Self::Temperature,
-        Self::AppliedPosition,
-        Self::AppliedVelocity,
-        Self::AppliedTorque,
-        Self::AppliedKp,
-        Self::AppliedKd,
-        Self::Age,
-    ];
-
     /// Returns the quantity with this number. A caller in C may pass any.
     ///
     /// # Errors
     ///
     /// There is none.
     pub fn numbered(number: u32) -> Result<Self, Failure> {
-        numbered(&Self::ALL, number, "motord_quantity")
+        numbered(Self::ALL, number, "motord_quantity")
     }
 
     /// Returns the value in `joint`; NaN while it is unknown.
     fn of(self, joint: &Joint) -> f32 {
         let known = match self {
-            Self::Position => joint.position(),
-            Self::Velocity => joint.velocity(),
-            Self::Torque => joint.torque(),
             Self::Temperature => joint.temperature,
             Self::AppliedPosition => Some(joint.applied.position),
             Self::AppliedVelocity => Some(joint.applied.velocity),
@@ -65,6 +24,12 @@ impl Quantity {
             Self::AppliedKp => Some(joint.applied.kp),
             Self::AppliedKd => Some(joint.applied.kd),
             Self::Age => joint.age().map(|age| age.as_secs_f32()),
+            measured => {
+                let mut quantities = joint.quantities();
+                quantities
+                    .find(|(field, _)| field.quantity == Some(measured as u32))
+                    .and_then(|(_, value)| value)
+            }
         };
         known.unwrap_or(f32::NAN)
     }

@@ -39,76 +39,6 @@ impl From<Option<MotorMode>> for Mode {
     }
 }
 
-/// A fault that a motor reports: a bit of `faults` of a `motord_joint`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub enum FaultBit {
-    /// The current loop could not keep its rate.
-    FocFrequency = 1 << 0,
-    /// The bus voltage is above the driver's threshold.
-    OverVoltage = 1 << 1,
-    /// The bus voltage is below the driver's threshold.
-    UnderVoltage = 1 << 2,
-    /// The motor or its driver is hotter than the driver's threshold.
-    OverTemperature = 1 << 3,
-    /// The motor could not be started.
-    StartFailure = 1 << 4,
-    /// The current was above what the driver allows.
-    OverCurrent = 1 << 6,
-    /// The driver's software met a condition it could not handle.
-    Software = 1 << 7,
-    /// The driver's transistors are hotter than its threshold.
-    DriverOverTemperature = 1 << 8,
-    /// The motor's winding is hotter than the driver's threshold.
-    MotorOverTemperature = 1 << 9,
-    /// The driver received no command for longer than its timeout.
-    HostSilent = 1 << 10,
-    /// The motor was overloaded or stalled for too long.
-    Overload = 1 << 11,
-    /// The driver's gate driver chip reports a fault.
-    DriverChip = 1 << 12,
-    /// The encoder is not calibrated, or does not work.
-    Encoder = 1 << 13,
-    /// The driver does not recognise its own hardware.
-    Hardware = 1 << 14,
-    /// The driver could not find the motor's position at its start.
-    Position = 1 << 15,
-    /// A fault that is in no document. Its number is the highest byte of `faults`.
-    Unrecognised = 1 << 23,
-}
-
-/// A limit that changed a command: a bit of `limits` of a `motord_joint`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub enum LimitBit {
-    /// The position was clamped.
-    Position = 1 << 0,
-    /// The velocity was clamped.
-    Velocity = 1 << 1,
-    /// The stiffness was clamped.
-    Kp = 1 << 2,
-    /// The damping was clamped.
-    Kd = 1 << 3,
-    /// The torque was clamped.
-    Torque = 1 << 4,
-    /// The position changed too fast.
-    PositionSlew = 1 << 5,
-    /// The stiffness changed too fast.
-    KpSlew = 1 << 6,
-    /// The damping changed too fast.
-    KdSlew = 1 << 7,
-    /// The torque changed too fast.
-    TorqueSlew = 1 << 8,
-    /// Stiffness, damping and torque together asked for too much torque.
-    TotalTorque = 1 << 9,
-    /// The motor is hot: its torque is derated.
-    Temperature = 1 << 10,
-    /// The gains are still rising after the start.
-    StartRamp = 1 << 11,
-    /// The motor gave more than its rated torque for too long: its torque is derated.
-    Overload = 1 << 12,
-}
-
 /// A joint after a cycle. A value is NaN while the motor does not report it.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -185,7 +115,6 @@ impl JointInfo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_client::{Fault, Limit};
 
     /// Returns the name of a variant as the tables write it.
     fn kebab(variant: impl core::fmt::Debug) -> String {
@@ -198,46 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_faults_and_limits_match_their_tables() {
-        use FaultBit as F;
-        use LimitBit as L;
-        let faults = [
-            F::FocFrequency,
-            F::OverVoltage,
-            F::UnderVoltage,
-            F::OverTemperature,
-            F::StartFailure,
-            F::OverCurrent,
-            F::Software,
-            F::DriverOverTemperature,
-            F::MotorOverTemperature,
-            F::HostSilent,
-            F::Overload,
-            F::DriverChip,
-            F::Encoder,
-            F::Hardware,
-            F::Position,
-            F::Unrecognised,
-        ];
-        let limits = [
-            L::Position,
-            L::Velocity,
-            L::Kp,
-            L::Kd,
-            L::Torque,
-            L::PositionSlew,
-            L::KpSlew,
-            L::KdSlew,
-            L::TorqueSlew,
-            L::TotalTorque,
-            L::Temperature,
-            L::StartRamp,
-            L::Overload,
-        ];
-        let table = Fault::ALL.iter().map(|fault| (fault.name().to_owned(), fault.bit()));
-        assert_eq!(faults.map(|fault| (kebab(fault), fault as u32)).to_vec(), table.collect::<Vec<_>>());
-        let table = Limit::ALL.iter().map(|limit| (limit.name().to_owned(), limit.bit()));
-        assert_eq!(limits.map(|limit| (kebab(limit), limit as u32)).to_vec(), table.collect::<Vec<_>>());
+    fn modes_match_their_table() {
         for mode in MotorMode::ALL {
             let own = Mode::from(Some(*mode));
             assert_eq!((kebab(own), own as u32), (mode.name().to_owned(), mode.code()));

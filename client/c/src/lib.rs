@@ -6,11 +6,13 @@
 //! - [`table`]: which object a pointer of a caller names.
 //! - [`arrays`]: values of all joints of a group.
 //! - [`joint`]: all values of a joint.
+//! - [`generated`]: enumerations, from the tables of a joint's state and of codes.
 //!
 //! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first messages; a failure allocates.
 
 pub mod abi;
 pub mod arrays;
+pub mod generated;
 #[expect(unsafe_code, reason = "the callers are written in C")]
 pub mod handle;
 pub mod joint;

@@ -27,6 +27,9 @@ macro_rules! code {
 
 /// Decodes the value of a row's kind.
 macro_rules! decoded {
+    ([Measured], $value:expr) => {
+        $value.unwrap_or_default()
+    };
     ([Optional], $value:expr) => {
         $value.unwrap_or(f32::NAN)
     };
@@ -36,45 +39,24 @@ macro_rules! decoded {
     ([Code $code:ident], $word:expr) => {
         code!($code, &$word)
     };
-    ([Set $code:ident], $bits:expr) => {
-        $bits
-    };
-    ([$kind:ident], $value:expr) => {
+    ($kind:tt, $value:expr) => {
         $value
     };
 }
 
-/// Returns the bits of a flag that is set.
-macro_rules! flag {
-    ($number:literal, $is_set:expr, $bits:expr) => {
-        if $is_set { $bits } else { 0 }
-    };
-}
-
 macro_rules! define {
-    (
-        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
-        fields { $(
-            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
-            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
-        )+ }
-        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
-    ) => {
+    ({ $({ $kind:tt $name:ident $proto:ident })+ } { $({ $flag:ident $bits:ident $number:literal })+ }) => {
         pub(crate) fn joint(joint: &motord::Joint) -> (JointState, Option<JointSetpoint>) {
-            let mut state = JointState {
-                $($measured: joint.$measured.unwrap_or_default(),)+
-                $($($name: decoded!($kind, joint.$proto),)?)+
-                ..JointState::default()
-            };
             // The quantities of a joint without a reply are absent.
-            state.flags = if joint.position.is_some() { JOINT_VALID } else { 0 };
-            $($(state.flags |= flag!($flag_number, joint.$flag, $bits);)?)+
+            let mut flags = if joint.position.is_some() { JOINT_VALID } else { 0 };
+            $(flags |= if joint.$flag { $bits } else { 0 };)+
+            let state = JointState { $($name: decoded!($kind, joint.$proto),)+ flags, ..JointState::default() };
             (state, joint.setpoint.as_ref().map(setpoint))
         }
     };
 }
 
-motord_shared::joint_state!(define);
+motord_shared::joint_state!(recording define);
 
 fn applied(command: motord::Command) -> Applied {
     let motord::Command { position, velocity, kp, kd, torque } = command;

@@ -18,55 +18,37 @@ fn name<T: TryFrom<u32> + ToString>(code: u32) -> String {
 
 /// Returns the value of a row's kind in Protobuf.
 macro_rules! encoded {
-    ([Optional], $value:expr) => {
-        Some($value).filter(|value| value.is_finite())
+    ([Measured] $joint:ident $name:ident) => {
+        ($joint.flags & JOINT_VALID != 0).then_some($joint.$name)
     };
-    ([Command], $applied:expr) => {
-        Some(command(&$applied))
+    ([Optional] $joint:ident $name:ident) => {
+        Some($joint.$name).filter(|value| value.is_finite())
     };
-    ([Code $code:ident], $number:expr) => {
-        name::<$code>($number)
+    ([Command] $joint:ident $name:ident) => {
+        Some(command(&$joint.$name))
     };
-    ([Set $code:ident], $bits:expr) => {
-        $bits
+    ([Code $code:ident] $joint:ident $name:ident) => {
+        name::<$code>($joint.$name)
     };
-    ([$kind:ident], $value:expr) => {
-        $value
-    };
-}
-
-/// Returns `true` if a flag is set. A flag without a number is not in the message.
-macro_rules! flag {
-    ($number:literal, $flags:expr, $bits:expr) => {
-        $flags & $bits != 0
+    ($kind:tt $joint:ident $name:ident) => {
+        $joint.$name
     };
 }
 
 macro_rules! define {
-    (
-        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
-        fields { $(
-            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
-            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
-        )+ }
-        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
-    ) => {
+    ({ $({ $kind:tt $name:ident $proto:ident })+ } { $({ $flag:ident $bits:ident $number:literal })+ }) => {
         pub(crate) fn joint(cycle: u64, joint: &JointState, setpoint: Option<&JointSetpoint>) -> motord::Joint {
-            let measured = |value: f32| (joint.flags & JOINT_VALID != 0).then_some(value);
-            let mut message = motord::Joint {
+            motord::Joint {
                 cycle,
                 setpoint: setpoint.map(self::setpoint),
-                $($measured: measured(joint.$measured),)+
-                $($($proto: encoded!($kind, joint.$name),)?)+
-                ..motord::Joint::default()
-            };
-            $($(message.$flag = flag!($flag_number, joint.flags, $bits);)?)+
-            message
+                $($proto: encoded!($kind joint $name),)+
+                $($flag: joint.flags & $bits != 0,)+
+            }
         }
     };
 }
 
-motord_shared::joint_state!(define);
+motord_shared::joint_state!(recording define);
 
 fn setpoint(setpoint: &JointSetpoint) -> motord::Setpoint {
     let JointSetpoint { position, velocity, kp, kd, torque, mode } = *setpoint;

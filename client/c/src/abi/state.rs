@@ -1,6 +1,7 @@
 //! States: waiting for them and reading them.
 
-use crate::arrays::{ImuValues, Number, Quantity, read};
+use crate::arrays::{ImuValues, Number, read};
+use crate::generated::Quantity;
 use crate::handle::{
     ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, guarded_or, put,
 };
