@@ -133,7 +133,7 @@ impl Faults {
 
     /// Returns the faults with a name, lowest bit first.
     pub fn iter(self) -> impl Iterator<Item = Fault> {
-        Fault::ALL.iter().copied().filter(move |fault| self.contains(*fault))
+        Fault::of_bits(self.0)
     }
 
     /// Returns the bits as the daemon sent them. The highest byte is the number of an
@@ -146,7 +146,7 @@ impl Faults {
     /// Returns the bits without a name.
     #[must_use]
     pub fn unknown(self) -> u32 {
-        self.iter().fold(self.0, |rest, fault| rest & !fault.bit())
+        Fault::unnamed(self.0)
     }
 
     /// Returns the names of the faults; the bits without a name as one number.

@@ -170,8 +170,8 @@ impl Cause {
 }
 
 codes! {
-    /// A fault that a motor reports, in words that all vendors share; the number is its bit in `JointState::fault`. The words
-    /// and their bits are those of `motord_protocol::FAULTS`.
+    /// A fault that a motor reports, in words that all vendors share; the number is its bit in `JointState::fault` and in
+    /// `motord_protocol::Faults`.
     Fault {
         FocFrequency = 0 "foc-frequency" "The current loop could not keep its rate (FOC frequency too high).",
         OverVoltage = 1 "over-voltage" "The bus voltage is above the driver's threshold.",
@@ -197,6 +197,17 @@ impl Fault {
     #[must_use]
     pub const fn bit(self) -> u32 {
         1 << self.code()
+    }
+
+    /// Returns the faults whose bits are set, lowest bit first.
+    pub fn of_bits(bits: u32) -> impl Iterator<Item = Self> {
+        Self::ALL.iter().copied().filter(move |fault| bits & fault.bit() != 0)
+    }
+
+    /// Returns the bits without a name, and the vendor's number in the highest byte.
+    #[must_use]
+    pub fn unnamed(bits: u32) -> u32 {
+        Self::of_bits(bits).fold(bits, |rest, fault| rest & !fault.bit())
     }
 }
 

@@ -6,8 +6,7 @@ use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::checker::VENDORS;
-use motord_protocol::fault::FAULTS;
-use motord_shared::{Cause, Fault, JointSetpoint, MotorMode, Phase};
+use motord_shared::{Cause, JointSetpoint, MotorMode, Phase};
 use motord_simulator::RobStrideFirmware;
 
 fn mixed() -> Robot {
@@ -54,15 +53,6 @@ fn faults_of_each_vendor_use_the_same_words() {
         assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{}", tested.name);
         assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{}", tested.name);
     }
-}
-
-/// The two crates share no code, so each has the table.
-#[test]
-fn clients_know_every_fault_word_and_bit() {
-    let reported = FAULTS.map(|fault| (fault.bit, fault.name, fault.sentence));
-    let known: Vec<_> =
-        Fault::ALL.iter().map(|fault| (fault.bit(), fault.name(), fault.sentence())).collect();
-    assert_eq!(known, reported);
 }
 
 /// Bit 20 is not documented, and as the shape of a report it is unexpected, even after a healthy

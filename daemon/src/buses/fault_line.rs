@@ -3,6 +3,7 @@
 use motord_bus::Duration;
 use motord_configuration::suggestion;
 use motord_settings::settings::Settings;
+use motord_shared::Fault;
 use motord_simulator::{FaultVerb, InjectError, VERBS, VerbError};
 
 /// Why there is no such fault. A name of the line is quoted with its control characters escaped.
@@ -90,10 +91,10 @@ fn vendor_number(motor: &str, name: &str, settings: &Settings) -> Result<u32, Fa
     let Some(found) = settings.motors.iter().find(|other| other.name == motor) else { return Ok(0) };
     let mut known = Vec::new();
     for (number, faults) in found.profile.fault_numbers() {
-        if faults.named().any(|fault| fault.name == name) {
+        if Fault::of_bits(faults.0).any(|fault| fault.name() == name) {
             return Ok(number);
         }
-        known.extend(faults.named().map(|fault| fault.name));
+        known.extend(Fault::of_bits(faults.0).map(Fault::name));
     }
     let suggestion = suggestion(name, known.into_iter());
     Err(FaultLineError::VendorFault { motor: motor.to_owned(), fault: name.to_owned(), suggestion })

@@ -22,7 +22,7 @@ use motord_settings::imu::ImuSource;
 use motord_settings::settings::Settings;
 use motord_shared::description::slow_owner;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
-use motord_shared::{BusCondition, Cause, ImuContradiction, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{BusCondition, Cause, Fault, ImuContradiction, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -376,7 +376,7 @@ impl Log {
             return tracing::info!(cycle, motor = motor.name, "no fault any more");
         }
         let (names, sentences): (Vec<_>, Vec<_>) =
-            bits.named().map(|fault| (fault.name, fault.sentence)).unzip();
+            Fault::of_bits(bits.0).map(|fault| (fault.name(), fault.sentence())).unzip();
         let (faults, sentences) = (names.join(" "), sentences.join(" "));
         tracing::error!(cycle, motor = motor.name, faults, bits = bits.0, "motor fault: {sentences}");
     }

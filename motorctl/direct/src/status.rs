@@ -8,6 +8,7 @@ use crate::target::{Protocol, Session, Target};
 use motord_protocol::Faults;
 use motord_protocol::commissioning::Error;
 use motord_protocol::gim::{INDICATORS, Indicator};
+use motord_shared::Fault;
 use motord_terminal::{Cell, Interrupt, Palette, Table, json};
 use serde::Serialize;
 use std::io;
@@ -48,10 +49,9 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), DirectFailure>
     }
     let mut session = target.open()?;
     let reported = read_faults(&mut session)?;
-    let named =
-        |fault: &motord_protocol::fault::Fault| NamedFault { name: fault.name, meaning: fault.sentence };
-    let faults: Vec<NamedFault> = reported.named().map(named).collect();
-    let unknown_bits = reported.unknown();
+    let named = |fault: Fault| NamedFault { name: fault.name(), meaning: fault.sentence() };
+    let faults: Vec<NamedFault> = Fault::of_bits(reported.0).map(named).collect();
+    let unknown_bits = Fault::unnamed(reported.0);
     if as_json {
         let report = ReportedFaults { id: session.id, bits: reported.0, faults, unknown_bits };
         return Ok(json::write_line(&mut io::stdout().lock(), &report)?);
@@ -104,7 +104,7 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
     if left.is_none() {
         return print_line(&format!("{}: the fault is cleared", session.name()));
     }
-    let names: Vec<&str> = left.named().map(|fault| fault.name).collect();
+    let names: Vec<&str> = Fault::of_bits(left.0).map(Fault::name).collect();
     let reason = format!(
         "the motor reports the fault again, because its cause remains: {} (bits {:#04X})",
         names.join(", "),

@@ -8,6 +8,7 @@ use crate::rejected::Rejected;
 use motord_protocol::mit::{self, CommandCodes, ControlCodes, Reply, State};
 use motord_protocol::profile::FaultReport;
 use motord_protocol::{Faults, Profile, StateCodes};
+use motord_shared::Fault;
 use serde_json::Value;
 
 /// Decodes a command into `object`.
@@ -110,7 +111,7 @@ fn write_measured(object: &mut Object, profile: &Profile, state: &State) {
 }
 
 fn write_faults(object: &mut Object, faults: Faults) {
-    object.insert("faults", faults.named().map(|fault| fault.name).collect::<Vec<_>>());
+    object.insert("faults", Fault::of_bits(faults.0).map(Fault::name).collect::<Vec<_>>());
 }
 
 /// Returns the first bytes of `reply`, written over `filler`.

@@ -5,7 +5,8 @@ use crate::rejected::Rejected;
 use crate::scale::{self, Scale};
 use crate::strict::Strict;
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{FaultBits, Field, Profile, ScaleError, Scales};
+use motord_protocol::{Field, Profile, ScaleError, Scales};
+use motord_shared::Fault;
 use serde_json::{Map, Value};
 
 /// A JSON object of one frame, the profile of its motor, and the scale of the codes in it.
@@ -98,7 +99,7 @@ impl Object {
     /// Adds the names of the bits in the member `fault`, if it exists.
     pub(super) fn name_faults(&mut self) {
         if let Ok(fault) = self.byte("fault") {
-            let names: Vec<_> = FaultBits(fault).faults().named().map(|fault| fault.name).collect();
+            let names: Vec<_> = Fault::of_bits(fault.into()).map(Fault::name).collect();
             self.insert("faults", names);
         }
     }

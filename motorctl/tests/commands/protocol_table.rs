@@ -5,7 +5,7 @@
 //! The table is generated from the crate that implements the documents: no row can be missing.
 //! `MOTORD_WRITE_DOCS=1` writes it.
 
-use motord_protocol::fault::FAULTS;
+use motord_client::Fault;
 use motord_protocol::gim::{
     Access, CONFIGURATION, CommandCode, ConfigurationItem, INDICATORS, PARAMETERS, Refusal,
 };
@@ -237,6 +237,6 @@ fn every_table_test_runs_motorctl_on_wire() {
 #[test]
 fn table_faults_are_those_of_the_document() {
     let known: u32 = TABLE_9.iter().map(|(bit, _)| u32::from(*bit)).sum();
-    let named = FAULTS.iter().map(|fault| fault.bit).filter(|bit| *bit <= 0xFF).sum::<u32>();
+    let named = Fault::ALL.iter().map(|fault| fault.bit()).filter(|bit| *bit <= 0xFF).sum::<u32>();
     assert_eq!(known, named);
 }

@@ -1,10 +1,10 @@
 //! The faults of a motor, in terms that all vendors share.
 //!
-//! Each vendor numbers its faults differently. A [`Profile`](crate::Profile) maps them to the bits
-//! of this table, so that a client needs no vendor's document. The lowest byte equals SteadyWin's
-//! numbering, GIM document Table 9.
+//! Each vendor numbers its faults differently. A [`Profile`](crate::Profile) maps them to these
+//! bits, so that a client needs no vendor's document. `motord_shared::Fault` has name and sentence of
+//! each. The lowest byte equals SteadyWin's numbering, GIM document Table 9.
 
-/// The faults that a motor reports, as bits of [`FAULTS`]. Zero means no fault.
+/// The faults that a motor reports, as bits. Zero means no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Faults(
     /// The value that clients receive. The highest byte is a number, see
@@ -12,103 +12,43 @@ pub struct Faults(
     pub u32,
 );
 
-/// A fault with a name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fault {
-    /// Its bit in [`Faults`].
-    pub bit: u32,
-    /// A short name, usable as a key.
-    pub name: &'static str,
-    /// Its meaning, as a sentence.
-    pub sentence: &'static str,
+/// Declares the constants of the faults that have a name.
+macro_rules! faults {
+    ($($name:ident = $bit:literal,)+) => {
+        impl Faults {
+            $(#[doc = concat!("Bit ", $bit, ". `motord_shared::Fault` has the sentence.")]
+            pub const $name: Self = Self(1 << $bit);)+
+        }
+
+        #[cfg(test)]
+        const NAMED: &[(&str, Faults)] = &[$((stringify!($name), Faults::$name),)+];
+    };
 }
 
-const fn fault(faults: Faults, name: &'static str, sentence: &'static str) -> Fault {
-    Fault { bit: faults.0, name, sentence }
+faults! {
+    FOC_FREQUENCY = 0,
+    OVER_VOLTAGE = 1,
+    UNDER_VOLTAGE = 2,
+    OVER_TEMPERATURE = 3,
+    START_FAILURE = 4,
+    OVER_CURRENT = 6,
+    SOFTWARE = 7,
+    DRIVER_OVER_TEMPERATURE = 8,
+    MOTOR_OVER_TEMPERATURE = 9,
+    HOST_SILENT = 10,
+    OVERLOAD = 11,
+    DRIVER_CHIP = 12,
+    ENCODER = 13,
+    HARDWARE = 14,
+    POSITION = 15,
+    UNRECOGNISED = 23,
 }
-
-/// All named faults.
-pub const FAULTS: [Fault; 16] = [
-    fault(
-        Faults::FOC_FREQUENCY,
-        "foc-frequency",
-        "The current loop could not keep its rate (FOC frequency too high).",
-    ),
-    fault(Faults::OVER_VOLTAGE, "over-voltage", "The bus voltage is above the driver's threshold."),
-    fault(Faults::UNDER_VOLTAGE, "under-voltage", "The bus voltage is below the driver's threshold."),
-    fault(
-        Faults::OVER_TEMPERATURE,
-        "over-temperature",
-        "The motor or its driver is hotter than the driver's threshold.",
-    ),
-    fault(Faults::START_FAILURE, "start-failure", "The motor could not be started."),
-    fault(Faults::OVER_CURRENT, "over-current", "The current was above what the driver allows."),
-    fault(
-        Faults::SOFTWARE,
-        "software",
-        "The driver's software met a condition it could not handle (software exception).",
-    ),
-    fault(
-        Faults::DRIVER_OVER_TEMPERATURE,
-        "driver-over-temperature",
-        "The driver's transistors are hotter than its threshold.",
-    ),
-    fault(
-        Faults::MOTOR_OVER_TEMPERATURE,
-        "motor-over-temperature",
-        "The motor's winding is hotter than the driver's threshold.",
-    ),
-    fault(Faults::HOST_SILENT, "host-silent", "The driver received no command for longer than its timeout."),
-    fault(Faults::OVERLOAD, "overload", "The motor was overloaded or stalled for too long."),
-    fault(Faults::DRIVER_CHIP, "driver-chip", "The driver's gate driver chip reports a fault."),
-    fault(Faults::ENCODER, "encoder", "The encoder is not calibrated, or does not work."),
-    fault(Faults::HARDWARE, "hardware", "The driver does not recognise its own hardware."),
-    fault(Faults::POSITION, "position", "The driver could not find the motor's position at its start."),
-    fault(
-        Faults::UNRECOGNISED,
-        "unrecognised",
-        "The motor reports a fault that is in no document: look at the number in the highest byte.",
-    ),
-];
 
 impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
-    /// The current loop could not keep its rate. [`FAULTS`] describes each named fault in a
-    /// sentence.
-    pub const FOC_FREQUENCY: Self = Self(0x01);
-    /// The bus voltage is above the driver's threshold. Damping feeds energy back into the bus.
-    pub const OVER_VOLTAGE: Self = Self(0x02);
-    /// The bus voltage is below the driver's threshold.
-    pub const UNDER_VOLTAGE: Self = Self(0x04);
-    /// The motor or its driver is too hot.
-    pub const OVER_TEMPERATURE: Self = Self(0x08);
-    /// The motor could not be started.
-    pub const START_FAILURE: Self = Self(0x10);
     /// SteadyWin's 0x20, which the documents do not define.
     pub(crate) const UNNAMED: Self = Self(0x20);
-    /// Overcurrent in any phase.
-    pub const OVER_CURRENT: Self = Self(0x40);
-    /// The driver's software met a condition that it could not handle.
-    pub const SOFTWARE: Self = Self(0x80);
-    /// The driver's transistors are too hot.
-    pub const DRIVER_OVER_TEMPERATURE: Self = Self(0x100);
-    /// The winding is too hot.
-    pub const MOTOR_OVER_TEMPERATURE: Self = Self(0x200);
-    /// The driver received no command for longer than its timeout.
-    pub const HOST_SILENT: Self = Self(0x400);
-    /// Overload or stall for too long.
-    pub const OVERLOAD: Self = Self(0x800);
-    /// The gate driver reports a fault.
-    pub const DRIVER_CHIP: Self = Self(0x1000);
-    /// The encoder is not calibrated, or does not work.
-    pub const ENCODER: Self = Self(0x2000);
-    /// The driver does not recognise its hardware.
-    pub const HARDWARE: Self = Self(0x4000);
-    /// The driver could not find the motor's position at its start.
-    pub const POSITION: Self = Self(0x8000);
-    /// A fault without a bit of its own. The vendor's number is in the highest byte.
-    pub const UNRECOGNISED: Self = Self(0x0080_0000);
 
     /// Returns the fault for the vendor's number `code`, which the vendor's document does not name.
     #[must_use]
@@ -139,17 +79,6 @@ impl Faults {
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
-
-    /// Returns the named faults, lowest bit first.
-    pub fn named(self) -> impl Iterator<Item = &'static Fault> {
-        FAULTS.iter().filter(move |fault| self.0 & fault.bit != 0)
-    }
-
-    /// Returns the bits without a name, and the vendor's number in the highest byte.
-    #[must_use]
-    pub fn unknown(self) -> u32 {
-        self.named().fold(self.0, |rest, fault| rest & !fault.bit)
-    }
 }
 
 /// The fault number of a SteadyWin motor, read as bits. Source: GIM document Table 9, MIT document
@@ -174,25 +103,16 @@ impl FaultBits {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_shared::Fault;
 
     #[test]
-    fn every_bit_is_named_or_kept_unknown() {
-        for raw in 0..=u8::MAX {
-            let faults = FaultBits(raw).faults();
-            let named = faults.named().fold(0, |sum, fault| sum | fault.bit);
-            assert_eq!((named | faults.unknown(), named & faults.unknown()), (u32::from(raw), 0));
-            assert_eq!(faults.is_none(), raw == 0);
+    fn faults_have_names_and_bits_of_their_table() {
+        let kebab = |byte: u8| if byte == b'_' { b'-' } else { byte.to_ascii_lowercase() };
+        assert_eq!(NAMED.len(), Fault::ALL.len());
+        for ((name, faults), fault) in NAMED.iter().zip(Fault::ALL) {
+            assert_eq!(faults.0, fault.bit(), "{name}");
+            assert!(name.bytes().map(kebab).eq(fault.name().bytes()), "{name} is {fault}");
         }
-        assert_eq!(FaultBits(0xFF).faults().unknown(), 0x20);
-    }
-
-    #[test]
-    fn every_fault_word_has_a_distinct_bit() {
-        let bits = FAULTS.iter().fold(0_u32, |bits, fault| {
-            assert_eq!((fault.bit.count_ones(), bits & fault.bit), (1, 0), "{}", fault.name);
-            bits | fault.bit
-        });
-        assert_eq!(bits >> 24, 0);
     }
 
     #[test]

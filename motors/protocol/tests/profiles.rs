@@ -10,6 +10,7 @@
 use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
 use motord_protocol::profile::{FaultReport, PROFILES, Profile};
 use motord_protocol::{Faults, Model, Scales};
+use motord_shared::Fault;
 use std::path::Path;
 
 const HEADER: &str = "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";
@@ -85,7 +86,7 @@ fn assert_state(row: &Row, state: &State) {
 }
 
 fn assert_faults(row: &Row, faults: Faults) {
-    let names: Vec<_> = faults.named().map(|fault| fault.name).collect();
+    let names: Vec<_> = Fault::of_bits(faults.0).map(Fault::name).collect();
     assert_eq!(names.join(" "), row.text("faults"), "{:?}", row.columns);
 }
 

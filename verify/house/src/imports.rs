@@ -15,7 +15,7 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motord", &["motord-checker", "motord-client", "motord-harness"]),
     ("motord-bus", &["motord-bus"]),
     ("motord-client", &["iceoryx2"]),
-    ("motord-protocol", &["motord-checker", "motord-simulator"]),
+    ("motord-protocol", &["motord-checker", "motord-shared", "motord-simulator"]),
     ("motord-core", &["motord-harness", "motord-simulator"]),
     ("motord-direct", &["motord-simulator"]),
     ("motord-identify", &["motord-configuration", "motord-shared", "motord-twin"]),
