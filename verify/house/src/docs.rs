@@ -34,19 +34,26 @@ const ELSEWHERE: &[&str] = &[
     "cycle/host/",
 ];
 
+/// The checks of a transport: a macro makes a test of each, for each transport.
+const CONFORMANCE: &str = "motors/bus/src/conformance.rs";
+
 /// Stands for any name in a path, docs/extending.md.
 const PLACEHOLDER: &str = "VENDOR";
 
+/// Names of functions, and whether each has the attribute `#[test]`.
+type Functions = BTreeMap<String, bool>;
+
 /// The functions in Rust code, also inside of macros.
-fn functions(code: TokenStream, names: &mut BTreeSet<String>) {
-    let mut follows_fn = false;
+fn functions(code: TokenStream, names: &mut Functions) {
+    let (mut follows_fn, mut is_test) = (false, false);
     for token in code {
         if let TokenTree::Ident(name) = &token
             && follows_fn
         {
-            names.insert(name.to_string());
+            *names.entry(name.to_string()).or_default() |= std::mem::take(&mut is_test);
         }
-        follows_fn = token.to_string() == "fn";
+        let word = token.to_string();
+        (follows_fn, is_test) = (word == "fn", is_test || word == "[test]");
         if let TokenTree::Group(group) = token {
             functions(group.stream(), names);
         }
@@ -96,26 +103,30 @@ fn placed(document: &str) -> impl Iterator<Item = (&str, &str)> {
 struct House {
     /// Every function, with the files that have one of this name.
     functions: BTreeMap<String, BTreeSet<String>>,
+    /// The functions that are tests.
+    tests: BTreeSet<String>,
     /// Every file, relative to the workspace.
     files: BTreeSet<String>,
 }
 
 impl House {
     fn new(sources: &[Source]) -> Self {
-        let mut functions: BTreeMap<_, BTreeSet<_>> = BTreeMap::new();
+        let (mut functions, mut tests) = (BTreeMap::<_, BTreeSet<_>>::new(), BTreeSet::new());
         for rust in sources.iter().filter(|source| source.path.ends_with(".rs")) {
-            let mut names = BTreeSet::new();
+            let mut names = Functions::new();
             self::functions(rust.text.parse().unwrap(), &mut names);
-            for name in names {
+            for (name, is_test) in names {
+                tests.extend((is_test || rust.path == CONFORMANCE).then(|| name.clone()));
                 functions.entry(name).or_default().insert(rust.path.clone());
             }
         }
         for python in sources.iter().filter(|source| source.path.ends_with(".py")) {
             for name in python_functions(&python.text) {
+                tests.extend(name.starts_with("test_").then(|| name.to_owned()));
                 functions.entry(name.to_owned()).or_default().insert(python.path.clone());
             }
         }
-        Self { functions, files: sources.iter().map(|source| source.path.clone()).collect() }
+        Self { functions, tests, files: sources.iter().map(|source| source.path.clone()).collect() }
     }
 
     /// Returns whether `path` exists, from the workspace, from `folder`, or as the end of a path.
@@ -142,6 +153,11 @@ impl House {
         names.into_iter().filter(is_ours).filter(is_missing).map(str::to_owned).collect()
     }
 
+    /// The functions in a document that are no tests.
+    fn without_test<'a>(&self, document: &'a str) -> Vec<&'a str> {
+        marked(document).filter(|name| is_function(name) && !self.tests.contains(*name)).collect()
+    }
+
     /// The functions in a document that stand in another file than the one beside them.
     fn misplaced<'a>(&self, document: &'a str) -> Vec<(&'a str, &'a str)> {
         let is_in = |name: &str, file: &str| {
@@ -162,15 +178,22 @@ fn documented_tests_and_files_exist() {
             assert_eq!(house.missing(document), [""; 0], "{} names what is not there", document.path);
             assert_eq!(house.misplaced(&document.text), [], "{}: in another file", document.path);
         }
+        if document.path == "docs/faults.md" {
+            assert_eq!(house.without_test(&document.text), [""; 0], "a fault is proved by a test");
+        }
     }
 }
 
 #[test]
 fn missing_tests_and_files_are_found() {
     let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
-    let rust = "m! { #[test] fn a_lost_motor_is_stopped() {} }";
+    let rust = "m! { #[test] fn a_lost_motor_is_stopped() {} fn a_helper_of_the_tests() {} }";
     let house = House::new(&[source("bus/src/limit.rs", rust), source("verify/rigs/common.sh", "")]);
     let missing = |text: &str| house.missing(&source("verify/rigs/README.md", text));
+    assert_eq!(
+        house.without_test("`a_lost_motor_is_stopped`, `a_helper_of_the_tests`"),
+        ["a_helper_of_the_tests"]
+    );
     let good = "`a_lost_motor_is_stopped` (limit.rs) in `bus/src/limit.rs`, `bus/`, `common.sh`, `/dev/null`";
     assert_eq!(missing(good), [""; 0]);
     let bad = "`a_lost_motor_is_damped` (bounds.rs); `bus/limit.rs`, `guest.sh`, `core/src`, see mit.rs";
