@@ -91,3 +91,15 @@ impl Kind {
         }
     }
 }
+
+/// The option of a part that a row of a table may leave out.
+macro_rules! optional {
+    () => {
+        None
+    };
+    ($value:expr) => {
+        Some($value)
+    };
+}
+
+pub(crate) use optional;

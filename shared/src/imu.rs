@@ -1,7 +1,7 @@
 //! The state of an inertial measurement unit (IMU).
 
 use crate::codes::ImuContradiction;
-use crate::field::{Field, Kind};
+use crate::field::{Field, Kind, optional};
 use crate::plain::plain;
 
 /// [`ImuState::flags`]: a sample was received since the previous states were published.
@@ -13,15 +13,6 @@ pub const IMU_VALID: u32 = 1 << 1;
 pub const IMU_LOST: u32 = 1 << 2;
 /// [`ImuState::flags`]: the bit of the first [`ImuContradiction`]; the others follow.
 pub const IMU_CONTRADICTIONS_SHIFT: u32 = 8;
-
-macro_rules! optional {
-    () => {
-        None
-    };
-    ($value:expr) => {
-        Some($value)
-    };
-}
 
 /// Declares the message and the descriptions of its fields, in the order of the memory. `proto` numbers are never reused.
 macro_rules! define {

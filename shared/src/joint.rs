@@ -1,7 +1,7 @@
 //! The state of a joint: one table from which the message, the client library, JSON and recordings come.
 
 use crate::codes::{Fault, Limit, MotorMode};
-use crate::field::{Field, Kind};
+use crate::field::{Field, Kind, optional};
 use crate::plain::plain;
 
 /// Name and version of the message with the states of all joints. Each change of the table or of
@@ -170,15 +170,6 @@ macro_rules! kind {
     };
     ([$kind:ident]) => {
         Kind::$kind
-    };
-}
-
-macro_rules! optional {
-    () => {
-        None
-    };
-    ($value:expr) => {
-        Some($value)
     };
 }
 
