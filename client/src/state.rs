@@ -292,47 +292,25 @@ impl Group {
     }
 }
 
-/// One bus after a cycle. All counters are modulo 2³².
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bus {
-    /// The state of the bus controller. `None` for a code that this client does not know.
-    pub condition: Option<BusCondition>,
-    /// Frames that the bus accepted.
-    pub sent: u32,
-    /// Frames that the bus did not accept.
-    pub dropped: u32,
-    /// Frames received, of any kind.
-    pub received: u32,
-    /// Frames whose id or first byte belongs to no motor of this bus.
-    pub unexpected_id: u32,
-    /// Replies without a request.
-    pub duplicate: u32,
-    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor
-    /// that are no valid reply.
-    pub malformed: u32,
-    /// Error frames.
-    pub errors: u32,
-    /// Frames that were lost before they could be read.
-    pub lost: u32,
+macro_rules! define_bus {
+    ($($(#[doc = $doc:literal])+ $counter:ident;)+) => {
+        /// One bus after a cycle. All counters are modulo 2³².
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub struct Bus {
+            /// The state of the bus controller. `None` for a code that this client does not know.
+            pub condition: Option<BusCondition>,
+            $($(#[doc = $doc])+ pub $counter: u32,)+
+        }
+
+        impl From<&BusState> for Bus {
+            fn from(bus: &BusState) -> Self {
+                Self { condition: BusCondition::try_from(bus.condition).ok(), $($counter: bus.$counter,)+ }
+            }
+        }
+    };
 }
 
-impl From<&BusState> for Bus {
-    fn from(bus: &BusState) -> Self {
-        let BusState {
-            condition,
-            sent,
-            dropped,
-            received,
-            unexpected_id,
-            duplicate,
-            malformed,
-            errors,
-            lost,
-        } = *bus;
-        let condition = BusCondition::try_from(condition).ok();
-        Self { condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost }
-    }
-}
+motord_shared::bus_counters!(define_bus);
 
 #[cfg(test)]
 mod tests {

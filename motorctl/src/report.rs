@@ -448,19 +448,8 @@ impl From<(&String, Bus)> for BusReport {
     fn from((name, bus): (&String, Bus)) -> Self {
         let Bus { condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost } =
             bus;
-        let condition = condition.map_or(UNKNOWN, BusCondition::name);
-        Self {
-            name: name.clone(),
-            condition,
-            sent,
-            dropped,
-            received,
-            unexpected_id,
-            duplicate,
-            malformed,
-            errors,
-            lost,
-        }
+        let (name, condition) = (name.clone(), condition.map_or(UNKNOWN, BusCondition::name));
+        Self { name, condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost }
     }
 }
 

@@ -9,6 +9,7 @@ use crate::limits::{
 };
 use crate::plain::{plain, sparse};
 
+pub use crate::bus::BusState;
 pub use crate::imu::{IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID, ImuState};
 pub use crate::joint::{Applied, JOINT_FRESH, JOINT_MISMATCH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
@@ -75,34 +76,6 @@ plain! {
         /// Values by `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit),
         /// motor side; NaN where unknown.
         pub values: [f32; INDICATORS_MAX],
-    }
-}
-
-plain! {
-    /// One bus in a cycle. All counters are modulo 2³².
-    #[derive(Eq)]
-    pub struct BusState {
-        /// `BusCondition` code.
-        pub condition: u32,
-        /// Frames that the bus accepted.
-        pub sent: u32,
-        /// Frames that the bus did not accept.
-        pub dropped: u32,
-        /// Frames received, of any kind.
-        pub received: u32,
-        /// Frames of any kind whose id or first byte belongs to no motor of this bus, and commands to its
-        /// motors that motord did not send. The kernel filters most of the former on a CAN interface. The
-        /// daemon counts the filtered frames outside the real-time thread, some 50 ms late.
-        pub unexpected_id: u32,
-        /// Replies without a request, including second answers to one request.
-        pub duplicate: u32,
-        /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
-        pub malformed: u32,
-        /// Error frames.
-        pub errors: u32,
-        /// Frames that were lost before they could be read: by the kernel, whose buffer was full, and by the CAN controller,
-        /// at least one for each overrun that it reports (`CAN_ERR_CRTL_RX_OVERFLOW`).
-        pub lost: u32,
     }
 }
 

@@ -116,17 +116,9 @@ pub(crate) fn group(group: &motord::Group, robot: &RobotDescription) -> GroupSta
 }
 
 pub(crate) fn bus(bus: &motord::Bus) -> BusState {
-    BusState {
-        condition: code!(BusCondition, &bus.condition),
-        sent: bus.sent,
-        dropped: bus.dropped,
-        received: bus.received,
-        unexpected_id: bus.unexpected_id,
-        duplicate: bus.duplicate,
-        malformed: bus.malformed,
-        errors: bus.errors,
-        lost: bus.lost,
-    }
+    let motord::Bus { sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost, .. } = *bus;
+    let condition = code!(BusCondition, &bus.condition);
+    BusState { condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost }
 }
 
 /// Writes the fields of the whole cycle into `state`.

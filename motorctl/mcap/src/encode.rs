@@ -106,17 +106,19 @@ pub(crate) fn group(cycle: u64, group: &GroupState, robot: &RobotDescription) ->
 }
 
 pub(crate) fn bus(cycle: u64, bus: &BusState) -> motord::Bus {
+    let condition = name::<BusCondition>(bus.condition);
+    let BusState { sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost, .. } = *bus;
     motord::Bus {
         cycle,
-        condition: name::<BusCondition>(bus.condition),
-        sent: bus.sent,
-        dropped: bus.dropped,
-        received: bus.received,
-        unexpected_id: bus.unexpected_id,
-        duplicate: bus.duplicate,
-        malformed: bus.malformed,
-        errors: bus.errors,
-        lost: bus.lost,
+        condition,
+        sent,
+        dropped,
+        received,
+        unexpected_id,
+        duplicate,
+        malformed,
+        errors,
+        lost,
     }
 }
 
