@@ -1,7 +1,7 @@
 //! The errors of the command.
 
 use motord_client::Error;
-use motord_terminal::exit_status;
+use motord_terminal::{FileError, exit_status};
 use std::io;
 use std::path::PathBuf;
 
@@ -14,22 +14,9 @@ pub enum LatencyFailure {
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
-    /// A file cannot be written.
-    #[error("cannot write {}: {error}", path.display())]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        error: io::Error,
-    },
-    /// A file cannot be read.
-    #[error("cannot read {}: {error}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        error: io::Error,
-    },
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A file has mistakes.
     #[error("{} is not a valid {kind}: {wrong}", path.display())]
     Malformed {
@@ -74,8 +61,9 @@ impl LatencyFailure {
             // A refusal comes from a daemon that runs.
             Self::Client(Error::Refused { .. }) => 1,
             Self::Client(error) => error.exit_status(),
-            Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,
-            Self::Unreadable { .. } | Self::Malformed { .. } | Self::Empty(_) => exit_status::DATA,
+            Self::File(error) => error.exit_status(),
+            Self::Output(_) => exit_status::IO,
+            Self::Malformed { .. } | Self::Empty(_) => exit_status::DATA,
             Self::NoQuantity { .. } | Self::OneRun => exit_status::USAGE,
             Self::NotUnderstood(_) | Self::Picture(_) => exit_status::UNAVAILABLE,
         }

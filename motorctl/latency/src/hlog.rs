@@ -10,6 +10,7 @@ use hdrhistogram::serialization::interval_log::{
     Tag,
 };
 use motord_client::RobotDescription;
+use motord_terminal::FileError;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -41,17 +42,15 @@ impl Hlog {
             .begin_log_with(&mut head, &mut V2DeflateSerializer::new())
             .expect("memory can be written");
         head.extend_from_slice(LEGEND);
-        let unwritable = |error| LatencyFailure::Unwritable { path: path.to_owned(), error };
-        let mut file = File::create(path).map_err(unwritable)?;
-        file.write_all(&head).map_err(unwritable)?;
+        let mut file = File::create(path).map_err(FileError::unwritable(path))?;
+        file.write_all(&head).map_err(FileError::unwritable(path))?;
         Ok(Self { path: path.to_owned(), file, begun })
     }
 
     /// Appends a line for each quantity with samples, in one write.
     pub(crate) fn append(&mut self, interval: &Interval) -> Result<(), LatencyFailure> {
-        let unwritable = |error| LatencyFailure::Unwritable { path: self.path.clone(), error };
-        let lines = lines(interval, self.begun).map_err(unwritable)?;
-        self.file.write_all(&lines).map_err(unwritable)
+        let written = lines(interval, self.begun).and_then(|lines| self.file.write_all(&lines));
+        Ok(written.map_err(FileError::unwritable(&self.path))?)
     }
 }
 

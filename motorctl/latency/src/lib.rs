@@ -18,7 +18,7 @@ pub use table::percentiles as percentile_table;
 
 use hlog::Hlog;
 use motord_client::{Client, named_telemetry};
-use motord_terminal::{Absence, Interrupt, Palette, json, within};
+use motord_terminal::{Absence, FileError, Interrupt, Palette, json, within};
 use run::Run;
 use snapshot::{Interval, Snapshot};
 use std::fs::File;
@@ -139,7 +139,7 @@ fn write_file(
         write(&mut out)?;
         out.flush()
     });
-    written.map_err(|error| LatencyFailure::Unwritable { path: path.to_owned(), error })
+    Ok(written.map_err(FileError::unwritable(path))?)
 }
 
 fn print_runs(runs: &[Run]) -> Result<(), LatencyFailure> {

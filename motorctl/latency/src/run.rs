@@ -6,7 +6,7 @@ use crate::hlog;
 use crate::snapshot::{Histograms, percentiles};
 use crate::table;
 use hdrhistogram::Histogram;
-use motord_terminal::{InputFile, Table};
+use motord_terminal::{FileError, InputFile, Table};
 use std::path::Path;
 
 /// Largest file: a day of twelve motors with intervals of 1 s.
@@ -41,8 +41,7 @@ impl Run {
     /// Reads a file: percentiles if its name ends with `.hgrm`, otherwise an interval log.
     pub(crate) fn read(path: &Path) -> Result<Self, LatencyFailure> {
         let bytes = InputFile::open(path).and_then(|file| file.read(FILE_BYTES_MAX));
-        let bytes = bytes
-            .map_err(|error| LatencyFailure::Unreadable { path: path.to_owned(), error: error.into() })?;
+        let bytes = bytes.map_err(FileError::unreadable(path))?;
         let malformed = |kind| move |wrong| LatencyFailure::Malformed { path: path.to_owned(), kind, wrong };
         let latencies = if path.extension().is_some_and(|end| end == "hgrm") {
             let points =

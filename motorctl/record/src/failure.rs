@@ -2,9 +2,9 @@
 
 use motord_client::Error;
 use motord_mcap::ReadError;
-use motord_terminal::exit_status;
+use motord_terminal::{FileError, exit_status};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The reason why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -12,25 +12,12 @@ pub enum RecorderFailure {
     /// The daemon cannot be reached, or has ended. A started file is complete.
     #[error(transparent)]
     Client(#[from] Error),
+    /// A file cannot be read or written. The written part of a recording can be read.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
-    /// A file cannot be written. The written part of a recording can be read.
-    #[error("cannot write {}: {error}", path.display())]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// The error.
-        error: io::Error,
-    },
-    /// A file cannot be opened.
-    #[error("cannot read {}: {error}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The error.
-        error: io::Error,
-    },
     /// A file is no recording.
     #[error("{}: {error}", path.display())]
     Malformed {
@@ -58,17 +45,14 @@ pub enum RecorderFailure {
 }
 
 impl RecorderFailure {
-    pub(crate) fn unwritable(path: &Path, error: io::Error) -> Self {
-        Self::Unwritable { path: path.to_owned(), error }
-    }
-
     /// Returns the exit status.
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {
             Self::Client(error) => error.exit_status(),
-            Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,
-            Self::Unreadable { .. } | Self::Malformed { .. } | Self::Empty => exit_status::DATA,
+            Self::File(error) => error.exit_status(),
+            Self::Output(_) => exit_status::IO,
+            Self::Malformed { .. } | Self::Empty => exit_status::DATA,
             Self::NoSubject { .. } => exit_status::USAGE,
             Self::Picture(_) => exit_status::UNAVAILABLE,
         }

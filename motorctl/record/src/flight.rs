@@ -5,7 +5,7 @@ use crate::record::{PAUSE, TIMEOUT, clock};
 use crate::store::FileStore;
 use motord_client::{Client, CycleRecord, Error, Records};
 use motord_mcap::{Clock, Memory, Remembered, Stops};
-use motord_terminal::{Absence, Interrupt, printable, within};
+use motord_terminal::{Absence, FileError, Interrupt, printable, within};
 use std::fs;
 use std::io;
 use std::path::PathBuf;
@@ -58,7 +58,7 @@ fn parse_after(text: &str) -> Result<f64, String> {
 pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFailure> {
     let interrupt = Interrupt::register();
     let directory = &arguments.directory;
-    fs::read_dir(directory).map_err(|error| RecorderFailure::unwritable(directory, error))?;
+    fs::read_dir(directory).map_err(FileError::unwritable(directory))?;
     let mut files = Files { store: arguments.store(instance), writer: None };
     let mut absence = Absence::default();
     while !interrupt.is_raised() {

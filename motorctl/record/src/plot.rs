@@ -8,7 +8,7 @@ use motord_client::{
     CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
 };
 use motord_mcap::{Event, Events};
-use motord_terminal::{printable, within};
+use motord_terminal::{FileError, printable, within};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -63,7 +63,7 @@ pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
     };
     match file.as_os_str() == "-" {
         true => Ok(io::stdout().lock().write_all(&picture)?),
-        false => std::fs::write(file, picture).map_err(|error| RecorderFailure::unwritable(file, error)),
+        false => Ok(std::fs::write(file, picture).map_err(FileError::unwritable(file))?),
     }
 }
 

@@ -4,7 +4,7 @@ use crate::disk::{Disk, Output};
 use crate::failure::RecorderFailure;
 use motord_client::{Client, CycleRecord, Error, Records, State};
 use motord_mcap::{Clock, Counts};
-use motord_terminal::{Interrupt, json, printable, within};
+use motord_terminal::{FileError, Interrupt, json, printable, within};
 use serde::Serialize;
 use std::fs::File;
 use std::io::{self, Write};
@@ -76,7 +76,7 @@ pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFa
     match path.as_os_str() == "-" {
         true => record(&client, records, arguments, &interrupt, io::stdout()),
         false => {
-            let file = File::create_new(path).map_err(|error| RecorderFailure::unwritable(path, error))?;
+            let file = File::create_new(path).map_err(FileError::unwritable(path))?;
             record(&client, records, arguments, &interrupt, file)
         }
     }
@@ -105,7 +105,7 @@ fn record(
         ended = End::Disk;
     }
     session.report(&arguments.file, &ended).print(arguments)?;
-    written.map_err(|error| RecorderFailure::unwritable(&arguments.file, error))?;
+    written.map_err(FileError::unwritable(&arguments.file))?;
     if let End::Daemon(error) = ended { Err(error.into()) } else { Ok(()) }
 }
 
@@ -155,7 +155,7 @@ impl Session {
         let max_bytes = arguments.max_size.map_or(u64::MAX, |megabytes| megabytes.saturating_mul(1_000_000));
         let mut clock = clock(&begun);
         let disk = Disk::begin(out, &client.description(), clock.origin(), begun.tick_ns(), max_bytes)
-            .map_err(|error| RecorderFailure::unwritable(&arguments.file, error))?;
+            .map_err(FileError::unwritable(&arguments.file))?;
         let ends = arguments.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
         Ok(Self { records, disk, clock, tally: Tally::default(), ends })
     }

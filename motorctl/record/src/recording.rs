@@ -3,7 +3,7 @@
 use crate::failure::RecorderFailure;
 use motord_client::{CycleRecord, RobotDescription};
 use motord_mcap::Reader;
-use motord_terminal::InputFile;
+use motord_terminal::{FileError, InputFile};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,7 @@ impl Recording {
     ///
     /// The file cannot be opened, or is no recording.
     pub fn open(path: &Path) -> Result<Self, RecorderFailure> {
-        let file = InputFile::open(path)
-            .map_err(|error| RecorderFailure::Unreadable { path: path.to_owned(), error: error.into() })?;
+        let file = InputFile::open(path).map_err(FileError::unreadable(path))?;
         let reader = Reader::new(BufReader::new(file.into_file()))
             .map_err(|error| RecorderFailure::Malformed { path: path.to_owned(), error })?;
         Ok(Self { path: path.to_owned(), reader })

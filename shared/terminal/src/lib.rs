@@ -5,6 +5,7 @@
 
 mod absence;
 pub mod exit_status;
+mod file_error;
 mod interrupt;
 pub mod json;
 mod pages;
@@ -12,6 +13,7 @@ mod table;
 mod text;
 
 pub use absence::Absence;
+pub use file_error::FileError;
 pub use interrupt::Interrupt;
 pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line};
 pub use pages::{Pages, Shell};
