@@ -10,7 +10,7 @@ use motord_deadman::DeadmanError;
 use motord_deadman::answers::listen_on;
 use motord_deadman::interfaces::open_interface;
 use motord_deadman::safe_stop::{SafeStopError, safe_stop};
-use motord_terminal::{Pages, exit_status, printable};
+use motord_terminal::{Pages, exit_status, parse_arguments, printable};
 use std::fmt::Display;
 use std::io::Write;
 use std::path::PathBuf;
@@ -115,12 +115,9 @@ const VERSION: &str = if cfg!(feature = "panic-on-request") {
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let arguments: Arguments = match parse_arguments() {
         Ok(arguments) => arguments,
-        Err(error) => {
-            let _unwritable = error.print();
-            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
-        }
+        Err(status) => return status,
     };
     let log = arguments.log;
     match arguments.command {

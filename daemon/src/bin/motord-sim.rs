@@ -11,7 +11,7 @@ use motord_settings::settings::{BusSettings, Settings};
 use motord_simulator::{
     Bridge, FaultTarget, FaultVerb, ImuPort, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
-use motord_terminal::{Pages, exit_status, printable};
+use motord_terminal::{Pages, exit_status, parse_arguments, printable};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
@@ -133,12 +133,9 @@ impl Failure {
 }
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let arguments: Arguments = match parse_arguments() {
         Ok(arguments) => arguments,
-        Err(error) => {
-            let _unwritable = error.print();
-            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
-        }
+        Err(status) => return status,
     };
     let ended = match (&arguments.pages, &arguments.config) {
         (Some(pages), _) => pages.write(Arguments::command()).map_err(Failure::Pages),

@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 mod absence;
+mod arguments;
 pub mod exit_status;
 mod file_error;
 mod interrupt;
@@ -13,6 +14,7 @@ mod table;
 mod text;
 
 pub use absence::Absence;
+pub use arguments::parse_arguments;
 pub use file_error::FileError;
 pub use interrupt::Interrupt;
 pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line};
