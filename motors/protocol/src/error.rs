@@ -81,12 +81,7 @@ pub enum DecodeError {
 impl fmt::Display for DecodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Length { least, most, received } if least == most => {
-                write!(f, "the frame has {received} bytes, expected {least}")
-            }
-            Self::Length { least, most, received } => {
-                write!(f, "the frame has {received} bytes, expected {least} to {most}")
-            }
+            Self::Length { least, most, received } => write_length(f, received, [least, most]),
             Self::UnknownCommand { received } => write!(f, "no command begins with {received:#04X}"),
             Self::UnknownType { received } => {
                 write!(f, "configuration type {received:#04X} is neither integer (0) nor float (1)")
@@ -97,3 +92,13 @@ impl fmt::Display for DecodeError {
 }
 
 impl core::error::Error for DecodeError {}
+
+/// Writes that a frame does not have the number of bytes of its kind, the `range` inclusive.
+pub(crate) fn write_length(
+    f: &mut fmt::Formatter<'_>,
+    received: usize,
+    [least, most]: [usize; 2],
+) -> fmt::Result {
+    write!(f, "the frame has {received} bytes, expected {least}")?;
+    if least == most { Ok(()) } else { write!(f, " to {most}") }
+}

@@ -1,5 +1,6 @@
 //! Reasons for which bytes are not a sample.
 
+use crate::error::write_length;
 use core::fmt;
 
 /// The quantities of a sample.
@@ -115,12 +116,7 @@ impl SampleError {
 impl fmt::Display for SampleError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Length { least, most, received } if least == most => {
-                write!(f, "the frame has {received} bytes, expected {least}")
-            }
-            Self::Length { least, most, received } => {
-                write!(f, "the frame has {received} bytes, expected {least} to {most}")
-            }
+            Self::Length { least, most, received } => write_length(f, received, [least, most]),
             Self::Checksum { expected, received } => {
                 write!(
                     f,
