@@ -7,6 +7,12 @@ pub(super) struct Window<const CAPACITY: usize> {
     len: usize,
 }
 
+impl<const CAPACITY: usize> Default for Window<CAPACITY> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<const CAPACITY: usize> Window<CAPACITY> {
     /// Returns a window without bytes.
     pub(super) const fn new() -> Self {

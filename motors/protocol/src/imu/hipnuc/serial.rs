@@ -44,17 +44,11 @@ const INS_LEN: usize = 104;
 const TICKS_PER_SECOND: u32 = 1000;
 
 /// Finds samples in a stream of bytes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Decoder {
     window: Window<{ 2 * FRAME_LEN_MAX }>,
     /// The frame of any length that has begun.
     begun: Option<Begun>,
-}
-
-impl Default for Decoder {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Decoder {

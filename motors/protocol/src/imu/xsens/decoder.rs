@@ -29,7 +29,7 @@ const DATA_LEN_MAX: usize = 254;
 const START: [u8; 3] = [0xFA, 0xFF, 0x36];
 
 /// Positions at which a message can end, of the next [`Ends::LEN`] bytes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 struct Ends {
     bits: [u64; 8],
     now: usize,
@@ -56,18 +56,12 @@ impl Ends {
 }
 
 /// Finds samples in a stream of bytes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Decoder {
     window: Window<{ 2 * EXTENDED_LEN_MAX }>,
     ends: Ends,
     /// The message with an extended length, or with another bus id, that has begun.
     begun: Option<Begun>,
-}
-
-impl Default for Decoder {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Decoder {
