@@ -9,28 +9,11 @@ use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
 use std::time::Instant;
 
-const KEYS: [(&str, &str); 9] = [
-    ("SPACE", "e-stop"),
-    ("d", "disable"),
-    ("r", "reset"),
-    ("?", "help"),
-    ("q", "quit"),
-    ("Tab", "page"),
-    ("s", "sort"),
-    ("/", "filter"),
-    ("← → c", "curves"),
-];
-
-const REPLAY_KEYS: [(&str, &str); 8] = [
-    ("SPACE", "pause, go on"),
-    ("n", "next cycle"),
-    ("?", "help"),
-    ("q", "quit"),
-    ("Tab", "page"),
-    ("s", "sort"),
-    ("/", "filter"),
-    ("← → c", "curves"),
-];
+const LIVE_KEYS: [(&str, &str); 3] = [("SPACE", "e-stop"), ("d", "disable"), ("r", "reset")];
+const REPLAY_KEYS: [(&str, &str); 2] = [("SPACE", "pause, go on"), ("n", "next cycle")];
+/// The keys of both.
+const KEYS: [(&str, &str); 6] =
+    [("?", "help"), ("q", "quit"), ("Tab", "page"), ("s", "sort"), ("/", "filter"), ("← → c", "curves")];
 
 /// Returns the lines about the daemon and its troubles, after the name of a recording.
 pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
@@ -105,8 +88,8 @@ pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize
 fn keys(view: &View, picture: &Picture, width: usize) -> Line<'static> {
     let mut line = Line::default();
     let is_live = picture.replay.is_none();
-    let keys = if is_live { &KEYS[..] } else { &REPLAY_KEYS };
-    for &(key, name) in keys {
+    let keys = if is_live { &LIVE_KEYS[..] } else { &REPLAY_KEYS };
+    for &(key, name) in keys.iter().chain(&KEYS) {
         let style =
             if key == "SPACE" && is_live { Span::styled(key, BANNER) } else { Span::from(key).bold() };
         let entry = [style, Span::from(format!(" {name}  "))];
