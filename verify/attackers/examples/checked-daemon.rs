@@ -187,6 +187,6 @@ fn complaint(motor: &MotorSettings, bytes: [u8; 8], is_still: bool) -> Option<&'
                 && within(torque, limits.torque, codes.torque);
             (!holds).then_some("beyond the limits")
         }
-        Meaning::Start | Meaning::Stop | Meaning::GetFault | Meaning::ClearFault => None,
+        _ => None,
     }
 }

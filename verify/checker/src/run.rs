@@ -31,7 +31,7 @@ mod reported;
 mod slope;
 mod stop;
 
-use crate::protocol::codec::DecodedCommand;
+use crate::protocol::codec::Meaning;
 use crate::protocol::ranges::Ranges;
 use crate::robot::{Limits, Motor, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Mode, Phase, State};
@@ -315,7 +315,7 @@ impl Checker {
             }
             None => {
                 let motor = self.robot.register_reader(bus, &frame);
-                (motor.expect("frames go to motors"), DecodedCommand::GetRegister)
+                (motor.expect("frames go to motors"), Meaning::GetRegister)
             }
         };
         cycle.frames[bus] += 1;
@@ -345,13 +345,13 @@ impl Checker {
         let order = received.order;
         let excluded =
             [&cycle.before, &cycle.state].iter().all(|state| state.joints[motor].mode == Mode::Excluded);
-        let rests = matches!(order, DecodedCommand::Stop | DecodedCommand::GetIndicator);
+        let rests = matches!(order, Meaning::Stop | Meaning::GetIndicator);
         assert!(!excluded || rests, "I4: {order:?} to an excluded motor");
         let group = self.robot.groups.iter().position(|group| group.motors.contains(&motor));
         let group = group.expect("every motor is in a group");
         match order {
-            DecodedCommand::Stop | DecodedCommand::GetFault | DecodedCommand::GetIndicator => {}
-            DecodedCommand::GetRegister => {
+            Meaning::Stop | Meaning::GetFault | Meaning::GetIndicator => {}
+            Meaning::GetRegister => {
                 let stopped = |state: &Rc<State>| {
                     !matches!(state.joints[motor].mode, Mode::Starting | Mode::Active | Mode::Damping)
                 };
@@ -360,23 +360,20 @@ impl Checker {
                     "I4: {order:?} to a motor that moves"
                 );
             }
-            DecodedCommand::Start => {
+            Meaning::Start => {
                 let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
                 assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);
             }
-            DecodedCommand::SetZero => {
+            Meaning::SetZero => {
                 assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
                 self.zeros[motor] -= 1;
             }
-            DecodedCommand::ClearFault => {
+            Meaning::ClearFault => {
                 let asked = cycle.begun <= self.clears[motor] && cycle.touches(group, Phase::Disarmed);
                 assert!(asked, "I1: clear fault");
             }
-            DecodedCommand::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
-            DecodedCommand::Impedance { .. }
-            | DecodedCommand::Torque(_)
-            | DecodedCommand::Speed(_)
-            | DecodedCommand::Position(_) => {
+            Meaning::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
+            Meaning::Control { .. } | Meaning::Torque(_) | Meaning::Speed(_) | Meaning::Position(_) => {
                 assert!(!cycle.is(group, Phase::Disarmed), "I4: {order:?} to a stopped motor");
                 if !received.is_safe && !self.holds(cycle, group, motor, order) {
                     check_motion(self.robot.setpoint_timeout, cycle, group);
@@ -387,7 +384,7 @@ impl Checker {
 
     /// Returns `true` when the command holds a motor of a group that holds after its owner is late
     /// or lost.
-    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: DecodedCommand) -> bool {
+    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: Meaning) -> bool {
         let causes = [Cause::None, Cause::SetpointTimeout, Cause::OwnerLost];
         self.robot.groups[group].safe_stop == SafeStop::Hold
             && causes.contains(&cycle.before.groups[group].cause)
@@ -396,11 +393,11 @@ impl Checker {
     }
 
     /// Checks the limits of every value, and of its slope while the motor follows setpoints.
-    fn check_values(&mut self, cycle: &Cycle, motor: usize, order: DecodedCommand) {
+    fn check_values(&mut self, cycle: &Cycle, motor: usize, order: Meaning) {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
-        let (Some(ranges), DecodedCommand::Impedance { position, kp, kd, torque, .. }) =
+        let (Some(ranges), Meaning::Control { position, kp, kd, torque, .. }) =
             (protocol.codec().ranges(), order)
         else {
             return self.check_native(cycle, motor, order);
@@ -431,7 +428,7 @@ impl Checker {
         if self.robot.motors[motor].has_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
     }
 
-    fn check_native(&mut self, cycle: &Cycle, motor: usize, order: DecodedCommand) {
+    fn check_native(&mut self, cycle: &Cycle, motor: usize, order: Meaning) {
         let (limits, time) = (&self.robot.motors[motor].limits, self.time(motor, cycle));
         let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let [_, now] = joints;
@@ -440,16 +437,16 @@ impl Checker {
         native::check_value(order, limits, active && !now.slews);
         match order {
             _ if order.is_question() => {}
-            DecodedCommand::Torque(_) | DecodedCommand::Speed(_) | DecodedCommand::Position(_) if active => {
+            Meaning::Torque(_) | Meaning::Speed(_) | Meaning::Position(_) if active => {
                 let fast = f64::from(now.applied_velocity);
-                let is_wrong = matches!(order, DecodedCommand::Torque(_)) && is_wrong_lease(fast);
+                let is_wrong = matches!(order, Meaning::Torque(_)) && is_wrong_lease(fast);
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
                 let settings = &self.robot.motors[motor];
                 let turn = (settings.turn * self.robot.period).as_secs_f64();
                 let turn = settings.has_turns().then_some(turn);
                 self.last[motor].check(order, (time, turn), limits, joints);
             }
-            DecodedCommand::Speed(_) if both(Mode::Damping) => {
+            Meaning::Speed(_) if both(Mode::Damping) => {
                 // A line may lose frames that were sent.
                 let has_turns = self.robot.motors[motor].has_turns();
                 let applied = if has_turns { f64::from(joints[0].applied_velocity) } else { 0.0 };
@@ -508,13 +505,8 @@ fn check_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges)
 
 /// Checks the velocity and the torque of an impedance, and its total torque at the last state: the
 /// published one, or a newer one.
-fn check_impedance(
-    order: DecodedCommand,
-    limits: &Limits,
-    states: impl Iterator<Item = [f64; 2]>,
-    codes: &Ranges,
-) {
-    let DecodedCommand::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
+fn check_impedance(order: Meaning, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
+    let Meaning::Control { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
     assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
     assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
@@ -555,10 +547,8 @@ fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f
 }
 
 /// Returns `true` when the command holds the motor at one of these positions, rad.
-fn is_held(motor: &Motor, order: DecodedCommand, held: [f64; 2]) -> bool {
-    let (DecodedCommand::Impedance { position, neutral: true, .. } | DecodedCommand::Position(position)) =
-        order
-    else {
+fn is_held(motor: &Motor, order: Meaning, held: [f64; 2]) -> bool {
+    let (Meaning::Control { position, neutral: true, .. } | Meaning::Position(position)) = order else {
         return false;
     };
     held.iter().any(|held| (position - held).abs() < motor.protocol.position_code().max(HELD))

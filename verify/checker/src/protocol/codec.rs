@@ -6,7 +6,7 @@ use motord_bus::Frame;
 /// The meaning of the frames of one protocol.
 pub(crate) trait Codec {
     /// Decodes a command to a motor, motor side.
-    fn order(&self, frame: &Frame) -> DecodedCommand;
+    fn order(&self, frame: &Frame) -> Meaning;
 
     /// Decodes a reply of motor `id`, motor side. `None` when it does not contain the motion.
     fn reported(&self, frame: &Frame, id: u8) -> Option<Reported>;
@@ -32,43 +32,55 @@ pub(crate) trait Codec {
     }
 }
 
-/// A command to a motor.
+/// A command to a motor, as the motor decodes it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum DecodedCommand {
+pub enum Meaning {
+    /// Start following commands.
     Start,
+    /// Go limp.
     Stop,
+    /// Make the present position zero.
     SetZero,
+    /// Read the fault number.
     GetFault,
+    /// Clear the fault.
     ClearFault,
+    /// Read an indicator.
     GetIndicator,
-    /// A read of one of the registers 21 to 23, in place of the command.
+    /// Read one of the registers 21 to 23, in place of the command of a cycle.
     GetRegister,
-    /// An impedance. Velocity and torque are `neutral` when both stand for zero, which may lie
-    /// between two codes.
-    Impedance {
+    /// An impedance setpoint.
+    Control {
+        /// rad
         position: f64,
+        /// rad/s
         velocity: f64,
+        /// N·m/rad
         kp: f64,
+        /// N·m·s/rad
         kd: f64,
+        /// N·m
         torque: f64,
+        /// Velocity and torque stand for zero, which may lie between two codes.
         neutral: bool,
     },
-    /// A torque alone.
+    /// Hold this torque, N·m.
     Torque(f64),
-    /// A speed alone.
+    /// Turn at this speed, rad/s.
     Speed(f64),
-    /// A position alone.
+    /// Move to this position, rad.
     Position(f64),
-    /// A command byte that a cycle never sends.
+    /// A command byte that a cycle never sends: it accesses the motor's memory, turns the shaft for
+    /// a calibration, ends the firmware, or is not documented.
     Other(u8),
 }
 
-impl DecodedCommand {
+impl Meaning {
     /// Returns the command to the joint of a motor with this direction and this offset, rad, from
     /// that to the motor.
     pub(crate) fn on_joint(self, direction: f64, offset: f64) -> Self {
         match self {
-            Self::Impedance { position, velocity, kp, kd, torque, neutral } => Self::Impedance {
+            Self::Control { position, velocity, kp, kd, torque, neutral } => Self::Control {
                 position: direction * position + offset,
                 velocity: direction * velocity,
                 kp,

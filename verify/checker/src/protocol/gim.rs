@@ -3,8 +3,7 @@
 //! Source: SteadyWin GIM document 2.2. Floats and the position of a reply have the low byte first,
 //! the speed of a reply does not.
 
-use super::codec::{Codec, DecodedCommand, Reported, eight_bytes};
-use super::mit;
+use super::codec::{Codec, Meaning, Reported, eight_bytes};
 use super::ranges::Ranges;
 use motord_bus::Frame;
 
@@ -15,47 +14,21 @@ pub const POSITION: f64 = 12.5;
 /// Largest speed of a reply, rad/s, of 4095 codes (3.2.7).
 pub const VELOCITY: f64 = 65.0;
 
-/// The command in a frame to a motor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Meaning {
-    /// Enter the running state (3.2.5).
-    Start,
-    /// Leave the running state (3.2.6).
-    Stop,
-    /// Read the fault number (3.2.15).
-    GetFault,
-    /// Clear the fault (3.2.16).
-    ClearFault,
-    /// Read an indicator (3.2.17).
-    GetIndicator,
-    /// Hold this torque, N·m (3.2.7).
-    Torque(f64),
-    /// Turn at this speed, rad/s (3.2.8).
-    Speed(f64),
-    /// Move to this position, rad (3.2.9).
-    Position(f64),
-    /// Any other command byte: it accesses the motor's memory, turns the shaft for a calibration,
-    /// ends the firmware, or is not documented.
-    Other(u8),
-}
-
-impl Meaning {
-    /// Decodes the eight bytes of a command.
-    #[must_use]
-    pub fn of(bytes: [u8; 8]) -> Self {
-        let [command, a, b, c, d, ..] = bytes;
-        let value = f64::from(f32::from_le_bytes([a, b, c, d]));
-        match command {
-            0x91 => Self::Start,
-            0x92 => Self::Stop,
-            0x93 => Self::Torque(value),
-            0x94 => Self::Speed(value / RPM),
-            0x95 => Self::Position(value),
-            0xB2 => Self::GetFault,
-            0xB3 => Self::ClearFault,
-            0xB4 => Self::GetIndicator,
-            other => Self::Other(other),
-        }
+/// Decodes the eight bytes of a command. Sources: 3.2.5 to 3.2.9, 3.2.15 to 3.2.17.
+#[must_use]
+pub fn decode(bytes: [u8; 8]) -> Meaning {
+    let [command, a, b, c, d, ..] = bytes;
+    let value = f64::from(f32::from_le_bytes([a, b, c, d]));
+    match command {
+        0x91 => Meaning::Start,
+        0x92 => Meaning::Stop,
+        0x93 => Meaning::Torque(value),
+        0x94 => Meaning::Speed(value / RPM),
+        0x95 => Meaning::Position(value),
+        0xB2 => Meaning::GetFault,
+        0xB3 => Meaning::ClearFault,
+        0xB4 => Meaning::GetIndicator,
+        other => Meaning::Other(other),
     }
 }
 
@@ -83,18 +56,8 @@ pub fn reported(payload: &[u8]) -> Option<Reported> {
 pub(super) struct Native;
 
 impl Codec for Native {
-    fn order(&self, frame: &Frame) -> DecodedCommand {
-        match Meaning::of(eight_bytes(frame)) {
-            Meaning::Start => DecodedCommand::Start,
-            Meaning::Stop => DecodedCommand::Stop,
-            Meaning::GetFault => DecodedCommand::GetFault,
-            Meaning::ClearFault => DecodedCommand::ClearFault,
-            Meaning::GetIndicator => DecodedCommand::GetIndicator,
-            Meaning::Torque(torque) => DecodedCommand::Torque(torque),
-            Meaning::Speed(velocity) => DecodedCommand::Speed(velocity),
-            Meaning::Position(position) => DecodedCommand::Position(position),
-            Meaning::Other(command) => DecodedCommand::Other(command),
-        }
+    fn order(&self, frame: &Frame) -> Meaning {
+        decode(eight_bytes(frame))
     }
 
     fn reported(&self, frame: &Frame, _id: u8) -> Option<Reported> {
@@ -105,7 +68,7 @@ impl Codec for Native {
     /// mode before.
     fn check(&self, frame: &Frame) {
         let bytes = eight_bytes(frame);
-        let in_mit = mit::Meaning::of(bytes, &Ranges::steadywin(1.0));
+        let in_mit = Meaning::of(bytes, &Ranges::steadywin(1.0));
         let is_control = matches!(bytes[0], 0x93..=0x95);
         assert!(is_control || in_mit.is_safe(), "I1: {bytes:02X?} is {in_mit:?} in MIT mode");
     }
@@ -127,7 +90,7 @@ mod tests {
     /// second. Durations of 0, 2000 and 100 ms.
     #[test]
     fn control_command_is_read_as_documented() {
-        let of = |bytes: u64| Meaning::of(bytes.to_be_bytes());
+        let of = |bytes: u64| decode(bytes.to_be_bytes());
         assert_eq!(of(0x9300_00C0_3F00_0000), Meaning::Torque(1.5));
         assert_eq!(of(0x95DB_0F49_40D0_0700), Meaning::Position(f64::from(std::f32::consts::PI)));
         let Meaning::Speed(speed) = of(0x9400_0070_4264_0000) else { panic!("it is a speed") };
@@ -137,7 +100,7 @@ mod tests {
     /// Table 4.
     #[test]
     fn every_other_command_byte_is_recognised() {
-        let of = |command: u8| Meaning::of([command, 0, 0, 0, 0, 0, 0, 0]);
+        let of = |command: u8| decode([command, 0, 0, 0, 0, 0, 0, 0]);
         let known = [
             (0x91, Meaning::Start),
             (0x92, Meaning::Stop),

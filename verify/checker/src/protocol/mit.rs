@@ -3,7 +3,8 @@
 //! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and
 //! other lengths and ids of a reply ([`ReplyFormat`]).
 
-use super::codec::{Codec, DecodedCommand, Reported, eight_bytes};
+pub use super::codec::Meaning;
+use super::codec::{Codec, Reported, eight_bytes};
 use super::ranges::Ranges;
 use motord_bus::Frame;
 use serde::Deserialize;
@@ -18,17 +19,8 @@ pub struct Mit {
 }
 
 impl Codec for Mit {
-    fn order(&self, frame: &Frame) -> DecodedCommand {
-        match Meaning::of(eight_bytes(frame), &self.ranges) {
-            Meaning::Start => DecodedCommand::Start,
-            Meaning::Stop => DecodedCommand::Stop,
-            Meaning::SetZero => DecodedCommand::SetZero,
-            Meaning::GetFault => DecodedCommand::GetFault,
-            Meaning::ClearFault => DecodedCommand::ClearFault,
-            Meaning::Control { position, velocity, kp, kd, torque, neutral } => {
-                DecodedCommand::Impedance { position, velocity, kp, kd, torque, neutral }
-            }
-        }
+    fn order(&self, frame: &Frame) -> Meaning {
+        Meaning::of(eight_bytes(frame), &self.ranges)
     }
 
     fn reported(&self, frame: &Frame, id: u8) -> Option<Reported> {
@@ -126,38 +118,8 @@ const fn is_zero(code: u16) -> bool {
     matches!(code, 0x7FF | 0x800)
 }
 
-/// The command in a frame to a motor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Meaning {
-    /// Start following commands.
-    Start,
-    /// Go limp.
-    Stop,
-    /// Make the present position zero.
-    SetZero,
-    /// Read the fault number.
-    GetFault,
-    /// Clear the fault.
-    ClearFault,
-    /// An impedance setpoint.
-    Control {
-        /// rad
-        position: f64,
-        /// rad/s
-        velocity: f64,
-        /// N·m/rad
-        kp: f64,
-        /// N·m·s/rad
-        kd: f64,
-        /// N·m
-        torque: f64,
-        /// Velocity and torque stand for zero, which lies between two codes.
-        neutral: bool,
-    },
-}
-
 impl Meaning {
-    /// Decodes the eight bytes of a command.
+    /// Decodes the eight bytes of a command in MIT.
     #[must_use]
     pub fn of(bytes: [u8; 8], ranges: &Ranges) -> Self {
         match bytes {
@@ -185,9 +147,9 @@ impl Meaning {
     #[must_use]
     pub fn is_safe(&self) -> bool {
         match *self {
-            Self::Start | Self::SetZero => false,
             Self::Stop | Self::GetFault | Self::ClearFault => true,
             Self::Control { kp, neutral, .. } => kp == 0.0 && neutral,
+            _ => false,
         }
     }
 

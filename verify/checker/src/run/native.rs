@@ -1,7 +1,7 @@
 //! Rules for the commands to a native motor (I2). Each contains one value, with the precision of a
 //! float.
 
-use crate::protocol::codec::DecodedCommand;
+use crate::protocol::codec::Meaning;
 use crate::robot::Limits;
 use crate::state::Joint;
 
@@ -19,7 +19,7 @@ const LEAST_SLOPE: f64 = 0.05;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Last {
     /// The command, and its time, s.
-    order: Option<(DecodedCommand, f64)>,
+    order: Option<(Meaning, f64)>,
     /// Time at which the motor was last neither moved nor damped, s.
     rested: f64,
 }
@@ -30,7 +30,7 @@ impl Last {
     /// its bus may have refused commands. It may begin to follow within its turn.
     pub(super) fn check(
         &mut self,
-        order: DecodedCommand,
+        order: Meaning,
         (time, turn): (f64, Option<f64>),
         limits: &Limits,
         [joint, now]: [&Joint; 2],
@@ -39,10 +39,10 @@ impl Last {
         let begun = turn.map_or(time, |turn| self.rested.min(time - turn));
         let elapsed = time - last.map_or(begun, |(_, before)| before);
         match (order, last.map(|(last, _)| last)) {
-            (DecodedCommand::Position(position), Some(DecodedCommand::Position(before))) => {
+            (Meaning::Position(position), Some(Meaning::Position(before))) => {
                 check_step("the position", position - before, limits.velocity * elapsed, limits.position[1]);
             }
-            (DecodedCommand::Speed(speed), Some(DecodedCommand::Speed(before))) => {
+            (Meaning::Speed(speed), Some(Meaning::Speed(before))) => {
                 check_step(
                     "the speed",
                     speed - before,
@@ -50,14 +50,12 @@ impl Last {
                     limits.velocity,
                 );
             }
-            (DecodedCommand::Speed(speed), _) => {
+            (Meaning::Speed(speed), _) => {
                 let begun = f64::from(joint.velocity);
                 let step = if falls(begun, speed) { 0.0 } else { speed - begun };
                 check_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
             }
-            (DecodedCommand::Torque(torque), Some(DecodedCommand::Torque(before)))
-                if is_free(joint) && is_free(now) =>
-            {
+            (Meaning::Torque(torque), Some(Meaning::Torque(before))) if is_free(joint) && is_free(now) => {
                 // The limits may reduce a torque by any amount in one step.
                 let step = if falls(before, torque) { 0.0 } else { torque - before };
                 check_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
@@ -69,10 +67,9 @@ impl Last {
     /// Checks a control command at `time`, s, to a motor that is damped: a speed falls to zero. A
     /// motor that was lost meanwhile is braked from its speed when it replies again. `applied` is
     /// the previously sent speed, rad/s, which a line may have lost.
-    pub(super) fn check_braking(&mut self, order: DecodedCommand, time: f64, limits: &Limits, applied: f64) {
+    pub(super) fn check_braking(&mut self, order: Meaning, time: f64, limits: &Limits, applied: f64) {
         let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
-        let (DecodedCommand::Speed(speed), Some((DecodedCommand::Speed(before), then))) = (order, last)
-        else {
+        let (Meaning::Speed(speed), Some((Meaning::Speed(before), then))) = (order, last) else {
             return;
         };
         let fall = LEAST_SLOPE * limits.velocity / SPEED_RISE * (time - then);
@@ -109,12 +106,12 @@ fn check_step(name: &str, step: f64, reach: f64, largest: f64) {
 
 /// Checks the value of a command by the limits of its joint. `active`: the position is the
 /// controller's, and not slewed.
-pub(super) fn check_value(order: DecodedCommand, limits: &Limits, active: bool) {
+pub(super) fn check_value(order: Meaning, limits: &Limits, active: bool) {
     let within = |value: f64, most: f64| value.is_finite() && value.abs() <= most * (1.0 + PRECISION);
     match order {
-        DecodedCommand::Torque(torque) => assert!(within(torque, limits.torque), "I2: torque {torque}"),
-        DecodedCommand::Speed(speed) => assert!(within(speed, limits.velocity), "I2: velocity {speed}"),
-        DecodedCommand::Position(position) => {
+        Meaning::Torque(torque) => assert!(within(torque, limits.torque), "I2: torque {torque}"),
+        Meaning::Speed(speed) => assert!(within(speed, limits.velocity), "I2: velocity {speed}"),
+        Meaning::Position(position) => {
             let [low, high] = limits.position;
             let noise = PRECISION * low.abs().max(high.abs());
             let inside = (low - noise..=high + noise).contains(&position);

@@ -1,6 +1,6 @@
 //! The effect of a command to one motor, in any protocol.
 
-use crate::protocol::codec::DecodedCommand;
+use crate::protocol::codec::Meaning;
 use crate::state::{Joint, State};
 
 /// Margins for single precision: share by which a braking speed may exceed that of the joint, and
@@ -10,7 +10,7 @@ const MARGIN: f64 = 1e-3;
 /// A command that a motor received, classified by the known state of its joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ReceivedCommand {
-    pub(super) order: DecodedCommand,
+    pub(super) order: Meaning,
     /// It brakes, and may also hold the joint.
     pub(super) brakes: bool,
     /// It pulls the joint to a position.
@@ -21,21 +21,19 @@ pub(super) struct ReceivedCommand {
 
 impl ReceivedCommand {
     /// Classifies `order`, which the motor with this index received between these states.
-    pub(super) fn of(order: DecodedCommand, index: usize, states: [&State; 2]) -> Self {
+    pub(super) fn of(order: Meaning, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
         let (brakes, pulls, is_safe) = match order {
-            DecodedCommand::Stop
-            | DecodedCommand::GetFault
-            | DecodedCommand::ClearFault
-            | DecodedCommand::GetIndicator
-            | DecodedCommand::GetRegister => (false, false, true),
-            DecodedCommand::Start | DecodedCommand::SetZero | DecodedCommand::Other(_) => {
-                (false, false, false)
-            }
-            DecodedCommand::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
-            DecodedCommand::Position(_) => (true, true, false),
-            DecodedCommand::Torque(torque) => (false, false, torque.abs() <= MARGIN),
-            DecodedCommand::Speed(speed) => {
+            Meaning::Stop
+            | Meaning::GetFault
+            | Meaning::ClearFault
+            | Meaning::GetIndicator
+            | Meaning::GetRegister => (false, false, true),
+            Meaning::Start | Meaning::SetZero | Meaning::Other(_) => (false, false, false),
+            Meaning::Control { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
+            Meaning::Position(_) => (true, true, false),
+            Meaning::Torque(torque) => (false, false, torque.abs() <= MARGIN),
+            Meaning::Speed(speed) => {
                 let brakes = joints.iter().any(|joint| brakes(speed, joint));
                 (brakes, false, brakes)
             }
@@ -45,7 +43,7 @@ impl ReceivedCommand {
 
     /// Returns `true` for a fault request, which replaces a command to a motor that does not reply.
     pub(super) fn is_fault_request(&self) -> bool {
-        self.order == DecodedCommand::GetFault
+        self.order == Meaning::GetFault
     }
 }
 
