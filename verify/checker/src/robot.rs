@@ -85,17 +85,20 @@ pub struct Limits {
     /// rad/s
     pub velocity: f64,
     /// N·m
-    pub torque: f64,
+    pub torque: Bound,
     /// N·m/rad
-    pub kp: f64,
+    pub kp: Bound,
     /// N·m·s/rad
-    pub kd: f64,
-    /// N·m/s
-    pub torque_slew: f64,
-    /// N·m/rad/s
-    pub kp_slew: f64,
-    /// N·m·s/rad/s
-    pub kd_slew: f64,
+    pub kd: Bound,
+}
+
+/// Limits of a value and of its slope.
+#[derive(Debug, Clone, Copy)]
+pub struct Bound {
+    /// Highest value.
+    pub most: f64,
+    /// Highest rise, per second.
+    pub slew: f64,
 }
 
 /// Joints that start and stop together.

@@ -403,7 +403,7 @@ impl Checker {
             return self.check_native(cycle, motor, order);
         };
         let codes = ranges.codes();
-        check_gains([kp, kd], [limits.kp, limits.kd.max(*damping_kd)], &codes);
+        check_gains([kp, kd], [limits.kp.most, limits.kd.most.max(*damping_kd)], &codes);
         let published = [f64::from(before.position), f64::from(before.velocity)];
         let replies = self.replies.iter().flatten().filter(|reply| reply.at <= cycle.begun);
         let newer = replies.filter(|reply| reply.at.as_nanos() > before.receive_ns);
@@ -509,7 +509,7 @@ fn check_impedance(order: Meaning, limits: &Limits, states: impl Iterator<Item =
     let Meaning::Control { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
     assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
-    assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
+    assert!(torque.abs() <= limits.torque.most + codes.torque, "I2: torque {torque}");
     let excess = |[at, speed]: [f64; 2]| {
         let (far, fast) = (position - at, velocity - speed);
         let total = kp * far + kd * fast + torque;
@@ -517,7 +517,7 @@ fn check_impedance(order: Meaning, limits: &Limits, states: impl Iterator<Item =
         let noise = NEAREST * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs())
             + codes.velocity * kd
             + codes.torque;
-        total.abs() - (limits.torque + noise)
+        total.abs() - (limits.torque.most + noise)
     };
     // An unknown state has no bound.
     let least = states.map(excess).fold(f64::NAN, f64::min);

@@ -8,7 +8,7 @@ use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
 use motord_checker::protocol::Protocol;
 use motord_checker::protocol::mit::{Mit, ReplyFormat};
 use motord_checker::protocol::ranges::Ranges;
-use motord_checker::robot::{Group, Limits, Motor, Robot, SafeStop};
+use motord_checker::robot::{Bound, Group, Limits, Motor, Robot, SafeStop};
 use motord_checker::run::{self, BusFault, Checker, Command, MotorFault, Request};
 use motord_checker::state::{self, Bus, Cause, Joint, Mode, Phase, State};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -50,12 +50,9 @@ fn robot(protocol: Protocol) -> Robot {
     let limits = Limits {
         position: [-1.0, 1.0],
         velocity: 20.0,
-        torque: 10.0,
-        kp: 100.0,
-        kd: 3.0,
-        torque_slew: 100.0,
-        kp_slew: 1000.0,
-        kd_slew: 1000.0,
+        torque: Bound { most: 10.0, slew: 100.0 },
+        kp: Bound { most: 100.0, slew: 1000.0 },
+        kd: Bound { most: 3.0, slew: 1000.0 },
     };
     let motor = Motor {
         name: "hip".into(),

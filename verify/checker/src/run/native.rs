@@ -58,7 +58,7 @@ impl Last {
             (Meaning::Torque(torque), Some(Meaning::Torque(before))) if is_free(joint) && is_free(now) => {
                 // The limits may reduce a torque by any amount in one step.
                 let step = if falls(before, torque) { 0.0 } else { torque - before };
-                check_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
+                check_step("the torque", step, limits.torque.slew * elapsed, limits.torque.most);
             }
             _ => {}
         }
@@ -109,7 +109,7 @@ fn check_step(name: &str, step: f64, reach: f64, largest: f64) {
 pub(super) fn check_value(order: Meaning, limits: &Limits, active: bool) {
     let within = |value: f64, most: f64| value.is_finite() && value.abs() <= most * (1.0 + PRECISION);
     match order {
-        Meaning::Torque(torque) => assert!(within(torque, limits.torque), "I2: torque {torque}"),
+        Meaning::Torque(torque) => assert!(within(torque, limits.torque.most), "I2: torque {torque}"),
         Meaning::Speed(speed) => assert!(within(speed, limits.velocity), "I2: velocity {speed}"),
         Meaning::Position(position) => {
             let [low, high] = limits.position;

@@ -58,13 +58,13 @@ impl Slopes {
         [kp, kd, torque]: [f64; 3],
         codes: &Ranges,
     ) {
-        self.kp.check("kp", kp, limits.kp_slew, ROUNDING * codes.kp, time);
-        self.kd.check("kd", kd, limits.kd_slew, ROUNDING * codes.kd, time);
-        self.forward.check("torque", torque.max(0.0), limits.torque_slew, 2.0 * codes.torque, time);
+        self.kp.check("kp", kp, limits.kp.slew, ROUNDING * codes.kp, time);
+        self.kd.check("kd", kd, limits.kd.slew, ROUNDING * codes.kd, time);
+        self.forward.check("torque", torque.max(0.0), limits.torque.slew, 2.0 * codes.torque, time);
         self.backward.check(
             "negative torque",
             (-torque).max(0.0),
-            limits.torque_slew,
+            limits.torque.slew,
             2.0 * codes.torque,
             time,
         );

@@ -4,7 +4,7 @@ use super::Robot;
 use super::ranges::ranges;
 use motord_bus::Instant;
 use motord_checker::protocol::Protocol;
-use motord_checker::robot::{Group, Limits, Motor, SafeStop};
+use motord_checker::robot::{Bound, Group, Limits, Motor, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
 use motord_checker::vendor::Vendor;
@@ -129,15 +129,13 @@ pub fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
 }
 
 fn limits(settings: &settings::LimitSettings) -> Limits {
+    let bound = |most: f32, slew: f32| Bound { most: most.into(), slew: slew.into() };
     Limits {
         position: settings.position.map(f64::from),
-        velocity: f64::from(settings.velocity),
-        torque: f64::from(settings.torque),
-        kp: f64::from(settings.kp),
-        kd: f64::from(settings.kd),
-        torque_slew: f64::from(settings.torque_slew),
-        kp_slew: f64::from(settings.kp_slew),
-        kd_slew: f64::from(settings.kd_slew),
+        velocity: settings.velocity.into(),
+        torque: bound(settings.torque, settings.torque_slew),
+        kp: bound(settings.kp, settings.kp_slew),
+        kd: bound(settings.kd, settings.kd_slew),
     }
 }
 
