@@ -1,6 +1,6 @@
 //! `motord-checker`: checks a log of candump by its marks.
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use motord_bus::Duration;
 use motord_checker::log::deaths::Deaths;
 use motord_checker::log::disturbances::{self, Disturbances};
@@ -62,30 +62,27 @@ enum Rules {
         /// Greatest ratio of the times with a disturbance to those without.
         #[arg(long)]
         ratio: f64,
-        /// Ticks per second.
-        #[arg(long)]
-        rate: f64,
-        /// Length of all parts together, s.
-        #[arg(long)]
-        seconds: f64,
-        /// Share of the ticks that have a cycle.
-        #[arg(long)]
-        share: f64,
+        #[command(flatten)]
+        cycles: Cycles,
     },
     /// Starts and stops of systemd units: the commands that each motor receives after each mark.
     Service,
     /// A trot: one command to each motor per cycle, and nearly all cycles.
-    Trot {
-        /// Ticks per second.
-        #[arg(long)]
-        rate: f64,
-        /// Length, s.
-        #[arg(long)]
-        seconds: f64,
-        /// Share of the ticks that have a cycle.
-        #[arg(long)]
-        share: f64,
-    },
+    Trot(Cycles),
+}
+
+/// The cycles that a log must have.
+#[derive(Debug, Args)]
+struct Cycles {
+    /// Ticks per second.
+    #[arg(long)]
+    rate: f64,
+    /// Length of what is checked, s.
+    #[arg(long)]
+    seconds: f64,
+    /// Share of the ticks that have a cycle.
+    #[arg(long)]
+    share: f64,
 }
 
 fn limit(text: &str) -> Result<(String, f64), String> {
@@ -109,12 +106,12 @@ fn run(arguments: Arguments) -> Result<Verdict, String> {
             let demand = disturbances::Demand { notice: Duration::from_millis(notice_ms), stops, others };
             check(&mut Disturbances::new(&wiring, demand), &wiring, &marks()?, &log)
         }
-        Rules::Replies { parts, ratio, rate, seconds, share } => {
+        Rules::Replies { parts, ratio, cycles: Cycles { rate, seconds, share } } => {
             let demand = replies::Demand { parts, ratio, rate, seconds, share };
             check(&mut Replies::new(&wiring, demand), &wiring, &marks()?, &log)
         }
         Rules::Service => check(&mut Service::new(&wiring), &wiring, &marks()?, &log),
-        Rules::Trot { rate, seconds, share } => {
+        Rules::Trot(Cycles { rate, seconds, share }) => {
             let demand = trot::Demand { rate, seconds, share };
             check(&mut Trot::new(&wiring, demand), &wiring, &[], &log)
         }
