@@ -10,6 +10,7 @@
 
 use iceoryx2::prelude::*;
 use motord_client::Client;
+use motord_harness::robot::fuzz_client::ABSURD;
 use motord_ports::instance::{Instance, pid_namespace};
 use motord_ports::service::Service;
 use motord_ports::{ClientPorts, Payload, Question, SetpointPort, clock, stop_socket};
@@ -42,19 +43,6 @@ const LEFT: usize = 6;
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 /// Clients of a flood of requests: each may have two open.
 const REQUESTERS: usize = 10;
-/// Numbers that often cause failures.
-const ABSURD: [f32; 9] = [
-    f32::NAN,
-    f32::INFINITY,
-    f32::NEG_INFINITY,
-    f32::MAX,
-    f32::MIN,
-    f32::MIN_POSITIVE / 2.0,
-    -0.0,
-    1e3,
-    -1e3,
-];
-
 fn main() -> Outcome<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [instance, group, name, seconds] = &arguments[..] else { return Err("four arguments".into()) };

@@ -8,7 +8,8 @@ use motord_shared::{
     AdminReply, AdminRequest, JointSetpoint, Lease, Operation, SetpointMessage, SetpointMode,
 };
 
-const ABSURD: [f32; 12] = [
+/// Numbers that often cause failures, and some that limits must reduce.
+pub const ABSURD: [f32; 12] = [
     f32::NAN,
     f32::INFINITY,
     f32::NEG_INFINITY,
