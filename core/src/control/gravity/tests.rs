@@ -194,36 +194,29 @@ impl Motion {
 /// Roll, pitch and yaw about x, y and z of the world, in this order.
 fn quaternion(angles: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(|angle| (angle / 2.0).sin_cos());
-    [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
+    let [roll, pitch, yaw] = [[cr, sr, 0.0, 0.0], [cp, 0.0, sp, 0.0], [cy, 0.0, 0.0, sy]];
+    product(yaw, product(pitch, roll))
 }
 
-/// A vector of the world in the frame of the body: v + 2 w (u × v) + 2 u × (u × v) with u = -(x, y,
-/// z).
-fn to_body([w, x, y, z]: [f64; 4], vector: [f64; 3]) -> [f64; 3] {
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    };
-    let axis = [-x, -y, -z];
-    let first = cross(axis, vector);
-    let second = cross(axis, first);
-    [0, 1, 2].map(|part| vector[part] + 2.0 * (w * first[part] + second[part]))
-}
-
-/// Turns the quaternion by roll and pitch about the axes of the body.
-fn tilted(orientation: [f32; 4], [roll, pitch]: [f64; 2]) -> [f32; 4] {
-    let ([a, b, c, d], [w, x, y, z]) = (orientation.map(f64::from), quaternion([roll, pitch, 0.0]));
+/// The rotation of the second quaternion, followed by that of the first.
+fn product([a, b, c, d]: [f64; 4], [w, x, y, z]: [f64; 4]) -> [f64; 4] {
     [
         a * w - b * x - c * y - d * z,
         a * x + b * w + c * z - d * y,
         a * y - b * z + c * w + d * x,
         a * z + b * y - c * x + d * w,
     ]
-    .map(|part| part as f32)
+}
+
+/// A vector of the world in the frame of the body.
+fn to_body(orientation @ [w, x, y, z]: [f64; 4], [a, b, c]: [f64; 3]) -> [f64; 3] {
+    let [_, vector @ ..] = product([w, -x, -y, -z], product([0.0, a, b, c], orientation));
+    vector
+}
+
+/// Turns the quaternion by roll and pitch about the axes of the body.
+fn tilted(orientation: [f32; 4], [roll, pitch]: [f64; 2]) -> [f32; 4] {
+    product(orientation.map(f64::from), quaternion([roll, pitch, 0.0])).map(|part| part as f32)
 }
 
 /// The constant errors of a sensor: angular velocity, rad/s, acceleration, m/s², roll and pitch,
