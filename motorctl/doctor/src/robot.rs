@@ -84,6 +84,23 @@ fn requests(settings: &Settings, bus: usize) -> usize {
     imus.map(|can| can.device.requests().count()).sum()
 }
 
+impl Default for Robot {
+    /// Returns the requirements without a configuration: no interface and no device.
+    fn default() -> Self {
+        Self {
+            rate_hz: RATE_HZ,
+            request: SchedulingRequest { cpu: None, priority: Some(PRIORITY) },
+            spins_at: None,
+            interfaces: Vec::new(),
+            devices: Vec::new(),
+            imus: Vec::new(),
+            units: Vec::new(),
+            instance: DEFAULT_INSTANCE.to_owned(),
+            daemon: None,
+        }
+    }
+}
+
 impl Robot {
     /// Reads the requirements from checked settings.
     #[must_use]
@@ -92,12 +109,8 @@ impl Robot {
             rate_hz: settings.cycle.rate_hz,
             request: SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) },
             spins_at: settings.ipc.priority.filter(|_| settings.ipc.mode == IpcMode::Spin),
-            interfaces: Vec::new(),
-            devices: Vec::new(),
-            imus: Vec::new(),
-            units: Vec::new(),
             instance: settings.instance.clone(),
-            daemon: None,
+            ..Self::default()
         };
         for (index, bus) in settings.buses.iter().enumerate() {
             robot.interfaces.extend(bus.interface().map(|interface| Interface {
@@ -123,17 +136,7 @@ impl Robot {
         let names = tree.names("sys/class/net").into_iter();
         let is_can = |name: &String| tree.number(&format!("sys/class/net/{name}/type")) == Some(ARPHRD_CAN);
         let interface = |name| Interface { name, bitrate: None, motors: 0, requests: 0 };
-        Self {
-            rate_hz: RATE_HZ,
-            request: SchedulingRequest { cpu: None, priority: Some(PRIORITY) },
-            spins_at: None,
-            interfaces: names.filter(is_can).map(interface).collect(),
-            devices: Vec::new(),
-            imus: Vec::new(),
-            units: Vec::new(),
-            instance: DEFAULT_INSTANCE.to_owned(),
-            daemon: None,
-        }
+        Self { interfaces: names.filter(is_can).map(interface).collect(), ..Self::default() }
     }
 
     /// Loads the configuration at `file` or at the default path of `instance`. A refused one

@@ -234,17 +234,8 @@ mod tests {
 
     #[test]
     fn a_measurement_counts_every_tick_once() {
-        let robot = Robot {
-            rate_hz: 200.0,
-            request: SchedulingRequest { cpu: None, priority: None },
-            spins_at: None,
-            interfaces: Vec::new(),
-            devices: Vec::new(),
-            imus: Vec::new(),
-            units: Vec::new(),
-            instance: "robot".to_owned(),
-            daemon: None,
-        };
+        let request = SchedulingRequest { cpu: None, priority: None };
+        let robot = Robot { rate_hz: 200.0, request, ..Robot::default() };
         let measurement = Measurement::start(&robot).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(100));
         let wake = measurement.end().unwrap();

@@ -40,17 +40,8 @@ impl Fixture {
 }
 
 pub(super) fn robot(cpu: Option<usize>) -> Robot {
-    Robot {
-        rate_hz: 1000.0,
-        request: SchedulingRequest { cpu, priority: Some(80) },
-        spins_at: None,
-        interfaces: Vec::new(),
-        devices: Vec::new(),
-        imus: Vec::new(),
-        units: Vec::new(),
-        instance: "robot".to_owned(),
-        daemon: Some(812),
-    }
+    let request = SchedulingRequest { cpu, priority: Some(80) };
+    Robot { request, daemon: Some(812), ..Robot::default() }
 }
 
 pub(super) fn can0() -> Interface {
