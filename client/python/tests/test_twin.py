@@ -556,16 +556,8 @@ def urdf(folder: Path) -> Path:
 
 
 ONE = """
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-limits = { position-rad = [-0.9, 0.9] }
+bus = [{ name = "desk", type = "simulated" }]
+motor = [{ name = "arm", bus = "desk", id = 1, protocol = "mit", model = "GIM8108-8", limits.position-rad = [-0.9, 0.9] }]
 """
 
 

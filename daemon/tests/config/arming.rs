@@ -11,33 +11,16 @@ use motord_settings::settings::Settings;
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 use std::path::Path;
 
-const ROBOT: &str = "
-[[bus]]
-name = 'arm'
-type = 'socketcan'
-interface = 'can0'
-[[motor]]
-name = 'elbow'
-bus = 'arm'
-id = 1
-protocol = 'gim'
-model = 'GIM8108-36'
-[[motor]]
-name = 'wrist'
-bus = 'arm'
-id = 2
-protocol = 'gim'
-model = 'GIM8108-9'
-[[motor]]
-name = 'hip'
-bus = 'arm'
-id = 3
-protocol = 'mit'
-model = 'GIM8108-8'
-";
-
 fn settings() -> Settings {
-    parse(Path::new("robot.toml"), ROBOT.as_bytes(), &Machine::here()).unwrap().settings
+    let motors = [("elbow", "gim", "GIM8108-36"), ("wrist", "gim", "GIM8108-9"), ("hip", "mit", "GIM8108-8")];
+    let motor = |(id, (name, protocol, model)): (u8, _)| {
+        format!(
+            "[[motor]]\nname = '{name}'\nbus = 'arm'\nid = {id}\nprotocol = '{protocol}'\nmodel = '{model}'\n"
+        )
+    };
+    let motors: String = (1..).zip(motors).map(motor).collect();
+    let robot = format!("[[bus]]\nname = 'arm'\ntype = 'socketcan'\ninterface = 'can0'\n{motors}");
+    parse(Path::new("robot.toml"), robot.as_bytes(), &Machine::here()).unwrap().settings
 }
 
 /// Returns the motors that are marked after `change` to the motors on the bus.
