@@ -334,18 +334,8 @@ pub(crate) fn read_and_clear_every_fault(line: &Line, protocol: &str) {
 /// document.
 pub(crate) fn refuse_with_every_result_code(line: &Line) {
     let before = line.good("config list @");
-    for (code, words) in [
-        (0x01, "failure"),
-        (0x02, "unknown command"),
-        (0x03, "unknown id"),
-        (0x04, "read-only register"),
-        (0x05, "unknown register"),
-        (0x06, "string format"),
-        (0x07, "data format"),
-        (0x0B, "write-only register"),
-        (0x42, "reason not in the vendor's list"),
-    ] {
-        assert_eq!(Refusal::check(code).unwrap_err().code(), code);
+    for code in [0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B, 0x42] {
+        let refusal = Refusal::check(code).unwrap_err();
         line.inject(&format!("knee refuse {code}"));
         for (write, name) in [
             ("config set over-voltage 51 @ --yes", "modify configuration"),
@@ -354,8 +344,7 @@ pub(crate) fn refuse_with_every_result_code(line: &Line) {
             ("calibrate phase @ --yes", "calibration"),
         ] {
             let refused = line.bad(write, 1);
-            let expected = format!("{name}: the motor refused: {words} (RES {code:#04X})");
-            assert!(refused.contains(&expected), "{write}: {refused}");
+            assert!(refused.contains(&format!("{name}: {refusal}")), "{write}: {refused}");
         }
     }
     line.inject("knee ok");
