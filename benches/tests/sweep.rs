@@ -140,7 +140,8 @@ fn absurd_value_is_rejected_or_limited() {
     check(&frames, torque_end, f64::from(torque_max));
 }
 
-/// Claims the robot, sends every absurd value, and returns how many messages had a value that is not finite.
+/// Claims the robot, sends every absurd value, and returns how many messages had a value that is
+/// not finite.
 fn send_absurd_values(directory: &Path) -> u32 {
     let mut owner = Owner::new(directory);
     let standing = until("a standing robot", || {

@@ -1,4 +1,5 @@
-//! Names the shared library for programs that link it, and exports the functions of `motord.h` only.
+//! Names the shared library for programs that link it, and exports the functions of `motord.h`
+//! only.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

@@ -1,6 +1,7 @@
 //! Moves one joint, or all joints of a group, along a sine around where they are.
 //!
-//! With `--persist` it continues after a stop and after a restart of the daemon: for simulated robots and robots on a stand.
+//! With `--persist` it continues after a stop and after a restart of the daemon: for simulated
+//! robots and robots on a stand.
 
 use clap::Parser;
 use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, Slot};

@@ -52,7 +52,8 @@ fn print(robot: &RobotDescription, state: &State) -> io::Result<()> {
     for (description, joint) in robot.joints.iter().zip(state.joints()) {
         let mode = joint.mode.map_or("unknown", MotorMode::name);
         let freshness = if joint.fresh { "" } else { "  (not fresh)" };
-        // Adding 0.0 after rounding removes the sign of zero: half a code below zero is 0.000, not -0.000.
+        // Adding 0.0 after rounding removes the sign of zero: half a code below zero is 0.000, not
+        // -0.000.
         let digits = |value: f32| format!("{:.3}", (1e3 * value).round() / 1e3 + 0.0);
         let known = |value: Option<f32>| value.map_or_else(|| "-".to_owned(), digits);
         let [position, velocity, torque] = [joint.position(), joint.velocity(), joint.torque()].map(known);

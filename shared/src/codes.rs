@@ -1,6 +1,7 @@
 //! The meaning of the integers in the messages.
 //!
-//! One table per kind of code: number, kebab-case name (for JSON and the command line), and a sentence for people.
+//! One table per kind of code: number, kebab-case name (for JSON and the command line), and a
+//! sentence for people.
 
 use crate::limits::HISTOGRAMS_MAX;
 use core::ops::RangeInclusive;
@@ -170,8 +171,8 @@ impl Cause {
 }
 
 codes! {
-    /// A fault that a motor reports, in words that all vendors share; the number is its bit in `JointState::fault` and in
-    /// `motord_protocol::Faults`.
+    /// A fault that a motor reports, in words that all vendors share; the number is its bit in
+    /// `JointState::fault` and in `motord_protocol::Faults`.
     Fault {
         FocFrequency = 0 "foc-frequency" "The current loop could not keep its rate (FOC frequency too high).",
         OverVoltage = 1 "over-voltage" "The bus voltage is above the driver's threshold.",
@@ -233,7 +234,8 @@ codes! {
 }
 
 codes! {
-    /// The reason why an administrative request was refused. 0 is success; 19 was used once, and stays free.
+    /// The reason why an administrative request was refused. 0 is success; 19 was used once, and
+    /// stays free.
     Refusal {
         UnknownOperation = 1 "unknown-operation" "The daemon does not know this request; is the client newer than the daemon?",
         UnknownGroup = 2 "unknown-group" "There is no such group.",
@@ -346,8 +348,8 @@ impl Refusal {
         }
     }
 
-    /// Returns `true` if the same request may be granted later without a reset, a cleared fault or a
-    /// corrected mistake. For example, power returns, a bus works again, an owner leaves, or the
+    /// Returns `true` if the same request may be granted later without a reset, a cleared fault or
+    /// a corrected mistake. For example, power returns, a bus works again, an owner leaves, or the
     /// daemon's successor starts.
     #[must_use]
     pub const fn is_transient(self) -> bool {
@@ -469,7 +471,8 @@ codes! {
 }
 
 codes! {
-    /// A limit that changed a setpoint before it was sent; the number is its bit in `JointState::limits`.
+    /// A limit that changed a setpoint before it was sent; the number is its bit in
+    /// `JointState::limits`.
     Limit {
         Position = 0 "position" "The position was clamped.",
         Velocity = 1 "velocity" "The velocity was clamped.",
@@ -496,8 +499,9 @@ impl Limit {
 }
 
 codes! {
-    /// A convention of an IMU's driver that contradicts gravity while the body rests; the number is its bit in `ImuState::contradictions`.
-    /// Several bits at once are one finding: all of them together make orientation and acceleration agree.
+    /// A convention of an IMU's driver that contradicts gravity while the body rests; the number is
+    /// its bit in `ImuState::contradictions`. Several bits at once are one finding: all of them
+    /// together make orientation and acceleration agree.
     ImuContradiction {
         QuaternionXyzw = 0 "quaternion-xyzw" "Read as x, y, z, w, the quaternion would agree: send w, x, y, z.",
         QuaternionInverse = 1 "quaternion-inverse" "Read as world to body, the quaternion would agree: send body to world, the conjugate.",

@@ -32,7 +32,8 @@ pub struct RobotDescription {
     pub imus: Vec<ImuDescription>,
     /// Names of the buses.
     pub buses: Vec<String>,
-    /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated bus.
+    /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated
+    /// bus.
     pub devices: Vec<String>,
     /// Half the longest time of a command and its reply, s, in the order of `buses`: the highest
     /// mean time of a frame. It includes stuffing bits and, on a serial bus, the time until the
@@ -41,8 +42,8 @@ pub struct RobotDescription {
 }
 
 impl RobotDescription {
-    /// Returns the next step for an owner that sends setpoints every `period` with this `horizon`; see
-    /// [`slow_owner`].
+    /// Returns the next step for an owner that sends setpoints every `period` with this `horizon`;
+    /// see [`slow_owner`].
     #[must_use]
     pub fn slow_owner(&self, period: Duration, horizon: Duration) -> Option<String> {
         slow_owner(period, self.setpoint_timeout, horizon)
@@ -150,9 +151,11 @@ pub struct ImuDescription {
     pub rate_hz: f64,
     /// `type` in the configuration.
     pub source: String,
-    /// Rotation from the sensor to the body, a unit quaternion w, x, y, z; `mount-rpy-deg` in the configuration.
+    /// Rotation from the sensor to the body, a unit quaternion w, x, y, z; `mount-rpy-deg` in the
+    /// configuration.
     pub mount: [f32; 4],
-    /// Longest time without a sample before it is lost, and largest age of a sample of an external IMU, s; 0 when unknown.
+    /// Longest time without a sample before it is lost, and largest age of a sample of an external
+    /// IMU, s; 0 when unknown.
     pub lost_after: f64,
 }
 
@@ -176,8 +179,8 @@ pub struct Telemetry {
     pub polled_reads: u64,
     /// Records dropped because telemetry was too slow.
     pub dropped_records: u64,
-    /// Time that the plant of a simulated robot lost since the daemon started, µs: it was slower than
-    /// real time. 0 without a plant.
+    /// Time that the plant of a simulated robot lost since the daemon started, µs: it was slower
+    /// than real time. 0 without a plant.
     pub plant_lost_us: u64,
     /// From a tick to the beginning of its cycle. A missed tick counts with the beginning of the
     /// next cycle.
@@ -202,7 +205,8 @@ pub struct Telemetry {
     pub control_latency_us: Percentiles,
     /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
-    /// From the receipt of the newest sample of an IMU to the publication of states with it, in the order of the description.
+    /// From the receipt of the newest sample of an IMU to the publication of states with it, in the
+    /// order of the description.
     pub imus: Vec<Percentiles>,
     /// Owners and stops, in the order of the description.
     pub groups: Vec<GroupHistory>,
@@ -261,7 +265,8 @@ pub struct GroupHistory {
     pub first: Option<FirstStop>,
 }
 
-/// The first stop of a group since its last reset. `GroupState` has the emergency stop that replaced its cause.
+/// The first stop of a group since its last reset. `GroupState` has the emergency stop that
+/// replaced its cause.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FirstStop {

@@ -21,7 +21,8 @@ pub struct Field {
     pub quantity: Option<u32>,
 }
 
-/// Type and shape of a field: how it is stored in a message, and how JSON and Protobuf represent it.
+/// Type and shape of a field: how it is stored in a message, and how JSON and Protobuf represent
+/// it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// `f32` that is valid once the device has reported it.
@@ -46,7 +47,8 @@ pub enum Kind {
     Flags,
     /// Bits of a `Flags` word.
     Flag(u32),
-    /// Bits of a `Flags` word from this one on, one for each code. JSON has the names; Protobuf the bits from bit 0 on.
+    /// Bits of a `Flags` word from this one on, one for each code. JSON has the names; Protobuf the
+    /// bits from bit 0 on.
     FlagSet(u32, &'static [&'static str]),
     /// `f32` values of a command: position, velocity, kp, kd, torque.
     Command,

@@ -1,4 +1,5 @@
-//! The state of a joint: one table from which the message, the client library, JSON and recordings come.
+//! The state of a joint: one table from which the message, the client library, JSON and recordings
+//! come.
 
 use crate::codes::{Fault, Limit, MotorMode};
 use crate::field::{Field, Kind, optional};
@@ -146,8 +147,8 @@ macro_rules! joint_list {
             }
         }
     };
-    // `{ doc (unit) name type }` of each field in the memory; `{ doc (unit) name field [kind] (json)
-    // (proto number) (quantity) }` of each row.
+    // `{ doc (unit) name type }` of each field in the memory;
+    // `{ doc (unit) name field [kind] (json) (proto number) (quantity) }` of each row.
     (@memory $with:ident $list:tt $client:tt $json:tt $recording:tt) => { $with! $list };
     // `{ doc unit name }` of measured quantities; `{ doc [kind] name view }`; `{ doc flag BITS }`.
     (@client $with:ident $memory:tt $list:tt $json:tt $recording:tt) => { $with! $list };

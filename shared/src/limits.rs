@@ -9,7 +9,8 @@ pub const GROUPS_MAX: usize = 8;
 pub const BUSES_MAX: usize = 16;
 /// Limit on the IMUs.
 pub const IMUS_MAX: usize = 4;
-/// Limit on the ports for the samples of external IMUs: one for the publisher of each, and one for its next.
+/// Limit on the ports for the samples of external IMUs: one for the publisher of each, and one for
+/// its next.
 pub const IMU_PUBLISHERS_MAX: usize = 8;
 /// Limit on those of one process: one for each IMU.
 pub const IMU_PUBLISHERS_PER_PROCESS: usize = IMUS_MAX;

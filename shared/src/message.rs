@@ -44,7 +44,8 @@ plain! {
         /// Mean time between two setpoint messages of the owner, ns; 0 before the second. While
         /// `setpoint-timeout` is latched, that of the owner that was stopped.
         pub setpoint_period_ns: u64,
-        /// Number of the cycle whose states the setpoint in use answers, as its owner reports; 0 without a valid number.
+        /// Number of the cycle whose states the setpoint in use answers, as its owner reports; 0
+        /// without a valid number.
         pub answered_cycle: u64,
         /// Number of the cycle that first used the setpoint in use; 0 for none.
         pub used_cycle: u64,
@@ -61,7 +62,8 @@ plain! {
         /// Accepted messages that missed the first cycle after the one that they answer, modulo
         /// 2³².
         pub late: u32,
-        /// Horizon of the setpoint in use, ns; 0 for none. While `setpoint-timeout` is latched, that of the last one.
+        /// Horizon of the setpoint in use, ns; 0 for none. While `setpoint-timeout` is latched,
+        /// that of the last one.
         pub setpoint_horizon_ns: u32,
         /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
         pub rejected: [u32; Rejection::COUNT],
@@ -86,7 +88,8 @@ plain! {
         pub boot_id: u64,
         /// Cycle number, from 1. It counts ticks: missed ticks leave a gap.
         pub cycle: u64,
-        /// The tick with the cycle's number, ns of `CLOCK_MONOTONIC`: a period apart for each cycle, also after missed ticks.
+        /// The tick with the cycle's number, ns of `CLOCK_MONOTONIC`: a period apart for each
+        /// cycle, also after missed ticks.
         pub tick_ns: u64,
         /// Delay of the start after this tick, ns.
         pub wake_latency_ns: u64,
@@ -225,7 +228,8 @@ plain! {
         pub cycle: u64,
         /// Joints in use: exactly the joints of the group.
         pub joint_count: u32,
-        /// Horizon, ns: until this long after `time_ns`, the daemon moves the setpoints linearly to these. 0: at once.
+        /// Horizon, ns: until this long after `time_ns`, the daemon moves the setpoints linearly to
+        /// these. 0: at once.
         pub horizon_ns: u32,
         /// Joints of the group, in the order of the configuration.
         pub joints: [JointSetpoint; JOINTS_MAX],
@@ -260,7 +264,8 @@ plain! {
         pub known: u64,
         /// The daemon's whole state after the cycle.
         pub state: StateMessage,
-        /// Joints, in the order of the configuration: the setpoint in use as its owner sent it, before all limits.
+        /// Joints, in the order of the configuration: the setpoint in use as its owner sent it,
+        /// before all limits.
         pub setpoints: [JointSetpoint; JOINTS_MAX],
     }
 }
@@ -291,8 +296,9 @@ plain! {
     pub struct ImuMessage {
         /// See `StateMessage::boot_id`, of the daemon whose description contains the index `imu`.
         pub boot_id: u64,
-        /// The publisher: its process id in the bits 63..32, and a random number. Only the samples of one publisher are
-        /// used; another one may begin when none of its samples was used for `lost-after-ms`.
+        /// The publisher: its process id in the bits 63..32, and a random number. Only the samples
+        /// of one publisher are used; another one may begin when none of its samples was used for
+        /// `lost-after-ms`.
         pub publisher: u64,
         /// Must increase with every sample of a publisher. A gap counts as missing samples.
         pub sequence: u64,
@@ -371,7 +377,8 @@ plain! {
         pub lease: u64,
         /// 0 for success, otherwise a `Refusal` code.
         pub refusal: u32,
-        /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint index may be [`NO_JOINT`].
+        /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint
+        /// index may be [`NO_JOINT`].
         pub detail: u32,
     }
 }

@@ -2,7 +2,8 @@
 
 use core::fmt::Debug;
 
-/// A value of which every bit pattern is valid: a number, or an array or structure of such values without padding.
+/// A value of which every bit pattern is valid: a number, or an array or structure of such values
+/// without padding.
 ///
 /// Only this crate implements it, with `plain!`: unsafe code of the ports relies on that.
 pub trait Plain: Copy {
@@ -12,7 +13,8 @@ pub trait Plain: Copy {
 
 /// A message of a service.
 pub trait Message: Plain + Debug {
-    /// Its name and the version of its layout. A process whose layout differs cannot open the service.
+    /// Its name and the version of its layout. A process whose layout differs cannot open the
+    /// service.
     const TYPE_NAME: &'static str;
 }
 
@@ -75,7 +77,8 @@ impl<T: Plain, const N: usize> Plain for [T; N] {
     const ZERO: Self = [T::ZERO; N];
 }
 
-/// Declares a structure of a message. Its fields must be [`Plain`], and must leave no padding between them.
+/// Declares a structure of a message. Its fields must be [`Plain`], and must leave no padding
+/// between them.
 macro_rules! plain {
     ($(#[$attribute:meta])* pub struct $name:ident {
         $($(#[$field_attribute:meta])* pub $field:ident: $type:ty,)+

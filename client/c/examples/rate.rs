@@ -1,5 +1,5 @@
-//! The loop of `client/c/tests/allocations.cpp` in Rust, for comparison in the same run: holds a group, and prints the median time of
-//! a send and the share of late setpoints.
+//! The loop of `client/c/tests/allocations.cpp` in Rust, for comparison in the same run: holds a
+//! group, and prints the median time of a send and the share of late setpoints.
 //!
 //!   rate [INSTANCE [GROUP [SECONDS]]]
 

@@ -1,4 +1,5 @@
-//! The client library for C and C++: `include/motord.h`, which cbindgen makes of this crate, describes each function.
+//! The client library for C and C++: `include/motord.h`, which cbindgen makes of this crate,
+//! describes each function.
 //!
 //! - [`abi`]: the functions, which check each pointer and let no panic out.
 //! - [`handle`]: the objects behind the pointers of a caller.
@@ -8,7 +9,8 @@
 //! - [`joint`]: all values of a joint.
 //! - [`generated`]: enumerations, from the tables of a joint's state and of codes.
 //!
-//! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first messages; a failure allocates.
+//! Reading and sending wait for no other thread, log nothing, and allocate nothing after the first
+//! messages; a failure allocates.
 
 pub mod abi;
 pub mod arrays;

@@ -149,7 +149,8 @@ fn text(text: &str) -> CString {
 pub fn fail(failure: Failure) -> Status {
     let Failure { status, message, joints } = failure;
     let last = Last { message: text(&message), joints: joints.iter().map(|joint| text(joint)).collect() };
-    // The status alone, once the thread ends: exit handlers and destructors of static objects may still call.
+    // The status alone, once the thread ends: exit handlers and destructors of static objects may
+    // still call.
     let _stored = LAST.try_with(|kept| *kept.borrow_mut() = last);
     status
 }

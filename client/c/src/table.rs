@@ -1,8 +1,9 @@
 //! The objects of one kind, and the numbers that callers have of them.
 //!
-//! The pointer of a caller is a number that names a slot of a table and its use. It leads to no memory, so the library reads nothing that
-//! was freed, and a number is not used again. The numbers of two copies of the library in a process may be equal. Every function is
-//! lock-free, so a forked process finds no lock of its parent.
+//! The pointer of a caller is a number that names a slot of a table and its use. It leads to no
+//! memory, so the library reads nothing that was freed, and a number is not used again. The numbers
+//! of two copies of the library in a process may be equal. Every function is lock-free, so a forked
+//! process finds no lock of its parent.
 //!
 //! ```text
 //!   1 | use | slot | kind | 000
@@ -92,7 +93,8 @@ impl<T> Table<T> {
             let slot = self.slot_or_new(index)?;
             let free = slot.used.load(Ordering::Acquire);
             let used = free.wrapping_add(1);
-            // The object of the last use may not be taken yet. A slot is not used again after its last number.
+            // The object of the last use may not be taken yet. A slot is not used again after its
+            // last number.
             let is_free = free % 2 == 0 && free < USE_MAX && slot.object.load(Ordering::Acquire).is_null();
             if is_free && slot.used.compare_exchange(free, used, Ordering::AcqRel, Ordering::Relaxed).is_ok()
             {
@@ -123,7 +125,8 @@ impl<T> Table<T> {
     /// Takes the object with this number, which had one. The first of several threads gets it.
     fn take(&self, number: Number) -> Option<Box<T>> {
         let slot = self.slot(number.slot)?;
-        // Ends the use first: a number never returns, and no other thread takes or stores an object until the slot is empty.
+        // Ends the use first: a number never returns, and no other thread takes or stores an object
+        // until the slot is empty.
         let next = number.used + 1;
         slot.used.compare_exchange(number.used, next, Ordering::AcqRel, Ordering::Relaxed).ok()?;
         let object = slot.object.swap(ptr::null_mut(), Ordering::AcqRel);

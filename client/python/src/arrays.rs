@@ -1,6 +1,7 @@
 //! Values of a caller: one number for all joints, one for each, or a mapping by name; and times.
 //!
-//! Reading a value may run code of the caller, and the handler of a signal. An exception of these passes on: `KeyboardInterrupt` too.
+//! Reading a value may run code of the caller, and the handler of a signal. An exception of these
+//! passes on: `KeyboardInterrupt` too.
 
 use numpy::PyReadonlyArray1;
 use pyo3::PyTypeInfo;

@@ -289,7 +289,8 @@ impl Claim {
         let end = || {
             let taken = self.owned.lock().unwrap_or_else(PoisonError::into_inner).claim.take();
             let Some(mut claim) = taken else { return };
-            // A group that cannot be disabled is stopped by its release, or by the daemon after its last setpoint.
+            // A group that cannot be disabled is stopped by its release, or by the daemon after its
+            // last setpoint.
             let _stopped = claim.disable().and_then(|()| claim.wait_for(Phase::Disarmed, CHANGE));
             let _released = claim.release();
         };

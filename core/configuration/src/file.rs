@@ -36,7 +36,8 @@ impl From<io::Error> for Wrong {
     }
 }
 
-/// Returns the 64-bit FNV-1a hash of `bytes`. The hash of the standard library differs between versions.
+/// Returns the 64-bit FNV-1a hash of `bytes`. The hash of the standard library differs between
+/// versions.
 pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)

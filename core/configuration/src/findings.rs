@@ -15,7 +15,8 @@ use super::similar::suggestion;
 /// Letters of a rejected name in a report.
 const SHOWN_MAX: usize = 200;
 
-/// Most problems of a report, before equal ones are joined. The place of each takes a pass over the file.
+/// Most problems of a report, before equal ones are joined. The place of each takes a pass over the
+/// file.
 const PROBLEMS_MAX: usize = 1000;
 
 /// Errors and warnings, each with its place. At most [`PROBLEMS_MAX`]; further ones are dropped.

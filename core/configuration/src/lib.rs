@@ -51,9 +51,11 @@ pub struct Loaded {
     pub settings: Settings,
     /// `[telemetry]`, which the core does not use.
     pub telemetry: TelemetrySettings,
-    /// The effective limits of each motor and where they come from, in the order of `settings.motors`.
+    /// The effective limits of each motor and where they come from, in the order of
+    /// `settings.motors`.
     pub limits: Vec<Vec<Limit>>,
-    /// The line of the file that each `[[motor]]` begins in, from 1, in the order of `settings.motors`.
+    /// The line of the file that each `[[motor]]` begins in, from 1, in the order of
+    /// `settings.motors`.
     pub motor_lines: Vec<usize>,
     /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
@@ -72,7 +74,8 @@ pub struct TelemetrySettings {
     pub prometheus_hosts: Vec<String>,
 }
 
-/// Why a configuration is refused: every error found, in the order of the file's lines. At least one.
+/// Why a configuration is refused: every error found, in the order of the file's lines. At least
+/// one.
 #[derive(Debug)]
 pub struct ConfigError {
     /// The problems, each with its place in the file.

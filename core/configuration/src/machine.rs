@@ -10,7 +10,8 @@ use std::thread::Builder;
 /// Highest `SCHED_FIFO` priority that the daemon requests: kernel threads use 99.
 const PRIORITY_MAX: u8 = 98;
 
-/// `CAP_SYS_NICE` in the capability sets of `/proc`, `capabilities(7)`: it lifts the limit of the priority.
+/// `CAP_SYS_NICE` in the capability sets of `/proc`, `capabilities(7)`: it lifts the limit of the
+/// priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
 
 /// The resources that this machine allows a new process.

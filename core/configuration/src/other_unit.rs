@@ -7,7 +7,8 @@ use super::similar::closest;
 use super::units::{Shown, Unit, short};
 use super::value::Value;
 
-/// Returns the hint for the unknown key `name`: the same number would mean something else in the known key.
+/// Returns the hint for the unknown key `name`: the same number would mean something else in the
+/// known key.
 pub(super) fn hint(
     (name, value): (&str, &Spanned<DeValue<'_>>),
     keys: &[&'static str],

@@ -425,7 +425,8 @@ impl Wrong {
     }
 }
 
-/// Escapes characters that a terminal obeys or hides: a problem is one line, and a file must not control the terminal.
+/// Escapes characters that a terminal obeys or hides: a problem is one line, and a file must not
+/// control the terminal.
 pub(super) fn plain(text: &str) -> String {
     printable_line(text).into_owned()
 }

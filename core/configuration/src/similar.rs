@@ -17,8 +17,8 @@ pub fn suggestion<'k>(written: &str, known: impl Iterator<Item = &'k str>) -> St
     }
 }
 
-/// Returns the known key that has most words of an unknown one, such as `torque-nm` for `max-torque`. `None` if that is none, or
-/// several with as many words.
+/// Returns the known key that has most words of an unknown one, such as `torque-nm` for
+/// `max-torque`. `None` if that is none, or several with as many words.
 #[must_use]
 pub(super) fn with_words<'k>(written: &str, known: impl Iterator<Item = &'k str>) -> Option<&'k str> {
     /// Words of many keys.

@@ -98,8 +98,8 @@ impl Sort {
         }
     }
 
-    /// Explains a text whose unit is not one of the key; `None` for one that begins with no number. Proposes no number of it: in
-    /// the unit of the key it is another value.
+    /// Explains a text whose unit is not one of the key; `None` for one that begins with no number.
+    /// Proposes no number of it: in the unit of the key it is another value.
     pub(super) fn foreign(self, text: &str, unit: &str, (key, example): (&str, &str)) -> Option<String> {
         if !matches!(self, Self::Number | Self::Integer) {
             return None;

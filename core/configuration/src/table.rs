@@ -196,7 +196,8 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         Wrong::UnknownTable { table, hint }
     }
 
-    /// The hint for a table of the file that was written below another one. Problems that only follow are not reported.
+    /// The hint for a table of the file that was written below another one. Problems that only
+    /// follow are not reported.
     fn of_file_table(&mut self, name: &str) -> Option<String> {
         let (path, _) = *self.known.iter().find(|(path, _)| *path == name)?;
         self.findings.mark_malformed(path);
@@ -208,8 +209,8 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         Some(format!("it is no part of {}: write {}{more}", header(self.path), header(path)))
     }
 
-    /// Returns the tables that an unknown key belongs to: one of the same list, or the one or two that
-    /// have this key.
+    /// Returns the tables that an unknown key belongs to: one of the same list, or the one or two
+    /// that have this key.
     fn table_of(&self, key: &str) -> Option<String> {
         let has_it = self.known.iter().filter(|(_, keys)| keys.contains(&key));
         let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
@@ -238,7 +239,8 @@ fn header(path: &str) -> String {
     if LISTS.contains(&path) { format!("[[{path}]]") } else { format!("[{path}]") }
 }
 
-/// The line that begins a table of the file, as its value was written; `None` for a value that is no table.
+/// The line that begins a table of the file, as its value was written; `None` for a value that is
+/// no table.
 fn written_as_table(name: &str, value: &DeValue<'_>) -> Option<String> {
     let name = plain(name);
     match value {

@@ -179,7 +179,8 @@ fn lock_round_trips_and_other_file_is_refused() {
     assert!(Lock::load(&config).is_err());
 }
 
-/// Goal: a lock that cannot be reached is not taken for a robot without a lock, and saving follows no link.
+/// Goal: a lock that cannot be reached is not taken for a robot without a lock, and saving follows
+/// no link.
 #[test]
 fn link_without_target_is_no_missing_lock() {
     let directory = tempfile::tempdir().unwrap();

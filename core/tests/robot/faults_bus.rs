@@ -51,7 +51,8 @@ fn controller_overrun_counts_as_lost_frame() {
     assert_eq!((robot.cause(), after.condition), (None, before.condition));
 }
 
-/// Goal: where the adapter loses replies, the stop names the lost frames, not the power and the cable of the motor.
+/// Goal: where the adapter loses replies, the stop names the lost frames, not the power and the
+/// cable of the motor.
 #[test]
 fn motor_lost_amid_lost_frames_names_them() {
     for (fault, kind) in [("can overrun", "the controller"), ("can overflow 3", "the kernel")] {
@@ -411,7 +412,8 @@ fn lagging_state_is_no_fault_but_report_is() {
     }
 }
 
-/// Goal: a motor that answers questions for its faults by states, as relatives without such a command do, has no fault.
+/// Goal: a motor that answers questions for its faults by states, as relatives without such a
+/// command do, has no fault.
 #[test]
 fn state_as_fault_answer_is_no_fault() {
     let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);

@@ -1,7 +1,8 @@
 //! The host names under which the metrics are served.
 //!
-//! A page of another site can direct its own name to a loopback address (DNS rebinding), and read what a browser on
-//! this computer fetches from there. The browser sends that name, so only known names are answered.
+//! A page of another site can direct its own name to a loopback address (DNS rebinding), and read
+//! what a browser on this computer fetches from there. The browser sends that name, so only known
+//! names are answered.
 
 use http::uri::Authority;
 use std::net::{IpAddr, Ipv6Addr};
@@ -16,7 +17,8 @@ impl Hosts {
         Self(names)
     }
 
-    /// Returns whether `authority`, a name with or without a port, is served. The port is not checked.
+    /// Returns whether `authority`, a name with or without a port, is served. The port is not
+    /// checked.
     pub(crate) fn has(&self, authority: &str) -> bool {
         // RFC 9110 permits no user in the field.
         let Some(authority) = authority.parse::<Authority>().ok().filter(|_| !authority.contains('@')) else {

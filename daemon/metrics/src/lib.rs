@@ -1,8 +1,8 @@
-//! The daemon's measurements: histograms of all latencies ([`Distributions`]), their text for Prometheus ([`Metrics`]), and
-//! the threads that serve that text ([`Outputs`]).
+//! The daemon's measurements: histograms of all latencies ([`Distributions`]), their text for
+//! Prometheus ([`Metrics`]), and the threads that serve that text ([`Outputs`]).
 //!
-//! Nothing here is on the real-time path. The cycle and the ipc thread push samples into rings, and the telemetry
-//! thread pops them. A sample that finds its ring full is dropped and counted.
+//! Nothing here is on the real-time path. The cycle and the ipc thread push samples into rings, and
+//! the telemetry thread pops them. A sample that finds its ring full is dropped and counted.
 
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,5 @@
-//! The threads that serve the newest text of the metrics. None is real-time or delays another thread, and a panic
-//! in one ends that output only.
+//! The threads that serve the newest text of the metrics. None is real-time or delays another
+//! thread, and a panic in one ends that output only.
 
 use crate::connection::Limits;
 use crate::hosts::Hosts;
@@ -31,8 +31,8 @@ pub struct Wanted {
 pub struct Outputs(Arc<Latest>);
 
 impl Outputs {
-    /// Starts the configured outputs. Returns `None` without any. An output that cannot be started is logged, and the
-    /// daemon runs without it.
+    /// Starts the configured outputs. Returns `None` without any. An output that cannot be started
+    /// is logged, and the daemon runs without it.
     #[must_use]
     pub fn start(wanted: &Wanted) -> Option<Self> {
         if wanted.file.is_none() && wanted.listen.is_none() {

@@ -1,4 +1,5 @@
-//! `motord-sim`: a configuration's motors and IMUs, simulated, on its CAN interfaces and on pseudo terminals.
+//! `motord-sim`: a configuration's motors and IMUs, simulated, on its CAN interfaces and on pseudo
+//! terminals.
 
 use clap::{CommandFactory, Parser};
 use motord::buses::fault_line::FaultLineError;

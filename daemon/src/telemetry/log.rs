@@ -7,7 +7,8 @@
 //! | info | who asked for what, and what a group does |
 //! | debug | every change of every motor |
 //!
-//! A line that needs an action has a field that `motorctl explain` accepts: `cause`, `faults`, `condition`, `why` or `see`.
+//! A line that needs an action has a field that `motorctl explain` accepts: `cause`, `faults`,
+//! `condition`, `why` or `see`.
 //!
 //! Frequent changes of a motor or bus are summed up once a second, missed ticks once a minute.
 
@@ -53,7 +54,7 @@ pub(super) struct Log {
     foreign_imu_samples: u64,
     /// The cycle of the last event of lost frames, by bus.
     lost_in: Vec<Option<u64>>,
-    /// Cycles after such an event in which a silent motor is put down to it: the events are a second apart.
+    /// Cycles after such an event in which it explains a silent motor: events are a second apart.
     loss_cycles: u64,
     setpoint_timeout: Duration,
     registers: RegisterLog,
@@ -213,7 +214,7 @@ impl Log {
         }
     }
 
-    /// A motor that goes silent while its group moves stops the group. That stop has a line of its own, so this one is debug.
+    /// A motor that goes silent stops its moving group. The stop has a line, so this one is debug.
     fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
         let phase = self.groups[self.motors[motor].group].phase;
         let is_moving = matches!(phase, Phase::Starting | Phase::Active);
@@ -234,7 +235,7 @@ impl Log {
         }
     }
 
-    /// Returns the page and the check for a silent motor: `check`, unless frames of its bus were lost shortly before.
+    /// Returns the page and the check for a silent motor: `check`, unless its bus just lost frames.
     fn check_of_silence(
         &self,
         cycle: u64,
@@ -396,7 +397,7 @@ impl Log {
         }
     }
 
-    /// Logs a stop: at the end of the daemon for debugging, after a disable as a warning, otherwise as an error.
+    /// Logs a stop as an error, after a disable as a warning, at the end of the daemon as debug.
     fn log_stop(
         &mut self,
         cycle: u64,
@@ -576,7 +577,7 @@ impl Log {
     }
 }
 
-/// The words for a request that was granted; `None` if an event of the cycle reports it, or if the request changed nothing.
+/// The words for a granted request; `None` if an event reports it, or if it changed nothing.
 const fn done(operation: Operation) -> Option<&'static str> {
     match operation {
         Operation::Enable => Some("enabled"),

@@ -79,8 +79,8 @@ fn publishing_process() {
     }
 }
 
-/// Goal: samples are in the state through the mount, a killed publisher is lost after `lost-after-ms`, the next one takes
-/// over, and one survives a restart of the daemon.
+/// Goal: samples are in the state through the mount, a killed publisher is lost after
+/// `lost-after-ms`, the next one takes over, and one survives a restart of the daemon.
 #[test]
 fn external_imu_follows_its_publishers() {
     let mut daemon = Daemon::start(&config());
@@ -125,7 +125,8 @@ fn unmounted(config: &str) -> Daemon {
     Daemon::start(&config.replace("mount-rpy-deg = [0, 0, 90]\n", ""))
 }
 
-/// Goal: each convention of a resting body is named in the state and in the log, and one that agrees again as well.
+/// Goal: each convention of a resting body is named in the state and in the log, and one that
+/// agrees again as well.
 #[test]
 fn convention_of_a_publisher_is_named_in_log() {
     let daemon = unmounted(&config());
@@ -153,7 +154,8 @@ fn convention_of_a_publisher_is_named_in_log() {
     }
 }
 
-/// Goal: a publisher whose samples are lost many times a second gets the line about its convention none the less.
+/// Goal: a publisher whose samples are lost many times a second gets the line about its convention
+/// none the less.
 #[test]
 fn contradiction_is_logged_beside_many_losses() {
     let daemon = unmounted(&config().replace("lost-after-ms = 200", "lost-after-ms = 5"));
@@ -180,7 +182,8 @@ fn contradiction_is_logged_beside_many_losses() {
     });
 }
 
-/// Goal: a publisher that repeats one measurement is lost, and one with another clock learns it from `send`.
+/// Goal: a publisher that repeats one measurement is lost, and one with another clock learns it
+/// from `send`.
 #[test]
 fn stuck_and_misdated_publishers_are_named() {
     let daemon = unmounted(&config());
@@ -216,7 +219,8 @@ fn stuck_and_misdated_publishers_are_named() {
     daemon.await_log("fit CLOCK_REALTIME");
 }
 
-/// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the motors and the cycle.
+/// Goal: a publisher that sends anything at 20 kHz and more changes nothing of the other IMUs, the
+/// motors and the cycle.
 #[test]
 fn hostile_publisher_changes_nothing_else() {
     let daemon = Daemon::start(&config());

@@ -520,7 +520,8 @@ fn too_few_descriptors_are_error_before_motion() {
     }
 }
 
-/// Waits for the first reply of the arm's motor: before it, the motor is offline and a reset is refused.
+/// Waits for the first reply of the arm's motor: before it, the motor is offline and a reset is
+/// refused.
 fn await_the_first_reply(service: &Service) {
     let (begun, mut operator) = (Instant::now(), Operator::of(service));
     while !(operator.refresh() && operator.state.joints[0].position.is_finite()) {

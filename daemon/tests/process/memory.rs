@@ -8,7 +8,8 @@ use std::io::Write;
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use tempfile::TempDir;
 
-/// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the system permits it.
+/// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the
+/// system permits it.
 const RESIDENT_MAX: u64 = 31 * 1024;
 /// A field of proc_pid_stat(5).
 const SCHEDULING_POLICY: usize = 41;

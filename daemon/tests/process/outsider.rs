@@ -1,7 +1,8 @@
-//! Many kills beside a hostile user, who has 1000 names of daemons and takes the locks of the buses as soon as they are free. Needs root.
+//! Many kills beside a hostile user, who has 1000 names of daemons and takes the locks of the buses
+//! as soon as they are free. Needs root.
 //!
-//! The switch and `safe-stop` are the programs; the motors are the other end of a terminal. The daemon only registers, and is killed.
-//! `MOTORD_OUTSIDER_RUNS` is the number of kills.
+//! The switch and `safe-stop` are the programs; the motors are the other end of a terminal. The
+//! daemon only registers, and is killed. `MOTORD_OUTSIDER_RUNS` is the number of kills.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -148,8 +149,8 @@ fn plays_the_driver() {
     }
 }
 
-/// Runs in a process of its own: an outsider that has the names of 1000 daemons, and takes the locks of the terminal as soon as they
-/// are free. Not a test of its own.
+/// Runs in a process of its own: an outsider that has the names of 1000 daemons, and takes the
+/// locks of the terminal as soon as they are free. Not a test of its own.
 #[test]
 fn plays_the_outsider() {
     let (Ok(device), Ok(_)) = (std::env::var(DEVICE), std::env::var(RUNTIME)) else { return };
@@ -170,7 +171,8 @@ fn plays_the_outsider() {
     }
 }
 
-/// Kills a daemon while the switch is frozen for `freeze`. Returns the time from its continuation to the first frame at the motors.
+/// Kills a daemon while the switch is frozen for `freeze`. Returns the time from its continuation
+/// to the first frame at the motors.
 fn kill_one(
     switch: &Switch,
     line: &Line,
@@ -204,7 +206,8 @@ fn runs() -> usize {
     std::env::var(RUNS).ok().and_then(|runs| runs.parse().ok()).unwrap_or(RUNS_DEFAULT)
 }
 
-/// Goal: whatever an outsider holds, the switch damps and stops the motors after each kill, on time and frozen.
+/// Goal: whatever an outsider holds, the switch damps and stops the motors after each kill, on time
+/// and frozen.
 #[test]
 fn every_kill_is_damped_beside_outsider() {
     if !nix::unistd::geteuid().is_root() {
@@ -228,7 +231,8 @@ fn every_kill_is_damped_beside_outsider() {
     );
 }
 
-/// Goal: the same for `motord safe-stop` where no switch runs. It exits with 80, for these motors do not answer.
+/// Goal: the same for `motord safe-stop` where no switch runs. It exits with 80, for these motors
+/// do not answer.
 #[test]
 fn every_safe_stop_is_sent_beside_outsider() {
     if !nix::unistd::geteuid().is_root() {

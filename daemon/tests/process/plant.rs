@@ -1,4 +1,5 @@
-//! `motord run --plant`: the real daemon, and a plant that speaks the protocol of docs/twin.md by itself.
+//! `motord run --plant`: the real daemon, and a plant that speaks the protocol of docs/twin.md by
+//! itself.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -50,8 +51,8 @@ fn turning(rate: f64) -> [f64; 10] {
 /// How the plant answers a step, with the torque: position and velocity.
 type Answer = Box<dyn FnMut(f64) -> [f64; 2] + Send>;
 
-/// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer` until that returns `f64::MAX` for the
-/// velocity.
+/// Starts a daemon whose plant answers the greeting with `greeting`, and each step by `answer`
+/// until that returns `f64::MAX` for the velocity.
 fn daemon(config: &str, greeting: &'static str, answer: Answer) -> Daemon {
     daemon_with_imu(config, greeting, answer, Box::new(|| turning(0.1)))
 }
@@ -138,7 +139,8 @@ fn plant_moves_joints_and_is_measured() {
     assert_eq!(daemon.motorctl(&["sim", "arm", "off"]).status.code(), Some(0));
 }
 
-/// The end of the plant is the end of the robot: no controller goes on with joints that nothing moves.
+/// The end of the plant is the end of the robot: no controller goes on with joints that nothing
+/// moves.
 #[test]
 fn daemon_ends_with_its_plant() {
     let mut steps = 0;
@@ -180,7 +182,8 @@ fn numbers_that_are_none_end_the_daemon() {
     }
 }
 
-/// A plant whose answers have another length does not fit its greeting: each later answer would be read shifted.
+/// A plant whose answers have another length does not fit its greeting: each later answer would be
+/// read shifted.
 #[test]
 fn answers_of_wrong_length_end_the_daemon() {
     for (greeting, expected) in [

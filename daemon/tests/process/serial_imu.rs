@@ -1,4 +1,5 @@
-//! IMUs on serial lines: the real daemon, and `motord-sim` with its own encoders on pseudo terminals.
+//! IMUs on serial lines: the real daemon, and `motord-sim` with its own encoders on pseudo
+//! terminals.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -48,7 +49,8 @@ fn config(directory: &Path) -> String {
     robot + &SENSORS.replace("PLACE", directory.to_str().unwrap())
 }
 
-/// The simulated sensors: another process, since a child of this one would keep their terminals open.
+/// The simulated sensors: another process, since a child of this one would keep their terminals
+/// open.
 struct Sensors {
     process: Process,
     output: BufReader<ChildStdout>,
@@ -139,9 +141,9 @@ fn difference(one: [f32; 3], other: [f32; 3]) -> f32 {
     one.iter().zip(other).map(|(one, other)| (one - other).abs()).fold(0.0, f32::max)
 }
 
-/// Goal: a daemon starts without its devices, refuses to enable, and takes samples through the mount when they are plugged in.
-/// Method: x of the sensor of `head` is y of the body. While both are stuck, their values are those of two moments of one slow
-/// motion.
+/// Goal: a daemon starts without its devices, refuses to enable, and takes samples through the
+/// mount when they are plugged in. Method: x of the sensor of `head` is y of the body. While both
+/// are stuck, their values are those of two moments of one slow motion.
 #[test]
 fn late_devices_deliver_samples_through_the_mount() {
     let robot = Robot::start();
@@ -176,8 +178,8 @@ fn late_devices_deliver_samples_through_the_mount() {
     robot.await_imu("head", |imu| imu.sequence > before.sequence + 20);
 }
 
-/// Goal: an unplugged device is lost at once and not by its timeout, stops the moving robot, and is fresh again when it is
-/// plugged in, also as another node.
+/// Goal: an unplugged device is lost at once and not by its timeout, stops the moving robot, and is
+/// fresh again when it is plugged in, also as another node.
 #[test]
 fn unplugged_device_stops_the_robot_and_returns() {
     let robot = Robot::start();
@@ -214,7 +216,8 @@ fn unplugged_device_stops_the_robot_and_returns() {
     assert!(again.sequence > lost.sequence && again.missing == lost.missing, "a new connection has no gap");
 }
 
-/// Goal: of a damaged stream only intact samples are published. Method: one byte in 200 is changed, a third of the samples.
+/// Goal: of a damaged stream only intact samples are published. Method: one byte in 200 is changed,
+/// a third of the samples.
 #[test]
 fn damaged_samples_are_counted_and_not_published() {
     let robot = Robot::start();
@@ -234,8 +237,8 @@ fn damaged_samples_are_counted_and_not_published() {
     assert!(end.rejected > begun.rejected + 20, "{end:?}");
 }
 
-/// Firmware of each convention: both protocols carry it, and the mount of `head` turns its axes. HiPNUC has G on the wire: its
-/// "in g" is a firmware that divides twice.
+/// Firmware of each convention: both protocols carry it, and the mount of `head` turns its axes.
+/// HiPNUC has G on the wire: its "in g" is a firmware that divides twice.
 #[test]
 fn each_convention_of_a_serial_sensor_is_named() {
     let robot = Robot::start();
@@ -284,7 +287,8 @@ fn reader_ticks(pid: u32) -> u64 {
     times.map(|fields| fields[11] + fields[12]).sum()
 }
 
-/// Goal: a line full of random bytes is lost, and neither costs much nor disturbs the other IMU and the motors.
+/// Goal: a line full of random bytes is lost, and neither costs much nor disturbs the other IMU and
+/// the motors.
 #[test]
 fn garbage_at_line_speed_changes_nothing_else() {
     let robot = Robot::start();

@@ -1,4 +1,5 @@
-//! Motors on a serial line, and the programs that stop them: the daemon, its dead man's switch, `motord safe-stop`.
+//! Motors on a serial line, and the programs that stop them: the daemon, its dead man's switch,
+//! `motord safe-stop`.
 //!
 //! Method: the real programs; simulated motors on a pseudo terminal. A running motor was started by
 //! another sender after the death of the daemon.
@@ -200,8 +201,9 @@ fn daemon_waits_for_adapter_that_comes_later() {
     daemon.await_log(" ready ");
 }
 
-/// A port that returned once is opened once: the substitute that the cycle has meanwhile is no further loss.
-/// Method: the motors are another process, since a child of this one would keep its terminal open.
+/// A port that returned once is opened once: the substitute that the cycle has meanwhile is no
+/// further loss. Method: the motors are another process, since a child of this one would keep its
+/// terminal open.
 #[test]
 fn returned_port_is_opened_once() {
     let directory = TempDir::new().unwrap();

@@ -1,7 +1,8 @@
 //! The emergency stop during faults: the real programs, a robot that moves, and one fault after the
 //! other.
 //!
-//! Prints the table of docs/safety.md: `cargo test -p motord --test process worst_moments -- --nocapture`.
+//! Prints the table of docs/safety.md:
+//! `cargo test -p motord --test process worst_moments -- --nocapture`.
 //!
 //! The stop counts from the cycle in which it was latched: the commands that damp the motors are
 //! sent in the same cycle.

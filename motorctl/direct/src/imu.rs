@@ -1,4 +1,5 @@
-//! `motorctl imu find`: IMUs on serial ports and CAN interfaces. Only listens: these devices send without a request.
+//! `motorctl imu find`: IMUs on serial ports and CAN interfaces. Only listens: these devices send
+//! without a request.
 
 use crate::failure::DirectFailure;
 use crate::imu_bus::{self, Node};

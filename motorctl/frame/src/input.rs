@@ -1,4 +1,5 @@
-//! The inputs of `decode`: arguments, files and standard input, each a log, or frames in hexadecimal.
+//! The inputs of `decode`: arguments, files and standard input, each a log, or frames in
+//! hexadecimal.
 
 use crate::codec::Codec;
 use crate::hex;
@@ -12,7 +13,8 @@ use motord_terminal::InputFile;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
-/// Limit on a line of the input, bytes. A frame has at most a few hundred; the rest of a longer line is skipped.
+/// Limit on a line of the input, bytes. A frame has at most a few hundred; the rest of a longer
+/// line is skipped.
 const LINE_BYTES_MAX: usize = 4096;
 /// Limit on the skipped part of a line, bytes.
 const SKIPPED_BYTES_MAX: u64 = 64 << 20;
@@ -54,7 +56,8 @@ impl Decoder<'_> {
         }
     }
 
-    /// Prints the object of every line that is not blank; each immediately if no further line has arrived.
+    /// Prints the object of every line that is not blank; each immediately if no further line has
+    /// arrived.
     fn lines(&mut self, file: Option<&str>, mut input: BufReader<impl Read>) -> io::Result<()> {
         let (mut line, mut log, mut number) = (Vec::new(), Log::default(), 0);
         while read_line(&mut input, &mut line)? {
@@ -137,8 +140,9 @@ fn readable(content: Content) -> Result<Frame, Rejected> {
     }
 }
 
-/// Replaces `line` by the next line, of which it keeps [`LINE_BYTES_MAX`] bytes. Returns `false` at the end of the
-/// input. A line of more than [`SKIPPED_BYTES_MAX`] bytes is an error: it may have no end.
+/// Replaces `line` by the next line, of which it keeps [`LINE_BYTES_MAX`] bytes. Returns `false` at
+/// the end of the input. A line of more than [`SKIPPED_BYTES_MAX`] bytes is an error: it may have
+/// no end.
 fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<bool> {
     line.clear();
     let (mut is_begun, mut skipped) = (false, 0);

@@ -1,4 +1,5 @@
-//! The motors and IMUs of a configuration, with the last requests to the motors, for decoding a log of their buses.
+//! The motors and IMUs of a configuration, with the last requests to the motors, for decoding a log
+//! of their buses.
 
 use crate::codec::Codec;
 use crate::imu::LoggedImu;
@@ -53,7 +54,8 @@ impl LoggedRobot {
         Ok(Self { motors: motors.collect(), imus, interfaces })
     }
 
-    /// Returns the interface of a channel of a log, from 1 on: that of the bus at this place in the file.
+    /// Returns the interface of a channel of a log, from 1 on: that of the bus at this place in the
+    /// file.
     pub(super) fn interface(&self, channel: u32) -> Option<&str> {
         let index = usize::try_from(channel).ok()?.checked_sub(1)?;
         self.interfaces.get(index).map(String::as_str)
@@ -140,7 +142,8 @@ impl LoggedMotor {
         object
     }
 
-    /// Decodes the answer to the last request for the value of a register. It is no state, although it begins like one.
+    /// Decodes the answer to the last request for the value of a register. It is no state, although
+    /// it begins like one.
     fn register_value(&mut self, payload: &[u8]) -> Option<Object> {
         let number = self.asked_register?;
         let value = register::value(self.id, number, payload)?;

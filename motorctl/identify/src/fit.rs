@@ -1,4 +1,5 @@
-//! The fit: weighted least squares over the windows, with intervals from leaving out blocks of time.
+//! The fit: weighted least squares over the windows, with intervals from leaving out blocks of
+//! time.
 
 use crate::delay::{BusTiming, Delay};
 use crate::interval::{Value, Why};
@@ -14,7 +15,8 @@ use crate::windows::rows;
 /// Fewest blocks, and fewest windows.
 const BLOCKS_MIN: usize = 6;
 const ROWS_MIN: usize = 40;
-/// Time by which the velocity in a drive may be older than its position, s: a period of its control loop, or a filter.
+/// Time by which the velocity in a drive may be older than its position, s: a period of its control
+/// loop, or a filter.
 const VELOCITY_LAG: f64 = 0.2e-3;
 /// The result for one joint. Torques are in the N·m of the motor's reports.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +35,8 @@ pub struct Identified {
     pub gravity_cosine: Value,
     /// Constant torque, N·m: also the offset of the motor's reports.
     pub offset: Value,
-    /// Friction at rest beyond the Coulomb friction, which falls with the speed (Stribeck), N·m; `None` where nothing shows it.
+    /// Friction at rest beyond the Coulomb friction, which falls with the speed (Stribeck), N·m;
+    /// `None` where nothing shows it.
     pub stribeck: Option<Value>,
     /// Stiffness of a spring, N·m/rad; `None` where nothing shows it.
     pub spring: Option<Value>,
@@ -54,7 +57,8 @@ pub struct Identified {
 pub enum Note {
     /// The reported torque differs from stiffness and damping times errors; it was used as it is.
     TorqueContradicts,
-    /// The equation is not that of the joint: the share of the torque that it leaves, root mean square.
+    /// The equation is not that of the joint: the share of the torque that it leaves, root mean
+    /// square.
     Misfit(f64),
     /// The friction falls with the speed; 1/e of the difference is left at this one, rad/s.
     Stribeck(f64),
@@ -101,7 +105,8 @@ impl core::fmt::Display for Note {
     }
 }
 
-/// Identifies a joint by what was recorded, in the order of time. Allocates; the time is proportional to the number of samples.
+/// Identifies a joint by what was recorded, in the order of time. Allocates; the time is
+/// proportional to the number of samples.
 #[must_use]
 pub fn identify(samples: &[Sample], wire: BusTiming) -> Identified {
     let delay = Delay::of(samples, wire);
@@ -262,7 +267,8 @@ fn damping_lag(samples: &[Sample]) -> f64 {
     samples.iter().map(|sample| sample.applied.kd).fold(0.0, f64::max) * VELOCITY_LAG
 }
 
-/// An inertia and a friction are above zero: a negative one says that the equation is not that of the joint.
+/// An inertia and a friction are above zero: a negative one says that the equation is not that of
+/// the joint.
 fn physical(value: Value) -> Value {
     if value.value < 0.0 && value.why.is_none() {
         Value { why: Some(Why::Separation), ..value }

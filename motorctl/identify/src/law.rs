@@ -1,19 +1,22 @@
 //! The torque of the drive, finer than its codes.
 //!
-//! A drive adds `torque + kp·(position - q) + kd·(velocity - dq)`, and reports the result in coarse codes: 0.11 N·m for a
-//! GIM8108-8. The computed torque is as good as the positions. Where the reports contradict the law, they are used as they are.
+//! A drive adds `torque + kp·(position - q) + kd·(velocity - dq)`, and reports the result in coarse
+//! codes: 0.11 N·m for a GIM8108-8. The computed torque is as good as the positions. Where the
+//! reports contradict the law, they are used as they are.
 
 use crate::normal::{Inverse, add, add_square, dot};
 use crate::sample::{Applied, Sample};
 
-/// Share of the root mean square of the torque that reports may differ from the law beside the width of their codes.
+/// Share of the root mean square of the torque that reports may differ from the law beside the
+/// width of their codes.
 const CONTRADICTION: f64 = 0.05;
 /// Largest difference of the stiffness by the reports from that of the law, as a share.
 const SCALE: f64 = 0.1;
-/// Codes that a report may be off the law, root mean square. The rounding of the report gives 0.29, and the daemon, which carries
-/// the rounding error of a command into the next, another 0.5.
+/// Codes that a report may be off the law, root mean square. The rounding of the report gives 0.29,
+/// and the daemon, which carries the rounding error of a command into the next, another 0.5.
 const CODES: f64 = 0.9;
-/// Stiffness, damping and constant are not separated beyond this ratio of eigenvalues: a joint at rest.
+/// Stiffness, damping and constant are not separated beyond this ratio of eigenvalues: a joint at
+/// rest.
 const CONDITION: f64 = 1e12;
 
 /// The torque over time.
@@ -60,7 +63,8 @@ impl Torque {
         Self { spans: (1..samples.len()).map(span).collect(), is_reported: !agrees, coarse }
     }
 
-    /// Integral of the torque times a weight from sample `at` to the next, N·m·s. `weights` are those at both ends.
+    /// Integral of the torque times a weight from sample `at` to the next, N·m·s. `weights` are
+    /// those at both ends.
     pub(crate) fn impulse(&self, samples: &[Sample], at: usize, weights: [f64; 2]) -> f64 {
         let seconds = samples[at + 1].time - samples[at].time;
         let [begin, end] = self.spans[at];
@@ -82,7 +86,8 @@ fn law(samples: &[Sample], velocities: &[f64], next: usize) -> [f64; 2] {
         .map(|at| kp * (position - samples[at].position) + kd * (velocity - velocities[at]) + torque)
 }
 
-/// The reported torque. The law changes it from one sample to the next, before the next command does.
+/// The reported torque. The law changes it from one sample to the next, before the next command
+/// does.
 fn reported(samples: &[Sample], velocities: &[f64], next: usize, behind: usize) -> [f64; 2] {
     let (here, there) = (&samples[next - 1], &samples[next]);
     let Applied { kp, kd, .. } = here.applied;

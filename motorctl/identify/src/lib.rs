@@ -1,14 +1,17 @@
-//! Identification of a joint: an excitation within its limits, and the fit of inertia and friction to what was measured.
+//! Identification of a joint: an excitation within its limits, and the fit of inertia and friction
+//! to what was measured.
 //!
 //! ```text
 //! inertia·ddq + viscous·dq + coulomb·sign(dq) + sine·sin(q) + cosine·cos(q) + offset = torque
 //! ```
 //!
-//! No I/O and no clock: [`Plan`] returns the setpoint of a time, [`identify`] takes the samples that were recorded meanwhile.
-//! Nothing is differentiated twice: the equation is integrated over short windows with a weight that is zero at their ends
-//! (modulating functions), so that derivatives act on the weight. Intervals come from residuals of blocks, which may be
-//! correlated, and contain what the time stamps leave open. Terms that some joints have besides are taken where they predict the
-//! motion better: friction that falls with the speed, a spring, cogging, a lag. A joint that fits no equation is named.
+//! No I/O and no clock: [`Plan`] returns the setpoint of a time, [`identify`] takes the samples
+//! that were recorded meanwhile. Nothing is differentiated twice: the equation is integrated over
+//! short windows with a weight that is zero at their ends (modulating functions), so that
+//! derivatives act on the weight. Intervals come from residuals of blocks, which may be correlated,
+//! and contain what the time stamps leave open. Terms that some joints have besides are taken where
+//! they predict the motion better: friction that falls with the speed, a spring, cogging, a lag. A
+//! joint that fits no equation is named.
 
 #![forbid(unsafe_code)]
 

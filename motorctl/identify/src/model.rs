@@ -1,7 +1,8 @@
-//! The terms of a joint: those of every joint, and further ones where they predict its motion better.
+//! The terms of a joint: those of every joint, and further ones where they predict its motion
+//! better.
 //!
-//! Each second of the motion is predicted from the others. A term is taken if it makes the predictions better; a term that merely
-//! fits the noise makes them worse.
+//! Each second of the motion is predicted from the others. A term is taken if it makes the
+//! predictions better; a term that merely fits the noise makes them worse.
 
 use crate::interval::{Value, Why};
 use crate::regression::Fit;
@@ -25,7 +26,8 @@ const REFINEMENTS: u32 = 8;
 /// Speeds beside the best one, by it.
 const NEAR: [f64; 6] = [0.8, 0.9, 0.95, 1.05, 1.1, 1.25];
 
-/// Change of the squares of the errors, as a share, by which a value differs between two halves of the windows.
+/// Change of the squares of the errors, as a share, by which a value differs between two halves of
+/// the windows.
 const DIFFERS: f64 = 0.97;
 /// Largest [`Model::share`] of a joint that the equation describes.
 const MISFIT: f64 = 0.025;
@@ -33,11 +35,12 @@ const MISFIT: f64 = 0.025;
 const INHERENT: f64 = 0.005;
 /// Part of the further residuals that may imitate a value.
 const IMITATES: f64 = 0.3;
-/// Time by which the stamps are off besides the answer of the motor, s, where the torque acts late and where it acts early. A
-/// position is measured after the torque has changed.
+/// Time by which the stamps are off besides the answer of the motor, s, where the torque acts late
+/// and where it acts early. A position is measured after the torque has changed.
 const STAMPS: f64 = 0.1e-3;
 const STAMPS_EARLY: f64 = 1e-3;
-/// Delay of the control loop in a drive, s, and the share of a lag that remains when it is taken for a delay.
+/// Delay of the control loop in a drive, s, and the share of a lag that remains when it is taken
+/// for a delay.
 const LOOP: f64 = 50e-6;
 const LAG_SHARE: f64 = 0.02;
 
@@ -50,7 +53,8 @@ pub(crate) struct Model {
     pub(crate) splits: Vec<(Term, By, f64)>,
     /// The part of the intervals of the basic terms by the residuals.
     open: [f64; SPLIT],
-    /// Root mean square of the residuals beyond those of every joint, by that of the torque that moves the joint.
+    /// Root mean square of the residuals beyond those of every joint, by that of the torque that
+    /// moves the joint.
     pub(crate) share: f64,
     /// The spring that the motion does not exclude explains the whole sine.
     pub(crate) may_be_spring: bool,
@@ -62,9 +66,10 @@ pub(crate) struct Model {
 const SPLIT: usize = 3;
 
 impl Model {
-    /// Chooses the terms. `noise` is the standard error of a position, rad. `None` where the motion separates nothing.
-    /// `coarse` is the error of a torque by its codes, N·m: above 0 they hide further terms, and none is sought. The torque acts up to
-    /// `late` later than the stamps say, s: where that explains the delay of the fit, one without a delay counts besides.
+    /// Chooses the terms. `noise` is the standard error of a position, rad. `None` where the motion
+    /// separates nothing. `coarse` is the error of a torque by its codes, N·m: above 0 they hide
+    /// further terms, and none is sought. The torque acts up to `late` later than the stamps say,
+    /// s: where that explains the delay of the fit, one without a delay counts besides.
     pub(crate) fn of(motion: &Motion<'_>, rows: &[Row], noise: f64, coarse: f64, late: f64) -> Option<Self> {
         let even = vec![1.0; rows.len()];
         let first = (LEAST..=UNKNOWNS).rev().find_map(|count| Fit::of(motion, rows, &even, basic(count)))?;
@@ -103,8 +108,8 @@ impl Model {
         (lag > self.late + STAMPS || -lag > self.late + STAMPS_EARLY).then_some(lag)
     }
 
-    /// Returns whether the equation is not that of the joint. A torque that acts before its command is a sign of an elastic
-    /// part or a play.
+    /// Returns whether the equation is not that of the joint. A torque that acts before its command
+    /// is a sign of an elastic part or a play.
     pub(crate) fn is_misfit(&self) -> bool {
         self.share > MISFIT || self.lag().is_some_and(|lag| lag < 0.0)
     }
@@ -118,8 +123,8 @@ impl Model {
         Value::within(best.value, lower, upper)
     }
 
-    /// The value of inertia, viscous or Coulomb friction: also those of halves of the windows that differ. `open` is what the
-    /// interval contains besides.
+    /// The value of inertia, viscous or Coulomb friction: also those of halves of the windows that
+    /// differ. `open` is what the interval contains besides.
     pub(crate) fn basic(&self, term: Term, kp: f64, open: f64) -> Value {
         let Term::Basic(index) = term else { return Value::none(Why::Separation) };
         let lag = self.lag().unwrap_or(0.0);
@@ -246,7 +251,8 @@ fn is_of_position(term: Term) -> bool {
     matches!(term, CONSTANT | SINE | COSINE | Term::Spring | Term::Knot(_))
 }
 
-/// Weights by the errors of short windows, in which positions hardly show an acceleration, and of all.
+/// Weights by the errors of short windows, in which positions hardly show an acceleration, and of
+/// all.
 fn weights(rows: &[Row], fit: &Fit, noise: f64) -> Vec<f64> {
     let inertia = fit.found(INERTIA);
     let coarse = |row: &Row| (inertia * noise * row.roughness).powi(2);

@@ -8,7 +8,8 @@ const SIDE: usize = 7;
 /// Fewer samples than unknowns have a larger ratio of their eigenvalues.
 const CONDITION: f64 = 1e12;
 
-/// Returns the velocity at each sample, rad/s: the slope of the quadratic that fits the positions around it.
+/// Returns the velocity at each sample, rad/s: the slope of the quadratic that fits the positions
+/// around it.
 pub(crate) fn velocities(samples: &[Sample]) -> Vec<f64> {
     (0..samples.len()).map(|at| slope(samples, at)).collect()
 }

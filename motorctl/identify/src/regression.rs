@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 
 /// Length of a block, s. Residuals of different blocks count as independent.
 const BLOCK: f64 = 1.0;
-/// Columns that are closer to each other are not separated: ratio of the eigenvalues of their correlation.
+/// Columns that are closer to each other are not separated: ratio of the eigenvalues of their
+/// correlation.
 const CONDITION: f64 = 1e6;
-/// Error that remains whatever the data say, as a share of a value: the stiffness of a drive and the time of a computer are not
-/// exact.
+/// Error that remains whatever the data say, as a share of a value: the stiffness of a drive and
+/// the time of a computer are not exact.
 const FLOOR: f64 = 0.003;
 
 /// The lines of each block of time.
@@ -110,8 +111,8 @@ impl Fit {
         self.unknown(&self.solution, term)
     }
 
-    /// Returns whether the friction of [`Term::Stribeck`], if it has that, falls with the speed. Friction that rises with the speed and
-    /// levels off is not described by the term.
+    /// Returns whether the friction of [`Term::Stribeck`], if it has that, falls with the speed.
+    /// Friction that rises with the speed and levels off is not described by the term.
     pub(crate) fn is_physical(&self) -> bool {
         self.terms.iter().filter(|term| term.is_stribeck()).all(|term| self.found(*term) > 0.0)
     }
@@ -120,8 +121,8 @@ impl Fit {
         self.terms.contains(&term)
     }
 
-    /// A value that is linear in the unknowns, and half of its interval. The torque acts up to `late` later, s. `open` is what the
-    /// interval contains besides.
+    /// A value that is linear in the unknowns, and half of its interval. The torque acts up to
+    /// `late` later, s. `open` is what the interval contains besides.
     pub(crate) fn value(&self, of: impl Fn(&Self, &[f64]) -> f64, late: f64, open: f64) -> Value {
         let count = self.left_out.len() as f64;
         let found = of(self, &self.solution);

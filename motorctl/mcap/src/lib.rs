@@ -5,8 +5,8 @@
 //! - [`Memory`] keeps the last seconds.
 //! - [`Clock`] detects that the computer's clock was set.
 //!
-//! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file carries the schemas,
-//! `proto/motord.proto`, and the description of the robot.
+//! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file
+//! carries the schemas, `proto/motord.proto`, and the description of the robot.
 //!
 //! | topic | message | how often |
 //! |---|---|---|

@@ -12,7 +12,8 @@ use std::time::Duration;
 
 /// Longest time until the daemon has its services open.
 pub(crate) const READY_MAX: Duration = Duration::from_secs(10);
-/// Longest time between two messages of the controller. Finding and starting the motors takes the longest.
+/// Longest time between two messages of the controller. Finding and starting the motors takes the
+/// longest.
 pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(20);
 
 /// Why the demo failed.

@@ -1,5 +1,5 @@
-//! The last minute of every joint: position, velocity and torque, the applied position, and its stops
-//! and faults, in the time of the states.
+//! The last minute of every joint: position, velocity and torque, the applied position, and its
+//! stops and faults, in the time of the states.
 
 use motord_client::{JointState, Kind, RobotDescription, State};
 use motord_record::{Event, Events, concerns, is_mark};
@@ -83,7 +83,8 @@ impl Trends {
         }
     }
 
-    /// Returns a quantity of a joint, or its [`APPLIED`] position, in the last `seconds`, as the parts between gaps.
+    /// Returns a quantity of a joint, or its [`APPLIED`] position, in the last `seconds`, as the
+    /// parts between gaps.
     pub(super) fn curve(&self, joint: usize, quantity: usize, seconds: f64) -> Vec<Vec<Point>> {
         let mut parts: Vec<Vec<Point>> = Vec::new();
         let mut before_ns = None;

@@ -140,7 +140,8 @@ impl Scene {
         if ends_by_hand(example) && lacks(&["script"]) {
             return;
         }
-        // They need a CAN interface: `hipnuc_beside_a_motor_is_found` and `hipnuc_on_can_is_set` run them.
+        // They need a CAN interface: `hipnuc_beside_a_motor_is_found` and `hipnuc_on_can_is_set`
+        // run them.
         if example.contains(" imu find --bus") || example.contains(" imu set --bus") {
             return;
         }

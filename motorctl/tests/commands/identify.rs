@@ -1,4 +1,5 @@
-//! `motorctl identify`: a joint of a running daemon whose simulated mechanics are in its configuration.
+//! `motorctl identify`: a joint of a running daemon whose simulated mechanics are in its
+//! configuration.
 
 use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;

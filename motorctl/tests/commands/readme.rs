@@ -25,7 +25,8 @@ fn commands(section: &str) -> Vec<String> {
     text.split("```sh\n").skip(1).map(|block| block.split("```").next().unwrap().trim().to_owned()).collect()
 }
 
-/// The line for the programs of this test. `cargo test --workspace` has built the examples, with the features of the workspace.
+/// The line for the programs of this test. `cargo test --workspace` has built the examples, with
+/// the features of the workspace.
 fn here(line: &str) -> String {
     let line = line.replace("target/release", programs().to_str().unwrap());
     let is_release = programs().ends_with("release");

@@ -1,4 +1,5 @@
-//! Simulated motors on a bus that motorctl opens: an RS485 line, which is a pseudo terminal here, or a virtual CAN interface.
+//! Simulated motors on a bus that motorctl opens: an RS485 line, which is a pseudo terminal here,
+//! or a virtual CAN interface.
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
@@ -380,8 +381,8 @@ pub(crate) fn lose_power_after_every_write(line: &Line) {
     line.good("config diff knee.toml --bus LINE --id 5");
 }
 
-/// Goal: a motor is stopped if it did not confirm its start.
-/// Method: every answer is late, beyond the time limit of one request. A read is repeated, a start is not. A motor that is still running
+/// Goal: a motor is stopped if it did not confirm its start. Method: every answer is late, beyond
+/// the time limit of one request. A read is repeated, a start is not. A motor that is still running
 /// would refuse the calibration.
 pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
     for start in ["start @", "jog @ --seconds 0.3", "speed 0.3 --seconds 0.3 @"] {

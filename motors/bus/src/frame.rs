@@ -183,7 +183,7 @@ impl Frame {
         self.set_padded(id, N as u8, data);
     }
 
-    /// Makes this a classic frame with the first `len` bytes of `data`. Returns `false`, unchanged, above 8.
+    /// Makes this a classic frame of the first `len` bytes of `data`; `false`, unchanged, above 8.
     #[must_use]
     #[inline]
     #[cfg(any(feature = "linux", test))]
@@ -310,7 +310,7 @@ pub enum Unsupported {
     Unmatched,
 }
 
-/// An error message frame of Linux: the class bits of its id, and its 8 bytes (`linux/can/error.h`).
+/// An error frame of Linux: the class bits of its id, and its 8 bytes (`linux/can/error.h`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ErrorFrame {
     /// `CAN_ERR_*` class bits, without the error flag.
@@ -326,7 +326,7 @@ pub enum ControllerState {
     Active,
     /// An error counter passed 96.
     Warning,
-    /// An error counter passed 127: the controller may no longer destroy the frames of others with error flags.
+    /// An error counter passed 127: its error flags may no longer destroy the frames of others.
     Passive,
     /// The transmit error counter passed 255: the controller has left the bus.
     Off,
@@ -387,7 +387,7 @@ pub struct Inbox {
     len: usize,
     /// The inbox is full when it holds this number of arrivals.
     space: usize,
-    /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
+    /// Frames that the kernel dropped unread (`SO_RXQ_OVFL`) since the last [`clear`](Self::clear).
     pub lost: u32,
 }
 

@@ -1,8 +1,8 @@
 //! The faults of a motor, in terms that all vendors share.
 //!
 //! Each vendor numbers its faults differently. A [`Profile`](crate::Profile) maps them to these
-//! bits, so that a client needs no vendor's document. `motord_shared::Fault` has name and sentence of
-//! each. The lowest byte equals SteadyWin's numbering, GIM document Table 9.
+//! bits, so that a client needs no vendor's document. `motord_shared::Fault` has name and sentence
+//! of each. The lowest byte equals SteadyWin's numbering, GIM document Table 9.
 
 /// The faults that a motor reports, as bits. Zero means no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

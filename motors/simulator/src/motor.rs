@@ -22,7 +22,8 @@ const STEPS_MAX: u64 = 4_000;
 /// Velocity of the shaft during a calibration, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
-/// Error frames until a controller is error passive: each adds 8 to a counter, which must exceed 127.
+/// Error frames until a controller is error passive: each adds 8 to a counter, which must exceed
+/// 127.
 const DISTURBANCES: u8 = 16;
 
 /// The mode of a drive.

@@ -247,8 +247,8 @@ impl Instance {
         }
     }
 
-    /// Returns the process id of the last daemon, if it died without [stopping its motors](InstanceLock::rest). `None` when
-    /// unknown.
+    /// Returns the process id of the last daemon, if it died without [stopping its
+    /// motors](InstanceLock::rest). `None` when unknown.
     #[must_use]
     pub fn died(&self) -> Option<u32> {
         dead_holder(&self.lock_path())
@@ -293,7 +293,7 @@ impl InstanceLock {
         &self.instance
     }
 
-    /// Records that the motors are stopped, so that the end of this process is no [death](Instance::died).
+    /// Records that the motors are stopped: the end of this process is no [death](Instance::died).
     pub fn rest(&self) {
         // Without the record, a client says that motors may still move.
         let _unwritable = self._lock.set_len(0);

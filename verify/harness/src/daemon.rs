@@ -15,8 +15,8 @@ use tempfile::TempDir;
 /// Longest wait for an event on a busy machine.
 pub const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The instance `bench` with the motor `arm` on the bus `desk`: a low rate and long timeouts, so that
-/// many daemons run side by side.
+/// The instance `bench` with the motor `arm` on the bus `desk`: a low rate and long timeouts, so
+/// that many daemons run side by side.
 pub const BENCH: &str = r#"
 [daemon]
 instance = "bench"
@@ -119,8 +119,8 @@ impl Daemon {
         Self::launch(directory.into(), program("motord"), config, adjust)
     }
 
-    /// Starts a daemon in `directory` by a shell `script`, which runs its arguments; `adjust` changes
-    /// the command.
+    /// Starts a daemon in `directory` by a shell `script`, which runs its arguments; `adjust`
+    /// changes the command.
     ///
     /// # Panics
     ///

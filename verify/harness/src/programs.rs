@@ -38,8 +38,9 @@ pub fn program(name: &str) -> Command {
     Command::new(path)
 }
 
-/// Returns `true`, and prints a note, if this computer lacks one of these programs, which the caller then does not test with. The
-/// tests need Rust, a C compiler, and what POSIX requires (`sh`, `sleep`, `mkfifo`); every other program may be missing.
+/// Returns `true`, and prints a note, if this computer lacks one of these programs, which the
+/// caller then does not test with. The tests need Rust, a C compiler, and what POSIX requires
+/// (`sh`, `sleep`, `mkfifo`); every other program may be missing.
 #[must_use]
 pub fn lacks(programs: &[&str]) -> bool {
     let path = std::env::var_os("PATH").unwrap_or_default();

@@ -1,4 +1,5 @@
-//! Another Rust library of a program that links libmotord.a: it unwinds, and starts a thread and a process.
+//! Another Rust library of a program that links libmotord.a: it unwinds, and starts a thread and a
+//! process.
 
 use std::ffi::c_int;
 

@@ -91,8 +91,8 @@ pub fn findings(
 /// Keys of the ends that a motor reports, in the order of its registers.
 const END_KEYS: [&str; 3] = ["position-end-rad", "velocity-end-rad-s", "torque-end-nm"];
 
-/// Returns the lines of a configuration for the ends that `motor` reports, rad, rad/s and N·m, if the configuration or the model
-/// has others.
+/// Returns the lines of a configuration for the ends that `motor` reports, rad, rad/s and N·m, if
+/// the configuration or the model has others.
 #[must_use]
 pub fn end_lines(motor: &MotorSettings, reported: [f32; 3]) -> Option<String> {
     let Ends { position, velocity, torque, .. } = motor.scales.ends();
@@ -103,9 +103,9 @@ pub fn end_lines(motor: &MotorSettings, reported: [f32; 3]) -> Option<String> {
     differs.then(|| lines().collect::<Vec<_>>().join("\n"))
 }
 
-/// Compares the ends of a motor's codes, rad, rad/s and N·m, as it reports them with those that are written, or, if none are, with
-/// the limits of its joint. A motor with other ends moves with another velocity or torque than it is sent, and nothing on the wire
-/// shows that.
+/// Compares the ends of a motor's codes, rad, rad/s and N·m, as it reports them with those that are
+/// written, or, if none are, with the limits of its joint. A motor with other ends moves with
+/// another velocity or torque than it is sent, and nothing on the wire shows that.
 #[must_use]
 pub fn end_findings(motor: &MotorSettings, reported: [f32; 3]) -> Vec<Finding> {
     let Ends { position, velocity, torque, .. } = motor.scales.ends();

@@ -113,7 +113,8 @@ impl Lock {
     }
 }
 
-/// Replaces `file` atomically. Removes what has the temporary name `next`, and follows no link there.
+/// Replaces `file` atomically. Removes what has the temporary name `next`, and follows no link
+/// there.
 fn replace(next: &Path, file: &Path, text: &str) -> io::Result<()> {
     match fs::remove_file(next) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),

@@ -1,7 +1,7 @@
 //! Finds brackets without an end, and earlier keys, in text that is no TOML.
 
-/// Returns the offset of the `{` or `[` that has no end, if that is what the error at `offset` comes
-/// from: the next line begins a table or a key, or there is none.
+/// Returns the offset of the `{` or `[` that has no end, if that is what the error at `offset`
+/// comes from: the next line begins a table or a key, or there is none.
 pub(super) fn unclosed(text: &str, offset: usize) -> Option<usize> {
     let begin = text[..offset].rfind('\n').map_or(0, |end| end + 1);
     let end = text[offset..].find('\n').map_or(text.len(), |end| offset + end);

@@ -35,8 +35,8 @@ pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Opt
     items.iter().map(|bus| self::bus(&bus.keys, findings)).collect()
 }
 
-/// Reports an interface or a device that an earlier bus has under another name. An interface or device
-/// that does not exist on this machine is not compared.
+/// Reports an interface or a device that an earlier bus has under another name. An interface or
+/// device that does not exist on this machine is not compared.
 fn refuse_other_names(items: &[Item<Bus>], findings: &mut Findings<'_>) {
     let mut seen: Vec<(Identity, &str)> = Vec::new();
     for Item { keys, .. } in items {
@@ -138,7 +138,8 @@ fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<
     Some(name.to_owned())
 }
 
-/// Checks that it is an absolute path. A missing device is only a warning, because it may be connected later.
+/// Checks that it is an absolute path. A missing device is only a warning, because it may be
+/// connected later.
 pub(super) fn device(
     path: &str,
     entry: &Entry<Option<String>>,
@@ -166,7 +167,8 @@ pub(super) fn check_shared_ids(items: &[Item<Bus>], settings: &Settings, finding
     }
 }
 
-/// The ids that motors of both buses have, as text; `None` without one, or where the buses cannot be exchanged.
+/// The ids that motors of both buses have, as text; `None` without one, or where the buses cannot
+/// be exchanged.
 fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
     let [kind, other_kind] = buses.map(|bus| &settings.buses[bus].kind);
     if kind.is_simulated() || kind.name() != other_kind.name() {

@@ -37,7 +37,8 @@ pub(super) fn imus(
     items.iter().map(|imu| self::imu(&imu.keys, buses, findings)).collect()
 }
 
-/// Reports an IMU with the name of a motor, bus or group: commands such as `motorctl sim` take each.
+/// Reports an IMU with the name of a motor, bus or group: commands such as `motorctl sim` take
+/// each.
 pub(super) fn refuse_taken_names(document: &Document, findings: &mut Findings<'_>) {
     let motors = document.motors.iter().map(|item| ("motor", &item.keys.keys.name.value));
     let buses = document.buses.iter().map(|item| ("bus", &item.keys.name.value));

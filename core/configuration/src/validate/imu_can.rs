@@ -156,7 +156,8 @@ fn rounded(rate_hz: f64) -> f64 {
     (10.0 * rate_hz).round() / 10.0
 }
 
-/// Reports an IMU for which its bus has no capacity. A bus that is too full without it is reported itself.
+/// Reports an IMU for which its bus has no capacity. A bus that is too full without it is reported
+/// itself.
 fn check_load(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
     let deadline = settings.cycle.reply_deadline;
     if plan.last_reply.saturating_sub(plan.imu_time) > deadline {

@@ -74,7 +74,8 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
     }
     let (kp, kd) = (keys.kp_max.value, keys.kd_max.value);
     Scale::with_margin(capability.end(|scales| scales.kp)).check(&keys.kp_max, kp, findings);
-    // The whole scale of kd is usable: no frame is a special one while velocity and kp keep away from their ends.
+    // The whole scale of kd is usable: no frame is a special one while velocity and kp keep away
+    // from their ends.
     let kd_end = capability.end(|scales| scales.kd);
     Scale { end: kd_end, usable: kd_end }.check(&keys.kd_max, kd, findings);
     let [derate, temperature] = temperatures(keys, findings);
@@ -180,7 +181,8 @@ fn temperatures(keys: &Limits, findings: &mut Findings<'_>) -> [f64; 2] {
     [derate, max]
 }
 
-/// The effective limits of every motor and where they come from, in the order of `settings.motors`; `text` is the file.
+/// The effective limits of every motor and where they come from, in the order of `settings.motors`;
+/// `text` is the file.
 pub(crate) fn explained(document: &Document, settings: &Settings, text: &str) -> Vec<Vec<Limit>> {
     let motors = document.motors.iter().zip(&settings.motors);
     motors.map(|(item, motor)| Explained { text, keys: &item.keys, motor }.limits()).collect()

@@ -1,4 +1,5 @@
-//! From the keys of a file to settings: derived defaults, checks between keys, and checks of the whole.
+//! From the keys of a file to settings: derived defaults, checks between keys, and checks of the
+//! whole.
 //!
 //! A problem does not end the validation. An invalid value is reported and replaced by its default.
 //! A bus or motor that cannot be built is left out, and problems that only follow from that are not
@@ -24,10 +25,12 @@ use super::keys;
 use super::problem::Wrong;
 use time::{micros, millis};
 
-/// Least rate of commands to a motor without a warning, Hz: a limb falls far in a longer period, and slower controllers are rare.
+/// Least rate of commands to a motor without a warning, Hz: a limb falls far in a longer period,
+/// and slower controllers are rare.
 const SOUND_RATE_HZ: f64 = 50.0;
 
-/// Checks the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
+/// Checks the whole document. `None` when a bus, motor or group cannot be built; the reason is
+/// among the findings.
 pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Option<Settings> {
     let instance = instance(&document.daemon, findings);
     let cycle = cycle(&document.cycle, findings);
@@ -72,7 +75,8 @@ fn check_rates(document: &Document, settings: &Settings, findings: &mut Findings
     }
 }
 
-/// The name of the instance. Its rule is stricter than that of other names: it becomes a part of paths and service names.
+/// The name of the instance. Its rule is stricter than that of other names: it becomes a part of
+/// paths and service names.
 fn instance(keys: &keys::Daemon, findings: &mut Findings<'_>) -> String {
     let name = findings.name_or(&keys.instance, |name| Wrong::InstanceName { name });
     let name = name.unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());

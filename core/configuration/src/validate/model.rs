@@ -41,8 +41,8 @@ fn hint(written: &str) -> String {
     }
 }
 
-/// Returns the part of a name that distinguishes models: everything from the first digit on, without separators and without
-/// the ending of Damiao's motors with two encoders.
+/// Returns the part of a name that distinguishes models: everything from the first digit on,
+/// without separators and without the ending of Damiao's motors with two encoders.
 fn number(name: &str) -> String {
     let first = name.find(|c: char| c.is_ascii_digit()).unwrap_or(name.len());
     let number: String = name[first..].chars().filter(char::is_ascii_alphanumeric).collect();
@@ -88,7 +88,8 @@ pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
 /// The keys that give the end of a torque code that is a current.
 const BY_CURRENT: &str = "torque-constant-nm-per-a and gear-ratio";
 
-/// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that is named.
+/// Reports a peak torque and a velocity that the codes cannot hold: the motor is not the model that
+/// is named.
 pub(super) fn check_reach(
     keys: &keys::Motor,
     (model, scales): (Option<&Model>, Option<&Scales>),
@@ -119,7 +120,8 @@ pub(super) fn check_reach(
 /// Registers hold single precision, and ends are written with few digits, such as 12.566 for 12.57.
 const REGISTER_TOLERANCE: f64 = 1e-3;
 
-/// Returns the ends that the motor may report: those that are written; otherwise all within which the limits are.
+/// Returns the ends that the motor may report: those that are written; otherwise all within which
+/// the limits are.
 pub(super) fn registers(
     keys: &keys::Motor,
     capability: &Capability,

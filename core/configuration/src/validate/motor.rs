@@ -28,8 +28,8 @@ const SERIAL_HOST_ID_MAX: i64 = 0xFF;
 /// Least duration of a command, in turns: a lost frame must not end it.
 const DURATION_TURNS: u32 = 3;
 
-/// Returns all motors with their simulation, in the order of the file; `None` for one that cannot be
-/// built.
+/// Returns all motors with their simulation, in the order of the file; `None` for one that cannot
+/// be built.
 pub(super) fn motors(
     items: &[Item],
     bus_items: &[BusItem],
@@ -104,8 +104,8 @@ struct Address {
 }
 
 impl Address {
-    /// Returns whether the motor reads one of the ids as a command, or as a request to its registers. These have one id for all
-    /// motors of the bus.
+    /// Returns whether the motor reads one of the ids as a command, or as a request to its
+    /// registers. These have one id for all motors of the bus.
     fn obeys(&self, ids: IdFilter) -> bool {
         let is_request = FrameId::new(register::REQUEST_ID).is_some_and(|id| ids.matches(id));
         self.on_wire.obeyed(&self.profile.ids).any(|id| ids.matches(id))
@@ -159,7 +159,8 @@ fn at_most(
     (id <= largest).then_some(id)
 }
 
-/// Reports constants of a current that are written for a motor whose codes are torques: they would have no effect.
+/// Reports constants of a current that are written for a motor whose codes are torques: they would
+/// have no effect.
 fn check_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(Model { name, ends: Some(_), .. }) = model else { return };
     for entry in [&keys.torque_constant_nm_per_a, &keys.gear_ratio] {

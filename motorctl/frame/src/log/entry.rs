@@ -3,7 +3,8 @@
 use motord_bus::candump::InvalidLine;
 use motord_bus::{Content, Duration, ErrorFrame, Format, Frame, FrameId, Unsupported};
 
-/// The details of `ErrorFrame::CONTROLLER` in byte 1, of either direction: an error counter above 96, and above 127.
+/// The details of `ErrorFrame::CONTROLLER` in byte 1, of either direction: an error counter above
+/// 96, and above 127.
 const WARNING: u8 = 0x0C;
 const PASSIVE: u8 = 0x30;
 
@@ -25,8 +26,8 @@ pub(crate) enum Source<'a> {
     Channel(u32),
 }
 
-/// Parses a frame from its id and its bytes, each a word of hexadecimal (or, for `radix` 10, decimal) digits. Reads
-/// `count` words.
+/// Parses a frame from its id and its bytes, each a word of hexadecimal (or, for `radix` 10,
+/// decimal) digits. Reads `count` words.
 pub(super) fn frame<'a>(
     id: FrameId,
     format: Format,
@@ -51,7 +52,8 @@ pub(super) fn frame<'a>(
 /// The report of an error on the bus.
 pub(super) const BUS_ERROR: Content = report(ErrorFrame::BUS_ERROR, 0);
 
-/// Returns the report of a controller that is off, error passive or at its warning limit; the worst counts. `None` for a healthy one.
+/// Returns the report of a controller that is off, error passive or at its warning limit; the worst
+/// counts. `None` for a healthy one.
 pub(super) const fn status(is_off: bool, is_passive: bool, is_warning: bool) -> Option<Content> {
     match (is_off, is_passive, is_warning) {
         (true, ..) => Some(report(ErrorFrame::BUS_OFF, 0)),

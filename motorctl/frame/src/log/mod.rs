@@ -1,6 +1,8 @@
-//! Logs of CAN traffic, line by line: the formats of candump, of Vector (`.asc`) and of PEAK (`.trc`).
+//! Logs of CAN traffic, line by line: the formats of candump, of Vector (`.asc`) and of PEAK
+//! (`.trc`).
 //!
-//! The first line decides the format. A line is parsed in a time that its length bounds, and without allocation.
+//! The first line decides the format. A line is parsed in a time that its length bounds, and
+//! without allocation.
 
 mod asc;
 mod candump;
@@ -35,7 +37,8 @@ impl Log {
         }
     }
 
-    /// Returns `true` when every line is a frame or a part of the format, and cannot be hexadecimal digits.
+    /// Returns `true` when every line is a frame or a part of the format, and cannot be hexadecimal
+    /// digits.
     pub(super) fn has_header(&self) -> bool {
         matches!(self, Self::Asc(_) | Self::Trc(_))
     }

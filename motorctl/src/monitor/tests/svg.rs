@@ -16,8 +16,8 @@ const LIGHT: Theme = Theme(["#ffffff", "#202020", "#cd0000", "#a000a0", "#ffffff
 /// Size of a character in the picture of the README, pixels.
 const CHARACTER: (usize, usize) = (8, 17);
 
-/// A screen as SVG: a text for each run of cells that look alike, and a square for each Braille dot.
-/// Fonts draw Braille with another width than letters.
+/// A screen as SVG: a text for each run of cells that look alike, and a square for each Braille
+/// dot. Fonts draw Braille with another width than letters.
 fn svg(buffer: &Buffer, theme: &Theme) -> String {
     let (width, height) = (usize::from(buffer.area.width), usize::from(buffer.area.height));
     let (right, bottom) = ((width + 2) * CHARACTER.0, (height + 1) * CHARACTER.1);
