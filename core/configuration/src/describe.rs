@@ -1,7 +1,7 @@
 //! The description of the robot that clients get, made of the configuration.
 
-use motord_settings::imu::ImuSettings;
 use motord_settings::plan::BusPlan;
+use motord_settings::sensor::imu::ImuSettings;
 use motord_settings::settings::{BusSettings, Settings};
 use motord_shared::description::{
     GroupDescription, ImuDescription, JointDescription, JointLimits, RobotDescription,
@@ -38,7 +38,7 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         setpoint_horizon_max: settings.safety.setpoint_horizon_max,
         joints: joints.collect(),
         groups: groups.collect(),
-        imus: settings.imus.iter().map(imu).collect(),
+        imus: settings.sensors.imus.iter().map(imu).collect(),
         buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
         devices: settings.buses.iter().map(device).collect(),
         frame_times: BusPlan::of(settings).iter().map(frame_time).collect(),

@@ -19,7 +19,7 @@ pub(super) struct Document {
     pub(super) buses: Vec<Item<keys::Bus>>,
     pub(super) motors: Vec<Item<MotorTables>>,
     pub(super) groups: Vec<Item<keys::Group>>,
-    pub(super) imus: Vec<Item<ImuTables>>,
+    pub(super) sensors: keys::Sensors,
 }
 
 /// A `[[motor]]` with its tables.
@@ -27,12 +27,6 @@ pub(super) struct MotorTables {
     pub(super) keys: keys::Motor,
     pub(super) limits: keys::Limits,
     pub(super) simulation: keys::Simulation,
-}
-
-/// An `[[imu]]` with its table.
-pub(super) struct ImuTables {
-    pub(super) keys: keys::Imu,
-    pub(super) simulation: keys::ImuSimulation,
 }
 
 /// Names of a file that are compared with those of a configuration.
@@ -79,7 +73,7 @@ impl Document {
             buses: root.list(),
             motors: root.list(),
             groups: root.list(),
-            imus: root.list(),
+            sensors: keys::Sensors::read(&mut root),
         }
     }
 }
@@ -95,15 +89,5 @@ impl Section for MotorTables {
             limits: table.section(keys::Limits::PATH),
             simulation: table.section(keys::Simulation::PATH),
         }
-    }
-}
-
-impl Section for ImuTables {
-    const PATH: &'static str = keys::Imu::PATH;
-    const KEYS: &'static [&'static str] = keys::Imu::KEYS;
-    const UNITS: &'static [&'static str] = keys::Imu::UNITS;
-
-    fn read(table: &mut Table<'_, '_, '_>) -> Self {
-        Self { keys: keys::Imu::read(table), simulation: table.section(keys::ImuSimulation::PATH) }
     }
 }

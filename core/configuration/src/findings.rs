@@ -148,6 +148,28 @@ impl<'a> Findings<'a> {
         None
     }
 
+    /// Returns a text that must be written; `hint` says what to write.
+    pub(super) fn required<'e>(&mut self, entry: &'e Entry<Option<String>>, hint: &str) -> Option<&'e str> {
+        if !entry.is_written {
+            self.error(entry.at, Wrong::Missing(hint.into()));
+        }
+        entry.value.as_deref()
+    }
+
+    /// Returns the path of a serial device, if it is absolute. A missing device is only a warning,
+    /// because it may be connected later.
+    pub(super) fn device(&mut self, entry: &Entry<Option<String>>) -> Option<String> {
+        let path = self.required(entry, "give the serial device, such as device = \"/dev/ttyUSB0\"")?;
+        if !Path::new(path).is_absolute() || path.contains('\0') {
+            self.error(entry.at, Wrong::DevicePath { path: path.to_owned() });
+            return None;
+        }
+        if !Path::new(path).exists() {
+            self.warn(entry.at, Wrong::NoDevice(path.to_owned()));
+        }
+        Some(path.to_owned())
+    }
+
     /// Returns the index of `name` among `names`. Reports an unknown name, unless one of `names` is
     /// missing or repeated: it may be that one. No `names` were reported already.
     pub(super) fn find<'n>(

@@ -6,13 +6,13 @@
 //! The defaults are cautious and meant for a real robot. A shared machine needs longer times.
 
 use motord_protocol::MotorProtocol;
-use motord_settings::imu::WhenLost;
+use motord_settings::sensor::imu::WhenLost;
 use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use super::entry::{Entry, Row, follows, is, required, required_choice};
+use super::entry::{Entry, Item, Row, follows, is, required, required_choice};
 use super::table::{Section, Sections, Table};
 use super::value::{BusType, ImuType, Listed};
 
@@ -319,5 +319,32 @@ sections! {
             "Age of a sample when it is received.";
         "seed" seed: Option<i64>, "" = follows("from the name"),
             "Seed of all that is random.";
+    }
+}
+
+/// The tables of the sensors, by kind.
+pub(super) struct Sensors {
+    pub(super) imus: Vec<Item<ImuTables>>,
+}
+
+impl Sensors {
+    pub(super) fn read(root: &mut Table<'_, '_, '_>) -> Self {
+        Self { imus: root.list() }
+    }
+}
+
+/// An `[[imu]]` with its table.
+pub(super) struct ImuTables {
+    pub(super) keys: Imu,
+    pub(super) simulation: ImuSimulation,
+}
+
+impl Section for ImuTables {
+    const PATH: &'static str = Imu::PATH;
+    const KEYS: &'static [&'static str] = Imu::KEYS;
+    const UNITS: &'static [&'static str] = Imu::UNITS;
+
+    fn read(table: &mut Table<'_, '_, '_>) -> Self {
+        Self { keys: Imu::read(table), simulation: table.section(ImuSimulation::PATH) }
     }
 }

@@ -140,9 +140,9 @@ pub enum Wrong {
     )]
     RadiansAsDegrees { radians: f64, cure: String },
     #[error(
-        "{name:?} is the name of a {what} too, and a command with it could mean either; give the IMU another name"
+        "{name:?} is the name of a {what} too, and a command with it could mean either; give the {own} another name"
     )]
-    NameOfAnother { name: String, what: &'static str },
+    NameOfAnother { name: Box<str>, what: &'static str, own: &'static str },
     #[error(
         "{name:?} is the name of a motor too, and the group has other motors: `motorctl hold {name}` could mean either; give the \
          group another name"
@@ -223,9 +223,9 @@ pub enum Wrong {
     ImuDeviceTaken { name: String, other: String },
 
     #[error(
-        "{0:?} is a serial bus, and this IMU speaks over CAN only; name a bus of type socketcan or simulated"
+        "{0:?} is a serial bus, and this {1} speaks over CAN only; name a bus of type socketcan or simulated"
     )]
-    ImuOnLine(String),
+    SensorOnLine(String, &'static str),
     #[error(
         "the id {id:#05x} that follows from it is that of {other} on the same bus, and only one node may send an id; give another \
          {key}, here and on the device"
@@ -245,14 +245,14 @@ pub enum Wrong {
     )]
     ImuNotAskedAt { cycle_hz: f64, nearest: f64 },
     #[error(
-        "the frames of the IMU delay the last reply to {last_us:.0} µs after the commands, later than the reply deadline of \
+        "the frames of the {what} delay the last reply to {last_us:.0} µs after the commands, later than the reply deadline of \
          {deadline_us:.0} µs at {rate_hz} Hz; give it another bus, or lower cycle.rate-hz to at most {rate_hz_max} Hz"
     )]
-    ImuOverloads { rate_hz: f64, last_us: f64, deadline_us: f64, rate_hz_max: f64 },
+    SensorOverloads { what: &'static str, rate_hz: f64, last_us: f64, deadline_us: f64, rate_hz_max: f64 },
     #[error(
-        "with the IMU the bus needs {percent:.1} % of its time at worst; give it another bus, or lower rate-hz"
+        "with the {what} the bus needs {percent:.1} % of its time at worst; give it another bus, or lower rate-hz"
     )]
-    ImuFillsBus { percent: f64 },
+    SensorFillsBus { what: &'static str, percent: f64 },
 
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
@@ -406,9 +406,6 @@ pub enum Wrong {
     #[error("the group has no joints; list some, or remove it")]
     EmptyGroup,
 }
-
-/// The tables that can occur several times.
-pub(super) const LISTS: [&str; 4] = ["bus", "motor", "group", "imu"];
 
 impl Wrong {
     /// Bytes that are not UTF-8: text in another encoding, or no text.

@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 use super::entry::{At, Entry, Item, Rule, Written};
 use super::findings::Findings;
 use super::other_unit;
-use super::problem::{LISTS, Wrong, plain};
+use super::problem::{Wrong, plain};
 use super::similar::{closest, suggestion, with_words};
 use super::sort::found;
 use super::value::Value;
@@ -186,10 +186,10 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let hint = match closest(name, known.iter().copied()) {
             Some(near) => {
                 self.findings.mark_malformed(near);
-                format!("did you mean {}?", header(near))
+                format!("did you mean {}?", self.header(near))
             }
             None => {
-                let known: Vec<_> = known.iter().map(|name| header(name)).collect();
+                let known: Vec<_> = known.iter().map(|name| self.header(name)).collect();
                 format!("known are {}", known.join(", "))
             }
         };
@@ -206,7 +206,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             ("motor", "bus", Some(bus)) => format!(", and in it bus = {bus:?}"),
             _ => String::new(),
         };
-        Some(format!("it is no part of {}: write {}{more}", header(self.path), header(path)))
+        Some(format!("it is no part of {}: write {}{more}", self.header(self.path), self.header(path)))
     }
 
     /// Returns the tables that an unknown key belongs to: one of the same list, or the one or two
@@ -216,8 +216,13 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
         let related = tables.iter().find(|table| first(table) == first(self.path));
         let tables = related.map_or(tables.as_slice(), std::slice::from_ref);
-        let headers: Vec<_> = tables.iter().map(|table| header(table)).collect();
+        let headers: Vec<_> = tables.iter().map(|table| self.header(table)).collect();
         (1..=2).contains(&tables.len()).then(|| format!("it belongs in {}", headers.join(" or ")))
+    }
+
+    /// The line that begins the table `path`.
+    fn header(&self, path: &str) -> String {
+        if is_list(self.known, path) { format!("[[{path}]]") } else { format!("[{path}]") }
     }
 
     /// Returns `new`, or `old` where only that is written. Both are an error.
@@ -234,9 +239,9 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     }
 }
 
-/// The line that begins the table `path`.
-fn header(path: &str) -> String {
-    if LISTS.contains(&path) { format!("[[{path}]]") } else { format!("[{path}]") }
+/// Returns whether a file can have several tables `path`: each has a name.
+pub(super) fn is_list(known: Sections, path: &str) -> bool {
+    known.iter().any(|(known, keys)| *known == path && keys.contains(&"name"))
 }
 
 /// The line that begins a table of the file, as its value was written; `None` for a value that is

@@ -8,7 +8,7 @@ use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use motord_settings::imu::WhenLost;
+use motord_settings::sensor::imu::WhenLost;
 use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 use toml::Spanned;
 use toml::de::DeValue;

@@ -4,6 +4,7 @@
 //! The configuration uses the same values: its test `omitted_keys_are_these_defaults` compares
 //! them.
 
+use crate::sensor::SensorSettings;
 use crate::settings::{
     BeyondRange, BusSettings, CycleSettings, FaultPolicy, IpcMode, IpcSettings, LimitSettings, MARGIN,
     MotorSettings, MotorSimulation, REGISTERS_MAX, RegisterRange, SafeStop, SafetySettings, Settings,
@@ -44,7 +45,7 @@ impl Default for Settings {
             motors: Vec::new(),
             simulation: Vec::new(),
             groups: Vec::new(),
-            imus: Vec::new(),
+            sensors: SensorSettings::default(),
         }
     }
 }

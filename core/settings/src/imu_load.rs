@@ -1,7 +1,7 @@
 //! The load that sensors are for their CAN buses.
 
-use crate::imu::ImuSettings;
 use crate::sensor::SensorFrames;
+use crate::sensor::imu::ImuSettings;
 use crate::settings::{MotorSettings, Settings};
 use motord_bus::FrameId;
 use motord_bus::arithmetic::{IdWidth, expected_bits, unstuffed_bits, utilisation, worst_case_bits};
@@ -63,7 +63,7 @@ impl SensorLoad {
     pub(crate) fn of(settings: &Settings, bus: usize) -> Self {
         let mut load = Self::default();
         let mut unasked = Vec::new();
-        for SensorFrames { rate_hz, requests, samples, .. } in settings.sensors(bus) {
+        for SensorFrames { rate_hz, requests, samples, .. } in settings.sensors.on_bus(bus) {
             let frames = || requests.iter().chain(&samples);
             let sum = |bits: Bits| frames().map(|frame| bits_of(frame, bits)).sum::<u32>();
             let (worst, unstuffed) = (sum(worst_case_bits), sum(unstuffed_bits));

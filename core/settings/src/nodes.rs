@@ -9,7 +9,7 @@ use motord_bus::transport::{Node, Nodes};
 #[must_use]
 pub fn nodes(settings: &Settings, bus: usize, reply_timeout: Duration) -> Nodes {
     let motors = || settings.motors.iter().filter(move |motor| motor.bus == bus);
-    let sensors = || settings.sensors(bus);
+    let sensors = || settings.sensors.on_bus(bus);
     let node = |motor: &MotorSettings| Node {
         command_id: motor.command_id(),
         host_id: motor.host_id,

@@ -1,7 +1,6 @@
 //! The checked configuration: every value present, in range, and in the units of the code.
 
-use crate::imu::ImuSettings;
-use crate::sensor::SensorFrames;
+use crate::sensor::SensorSettings;
 use core::num::NonZero;
 use motord_bus::arithmetic::FrameLength;
 use motord_bus::transport::BusKind;
@@ -31,8 +30,8 @@ pub struct Settings {
     pub simulation: Vec<MotorSimulation>,
     /// `[[group]]`, or one group `all`. Every motor is in exactly one.
     pub groups: Vec<GroupSettings>,
-    /// `[[imu]]`, in the order of the file.
-    pub imus: Vec<ImuSettings>,
+    /// The sensors, such as `[[imu]]`.
+    pub sensors: SensorSettings,
 }
 
 impl Settings {
@@ -43,18 +42,6 @@ impl Settings {
         let motors = self.motors.iter().filter(|motor| motor.bus == bus).count();
         let polls = self.safety.fault_poll_hz > 0.0 || self.cycle.indicator_hz > 0.0;
         motors + usize::from(polls && self.buses[bus].is_line())
-    }
-
-    /// Returns the frames of the sensors of a CAN bus, of every kind. Allocates.
-    pub fn sensors(&self, bus: usize) -> impl Iterator<Item = SensorFrames> {
-        let sensors = self.imus.iter().filter_map(ImuSettings::frames);
-        sensors.filter(move |sensor| sensor.bus == bus)
-    }
-
-    /// Returns whether a bus has a sensor. Allocates.
-    #[must_use]
-    pub fn has_sensor(&self, bus: usize) -> bool {
-        self.sensors(bus).next().is_some()
     }
 
     /// Returns the cycle, below `every`, of the turn number `turn` of a bus. The turns are spread

@@ -8,7 +8,7 @@
 //! Real-time: nothing here allocates, blocks or calls the system; each call takes constant time.
 
 use motord_bus::{Duration, Instant};
-use motord_settings::imu::{ImuSample, Mount};
+use motord_settings::sensor::imu::{ImuSample, Mount};
 use motord_shared::ImuContradiction::{
     self, AccelerationAxes, AccelerationInG, Direction, QuaternionInverse, QuaternionNed, QuaternionXyzw,
     Size, WithoutGravity, ZDown,

@@ -4,7 +4,7 @@ use super::context::Context;
 use super::event::Event;
 use super::gravity::{Finding, GravityCheck};
 use motord_bus::{Duration, Instant};
-use motord_settings::imu::{ImuSample, ImuSettings, WhenLost};
+use motord_settings::sensor::imu::{ImuSample, ImuSettings, WhenLost};
 use motord_shared::ImuState;
 use motord_shared::message::{IMU_CONTRADICTIONS_SHIFT, IMU_FRESH, IMU_LOST, IMU_VALID};
 

@@ -112,7 +112,7 @@ impl Control {
                 .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
                 .collect(),
             indicators: Indicators::new(settings),
-            imus: Imus::new(&settings.imus),
+            imus: Imus::new(&settings.sensors.imus),
             commands: vec![Command::Nothing; settings.motors.len()],
             time_base: TimeBase::new(&settings.cycle),
             leases: Leases::new(boot_id),

@@ -1,7 +1,7 @@
 //! A sensor that repeats one sample.
 
 use motord_bus::{Duration, Instant};
-use motord_settings::imu::ImuSample;
+use motord_settings::sensor::imu::ImuSample;
 
 /// Time for which all samples must be equal.
 const TIME: Duration = Duration::from_secs(1);

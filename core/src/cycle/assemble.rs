@@ -23,6 +23,6 @@ pub fn assemble(
     boot_id: u64,
 ) -> (Cycle, Ends) {
     assert_eq!(buses.len(), settings.buses.len(), "every bus of the settings is there");
-    let (link, ends) = link(settings.groups.len(), settings.imus.len());
+    let (link, ends) = link(settings.groups.len(), settings.sensors.imus.len());
     (Cycle::new(settings, &BusPlan::of(settings), buses, Box::new(clock), link, boot_id), ends)
 }

@@ -7,7 +7,7 @@ use crate::control::{ImuReading, Reading, Repetition};
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::imu::{CanDecoder, SampleError};
-use motord_settings::imu::{ImuCan, ImuSample, ImuSettings, Mount};
+use motord_settings::sensor::imu::{ImuCan, ImuSample, ImuSettings, Mount};
 use motord_settings::settings::Settings;
 
 /// A device that gave no sample for this many requests is asked only once in [`PROBE_PERIOD`]: the
@@ -55,7 +55,7 @@ struct CanImu {
 
 /// Returns the IMUs of `bus`. Allocates.
 pub(super) fn on_bus(settings: &Settings, bus: usize) -> Vec<Box<dyn Sensor>> {
-    let imus = settings.imus.iter().enumerate();
+    let imus = settings.sensors.imus.iter().enumerate();
     let on_bus = imus.filter_map(|(index, imu)| Some((index, imu, imu.source.can()?)));
     let has_motors = settings.motors.iter().any(|motor| motor.bus == bus);
     let new = |(index, imu, can)| Box::new(CanImu::new((index, imu), can, settings, has_motors));

@@ -7,7 +7,7 @@ use motord_harness::conventions::{CONVENTIONS, Convention};
 use motord_harness::robot;
 use motord_harness::robot::line::Wire;
 use motord_harness::robot::{Robot, Shared};
-use motord_settings::imu::{ImuSample, ImuSource, Mount};
+use motord_settings::sensor::imu::{ImuSample, ImuSource, Mount};
 use motord_settings::settings::Settings;
 use motord_shared::ImuState;
 use motord_shared::message::IMU_LOST;
@@ -170,8 +170,8 @@ fn each_convention_behind_a_mount_is_named() {
         let mount = Mount::from_roll_pitch_yaw(angles);
         each_convention_is_named("reader", || {
             let mut settings = settings("[[imu]]\nname = 'base'\ntype = 'external'\nrate-hz = 250\n");
-            assert!(matches!(settings.imus[0].source, ImuSource::External));
-            settings.imus[0].mount = mount;
+            assert!(matches!(settings.sensors.imus[0].source, ImuSource::External));
+            settings.sensors.imus[0].mount = mount;
             let feed = move |robot: &mut Robot, convention: &Convention, turn: u32| {
                 let acceleration = convention.noisy(turn);
                 let orientation = convention.orientation;

@@ -3,7 +3,8 @@
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Event, ImuReading};
 use motord_harness::robot::{self, Robot};
-use motord_settings::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
+use motord_settings::sensor::SensorSettings;
+use motord_settings::sensor::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
 use motord_settings::settings::Settings;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
 use motord_shared::{Cause, ImuContradiction, ImuState, Operation, Phase, Refusal};
@@ -20,7 +21,7 @@ fn settings(when_lost: WhenLost) -> Settings {
         lost_after: LOST_AFTER,
         when_lost,
     };
-    Settings { imus: vec![imu], ..robot::three_motors() }
+    Settings { sensors: SensorSettings { imus: vec![imu] }, ..robot::three_motors() }
 }
 
 /// The reading after the sample with this number.
@@ -57,8 +58,8 @@ fn imu_is_unknown_until_its_first_sample() {
 #[test]
 fn convention_at_rest_is_named_within_two_seconds() {
     let mut settings = settings(WhenLost::Report);
-    settings.imus[0].mount = Mount::from_roll_pitch_yaw([0.0, 0.0, 1.57]);
-    let mount = settings.imus[0].mount;
+    settings.sensors.imus[0].mount = Mount::from_roll_pitch_yaw([0.0, 0.0, 1.57]);
+    let mount = settings.sensors.imus[0].mount;
     let mut robot = Robot::new(settings, 1);
     robot.step();
     robot.take_events();
@@ -125,7 +126,7 @@ fn unplugged_imu_is_lost_at_once() {
 #[test]
 fn late_cycle_loses_no_sound_imu() {
     let mut settings = settings(WhenLost::Stop);
-    settings.imus[0].lost_after = Duration::from_secs(1);
+    settings.sensors.imus[0].lost_after = Duration::from_secs(1);
     settings.safety.setpoint_timeout = Duration::from_secs(3);
     (settings.cycle.max_lateness, settings.cycle.max_missed_ticks) = (Duration::from_secs(3), 1.0);
     let mut robot = Robot::new(settings, 1);
@@ -165,7 +166,7 @@ fn imu_that_never_samples_is_reported_once() {
 fn lost_imu_stops_robot_by_setting() {
     for (when_lost, expected) in [(WhenLost::Stop, Some(Cause::ImuLost)), (WhenLost::Report, None)] {
         let mut settings = settings(when_lost);
-        settings.imus[0].lost_after = Duration::from_secs(1);
+        settings.sensors.imus[0].lost_after = Duration::from_secs(1);
         let mut robot = Robot::new(settings, 1);
         sampled(&mut robot, 1);
         let joints = robot.activate();

@@ -4,7 +4,7 @@ use crate::error::TwinError;
 use crate::joints::{JointPlant, Mechanics};
 use crate::physics::simulate;
 use motord_bus::transport::Simulated;
-use motord_settings::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
+use motord_settings::sensor::imu::{ImuCan, ImuSimulation, ImuSource, Mount};
 use motord_settings::settings::Settings;
 use motord_simulator::{PlantBus, SharedBus, couple};
 
@@ -21,7 +21,7 @@ pub fn simulate_all(settings: &mut Settings) -> Result<(), TwinError> {
         let (bitrate, seed) = (bus.kind.bitrate(), bus.kind.seed().unwrap_or(0));
         bus.kind = Simulated { bitrate, seed }.into();
     }
-    for imu in &mut settings.imus {
+    for imu in &mut settings.sensors.imus {
         let errors = match &imu.source {
             ImuSource::Simulated(errors) | ImuSource::Can(ImuCan { simulation: errors, .. }) => {
                 errors.clone()

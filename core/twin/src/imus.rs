@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, Instant};
 use motord_core::control::ImuReading;
-use motord_settings::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource};
+use motord_settings::sensor::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuValues, InjectError};
 use std::collections::VecDeque;
 

@@ -6,7 +6,7 @@
 use motord_bus::Duration;
 use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
-use motord_settings::imu::{ImuCan, ImuSettings, ImuSimulation};
+use motord_settings::sensor::imu::{ImuCan, ImuSettings, ImuSimulation};
 use motord_settings::settings::{MotorSettings, MotorSimulation, Settings};
 use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
 
@@ -45,7 +45,7 @@ fn imus(settings: &Settings, bus: usize) -> Vec<ImuNodeSettings> {
         let ImuSimulation { noise, bias, delay, seed } = *simulation;
         Some(ImuNodeSettings { name: imu.name.clone(), device, noise, bias, delay, seed })
     };
-    settings.imus.iter().filter_map(twin).collect()
+    settings.sensors.imus.iter().filter_map(twin).collect()
 }
 
 /// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is

@@ -97,7 +97,7 @@ impl Twin {
         body: Option<Box<dyn Body>>,
     ) -> Result<Self, TwinError> {
         simulate_all(&mut settings)?;
-        let sensors = settings.imus.iter().map(|imu| Sensor::new(imu, options.seed, START)).collect();
+        let sensors = settings.sensors.imus.iter().map(|imu| Sensor::new(imu, options.seed, START)).collect();
         let seed = |bus: usize| options.seed + bus as u64;
         let (buses, opened, plant) = match mechanics {
             Some(mechanics) => {

@@ -23,7 +23,7 @@ impl Names {
             joints: settings.motors.iter().map(|motor| motor.name.clone()).collect(),
             groups: settings.groups.iter().map(|group| group.name.clone()).collect(),
             buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
-            imus: settings.imus.iter().map(|imu| imu.name.clone()).collect(),
+            imus: settings.sensors.imus.iter().map(|imu| imu.name.clone()).collect(),
         }
     }
 }

@@ -300,7 +300,7 @@ fn open_imus(
     endpoints: &mut Vec<Endpoint>,
 ) -> Result<(), Failure> {
     let start = clock::monotonic();
-    for (index, imu) in settings.imus.iter().enumerate() {
+    for (index, imu) in settings.sensors.imus.iter().enumerate() {
         let seed = arguments.seed.wrapping_add(index as u64);
         let link = imu.source.serial().and_then(|line| link(arguments, &line.device));
         let Some(port) = imus::simulated_port(imu, start, link, seed) else { continue };

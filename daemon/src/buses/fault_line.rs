@@ -77,7 +77,7 @@ pub fn read(line: &str, settings: &Settings) -> Result<FaultVerb, FaultLineError
 fn check_target(target: &str, settings: &Settings) -> Result<(), FaultLineError> {
     let motors = settings.motors.iter().map(|motor| motor.name.as_str());
     let buses = settings.buses.iter().map(|bus| bus.name.as_str());
-    let mut names = motors.chain(buses).chain(settings.imus.iter().map(|imu| imu.name.as_str()));
+    let mut names = motors.chain(buses).chain(settings.sensors.imus.iter().map(|imu| imu.name.as_str()));
     if names.clone().any(|name| name == target) {
         return Ok(());
     }

@@ -203,7 +203,7 @@ impl Injectors {
         }
         let motor =
             self.settings.motors.iter().find(|motor| motor.name == verb.target).map(|motor| motor.bus);
-        let imu = self.settings.imus.iter().find(|imu| imu.name == verb.target);
+        let imu = self.settings.sensors.imus.iter().find(|imu| imu.name == verb.target);
         let motor = motor.or(imu.and_then(|imu| imu.source.can()).map(|can| can.bus));
         let bus = self.settings.buses.iter().position(|bus| bus.name == verb.target);
         let injector = bus.or(motor).and_then(|bus| self.injectors.get_mut(bus));

@@ -54,7 +54,7 @@ pub fn open_planted(settings: &mut Settings, path: &Path) -> Result<Buses, Plant
     simulate_all(settings)?;
     let (plant, PlantEnds { mechanics, body }) = Plant::new(PlantLink::connect(path, settings)?);
     if body.is_none() {
-        settings.imus.iter().for_each(|imu| warn_of_blind(&imu.name));
+        settings.sensors.imus.iter().for_each(|imu| warn_of_blind(&imu.name));
     }
     let (buses, injectors) = Injectors::open_coupled(settings, mechanics)?;
     let world = body.map_or(World::Blind, World::Body);

@@ -5,7 +5,7 @@ use super::writer::Writer;
 use motord_bus::{Duration, Instant};
 use motord_core::control::Repetition;
 use motord_ports::clock::other_clock;
-use motord_settings::imu::{ImuSample, ImuSettings};
+use motord_settings::sensor::imu::{ImuSample, ImuSettings};
 use motord_shared::message::ImuMessage;
 
 /// This many samples in a row that are too old are of an unfit clock; fewer may be late.
@@ -194,7 +194,7 @@ impl ExternalImus {
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_settings::imu::{ImuSource, Mount, WhenLost};
+    use motord_settings::sensor::imu::{ImuSource, Mount, WhenLost};
     use triple_buffer::{Output, TripleBuffer};
 
     const BOOT: u64 = 7;

@@ -27,7 +27,7 @@ use writer::Writer;
 
 use motord_bus::Instant;
 use motord_core::control::ImuReading;
-use motord_settings::imu::{ImuSettings, ImuSource};
+use motord_settings::sensor::imu::{ImuSettings, ImuSource};
 use triple_buffer::Input;
 
 /// The IMUs of a robot, by source.

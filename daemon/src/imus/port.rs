@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, Instant};
 use motord_protocol::imu::SerialProtocol;
-use motord_settings::imu::{ImuSettings, ImuSource};
+use motord_settings::sensor::imu::{ImuSettings, ImuSource};
 use motord_simulator::{Imu, ImuPort, ImuVendor};
 use std::path::PathBuf;
 

@@ -8,7 +8,7 @@ use motord_bus::serial::{ByteStream as _, OpenError, Port};
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_core::control::Repetition;
 use motord_protocol::imu::{BITS_PER_BYTE, Sample, SampleError, SerialDecoder};
-use motord_settings::imu::{ImuSample, ImuSerial, ImuSettings};
+use motord_settings::sensor::imu::{ImuSample, ImuSerial, ImuSettings};
 use nix::errno::Errno;
 
 /// Wait before a device that is not there is tried again.
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
     use motord_core::control::ImuReading;
     use motord_protocol::imu::{DeviceTime, Quaternion, SerialProtocol};
-    use motord_settings::imu::{ImuSource, Mount, WhenLost};
+    use motord_settings::sensor::imu::{ImuSource, Mount, WhenLost};
     use triple_buffer::{Output, TripleBuffer};
 
     fn imu(protocol: SerialProtocol) -> (SerialImu, Output<ImuReading>) {

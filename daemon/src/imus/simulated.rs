@@ -3,7 +3,7 @@
 use super::reader::{Reader, TURN};
 use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
-use motord_settings::imu::{ImuSettings, ImuSimulation};
+use motord_settings::sensor::imu::{ImuSettings, ImuSimulation};
 use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuValues, InjectError};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -129,7 +129,7 @@ impl Reader for SimulatedImus {
 mod tests {
     use super::*;
     use motord_core::control::ImuReading;
-    use motord_settings::imu::Mount;
+    use motord_settings::sensor::imu::Mount;
     use triple_buffer::{Input, TripleBuffer};
 
     const LEVEL: ImuValues = ImuValues {

@@ -2,7 +2,7 @@
 
 use motord_bus::Instant;
 use motord_core::control::ImuReading;
-use motord_settings::imu::{ImuSample, Mount};
+use motord_settings::sensor::imu::{ImuSample, Mount};
 use triple_buffer::Input;
 
 /// The writing end of one IMU.

@@ -19,7 +19,7 @@ use super::unexpected::OtherFormats;
 use motord_core::control::{Event, Losses};
 use motord_core::cycle::Counters;
 use motord_protocol::Faults;
-use motord_settings::imu::ImuSource;
+use motord_settings::sensor::imu::ImuSource;
 use motord_settings::settings::Settings;
 use motord_shared::description::slow_owner;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
@@ -153,8 +153,8 @@ impl Log {
             motors: motors.collect(),
             groups: groups.collect(),
             buses: settings.buses.iter().map(|bus| Subject::new(&bus.name, CHANGES_LOGGED)).collect(),
-            imus: settings.imus.iter().map(|imu| Subject::new(&imu.name, CHANGES_LOGGED)).collect(),
-            imu_checks: settings.imus.iter().map(|imu| imu_check(&imu.source)).collect(),
+            imus: settings.sensors.imus.iter().map(|imu| Subject::new(&imu.name, CHANGES_LOGGED)).collect(),
+            imu_checks: settings.sensors.imus.iter().map(|imu| imu_check(&imu.source)).collect(),
             requests: Subject::new("requests", REQUESTS_LOGGED),
             refused: None,
             missed_ticks: 0,

@@ -36,7 +36,7 @@ impl Measurements {
             records,
             counters,
             distributions: Distributions::new(motors, groups, settings.cycle.period)
-                .with_imus(settings.imus.len()),
+                .with_imus(settings.sensors.imus.len()),
             metrics: Metrics::new(Names::of(settings)),
             outputs,
         }

@@ -119,7 +119,7 @@ fn start_plant(starter: &Starter, plant: Plant) -> Result<(), RunError> {
 }
 
 fn start_imus(starter: &Starter, inputs: Vec<Input<ImuReading>>, world: World) -> Result<Sources, RunError> {
-    let imus = &starter.settings.imus;
+    let imus = &starter.settings.sensors.imus;
     let mut sources = Sources::of(imus, inputs, clock::monotonic(), world, starter.boot_id);
     for mut reader in std::mem::take(&mut sources.readers) {
         starter.detach_below_the_cycle(reader.thread(), move |orders| {

@@ -33,7 +33,7 @@ fn error(imu: &str) -> String {
 fn can_imus_have_vendor_ids_by_default() {
     let device = |imu: &str| {
         let settings = validate(&robot(imu)).unwrap().settings;
-        let can = settings.imus[0].source.can().unwrap();
+        let can = settings.sensors.imus[0].source.can().unwrap();
         (can.bus, can.device.sent_ids().collect::<Vec<_>>(), can.device.request_id())
     };
     let (bus, sent, request) = device("type = 'hipnuc-can'\nbus = 'body'");
@@ -151,7 +151,7 @@ fn plan_counts_frames_of_imus() {
         let settings = validate(&robot_with(models, imu)).unwrap().settings;
         (
             BusPlan::of(&settings).swap_remove(usize::from(imu.contains("body"))),
-            ImuLoad::of(&settings, &settings.imus[0]).unwrap(),
+            ImuLoad::of(&settings, &settings.sensors.imus[0]).unwrap(),
         )
     };
     let (bus, imu) = plan(&["GIM8108-8"], "type = 'hipnuc-can'\nbus = 'leg'\nrate-hz = 200");

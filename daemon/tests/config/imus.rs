@@ -3,7 +3,7 @@
 use crate::document::{GOOD, only_error, validate, with_serial};
 use motord::commands::check::{Wanted, check};
 use motord_protocol::imu::SerialProtocol;
-use motord_settings::imu::{ImuSerial, ImuSettings, WhenLost};
+use motord_settings::sensor::imu::{ImuSerial, ImuSettings, WhenLost};
 use std::time::Duration;
 
 /// A robot with an IMU of these lines.
@@ -13,7 +13,7 @@ fn with_imu(lines: &str) -> String {
 
 fn imu(lines: &str) -> ImuSettings {
     let mut settings = validate(&with_imu(lines)).expect("it is good").settings;
-    settings.imus.remove(0)
+    settings.sensors.imus.remove(0)
 }
 
 #[test]

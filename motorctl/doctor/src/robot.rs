@@ -80,7 +80,7 @@ fn units(configuration: &Path) -> Vec<String> {
 
 /// Returns the requests to the IMUs of a bus in a cycle.
 fn requests(settings: &Settings, bus: usize) -> usize {
-    let imus = settings.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == bus);
+    let imus = settings.sensors.imus.iter().filter_map(|imu| imu.source.can()).filter(|can| can.bus == bus);
     imus.map(|can| can.device.requests().count()).sum()
 }
 
@@ -121,7 +121,7 @@ impl Robot {
             }));
             robot.devices.extend(bus.kind.port().map(str::to_owned));
         }
-        for imu in &settings.imus {
+        for imu in &settings.sensors.imus {
             let Some(line) = imu.source.serial() else { continue };
             let (device, utilisation) = (line.device.clone(), line.utilisation(imu.rate_hz));
             robot.devices.push(device.clone());

@@ -10,7 +10,7 @@ use crate::scale::Scale;
 use motord_bus::{Frame, FrameId};
 use motord_configuration::ConfigError;
 use motord_protocol::{Profile, register};
-use motord_settings::imu::ImuSettings;
+use motord_settings::sensor::imu::ImuSettings;
 use motord_settings::settings::{BusSettings, MotorSettings};
 use std::path::Path;
 
@@ -50,7 +50,7 @@ impl LoggedRobot {
             let can = imu.source.can()?;
             Some(LoggedImu::new(imu.name.clone(), interfaces[can.bus].clone(), can.device))
         };
-        let imus = settings.imus.iter().filter_map(wired).collect();
+        let imus = settings.sensors.imus.iter().filter_map(wired).collect();
         Ok(Self { motors: motors.collect(), imus, interfaces })
     }
 

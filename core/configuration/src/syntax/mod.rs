@@ -9,9 +9,10 @@ mod value;
 
 use toml::de::Error;
 
-use super::keys;
-use super::problem::{LISTS, Wrong, plain};
+use super::keys::{self, SECTIONS};
+use super::problem::{Wrong, plain};
 use super::sort::quoted;
+use super::table::is_list;
 use line::Line;
 
 /// A mistake in the text.
@@ -75,10 +76,9 @@ fn text_without_end(text: &str, open: usize) -> String {
 /// `[motor.limits]` before the first `[[motor]]`, which the TOML library then calls a duplicate.
 fn table_before_list(text: &str, offset: usize, name: &str) -> Option<Mistake> {
     let begin = text[..offset].rfind('\n').map_or(0, |end| end + 1);
-    let (_, list) =
-        LISTS.iter().map(|list| (list, format!("[[{list}]]"))).find(|(list, _)| **list == name)?;
-    let is_list = |line: &str| line.trim_start().starts_with(&list);
-    if !is_list(&text[begin..]) || text[..begin].lines().any(is_list) {
+    let list = format!("[[{name}]]");
+    let begins_item = |line: &str| line.trim_start().starts_with(&list);
+    if !is_list(SECTIONS, name) || !begins_item(&text[begin..]) || text[..begin].lines().any(begins_item) {
         return None;
     }
     let mut at = 0;
@@ -97,7 +97,7 @@ fn table_before_list(text: &str, offset: usize, name: &str) -> Option<Mistake> {
 fn duplicate(text: &str, offset: usize, name: &str) -> Wrong {
     let first =
         scan::earlier(text, offset, name).map_or_else(String::new, |line| format!(", first in line {line}"));
-    Wrong::Toml(match LISTS.contains(&name) {
+    Wrong::Toml(match is_list(SECTIONS, name) {
         true => format!("is there twice{first}; write `[[{name}]]`, with two brackets, each time"),
         false => format!("`{}` is there twice{first}; keep one", quoted(name)),
     })

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::num::NonZero;
-use std::path::Path;
 
 use motord_bus::Identity;
 use motord_bus::transport::{BusKind, Serial, Simulated, SocketCan};
@@ -23,6 +22,9 @@ use crate::value::{BusType, Choice};
 const START_TURNS: u32 = 15;
 /// `IFNAMSIZ` of Linux without the closing zero.
 const INTERFACE_BYTES_MAX: usize = 15;
+
+/// The tables of the buses, and their settings.
+pub(super) type Buses<'a> = (&'a [Item<Bus>], &'a [Option<BusSettings>]);
 
 /// All buses, in the order of the file; `None` for one that cannot be built.
 pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Option<BusSettings>> {
@@ -69,16 +71,14 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
     match kind {
         BusType::SocketCan => {
             let hint = "give the CAN interface, such as interface = \"can0\"";
-            let interface = required(&keys.interface, hint, findings)?;
+            let interface = findings.required(&keys.interface, hint)?;
             let interface = self::interface(interface, &keys.interface, findings)?;
             Some(SocketCan { interface, bitrate }.into())
         }
         BusType::Serial => {
-            let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
-            let device = required(&keys.device, hint, findings)?;
+            let device = findings.device(&keys.device)?;
             let baud = keys.baud.value as u32;
             let turnaround = micros(keys.turnaround_us.value);
-            let device = self::device(device, &keys.device, findings)?;
             Some(Serial { device, baud, turnaround }.into())
         }
         BusType::Simulated => {
@@ -88,18 +88,6 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
             Some(Simulated { bitrate, seed }.into())
         }
     }
-}
-
-/// A text that this type of bus or IMU needs.
-pub(super) fn required<'e>(
-    entry: &'e Entry<Option<String>>,
-    hint: &'static str,
-    findings: &mut Findings<'_>,
-) -> Option<&'e str> {
-    if !entry.is_written {
-        findings.error(entry.at, Wrong::Missing(hint.into()));
-    }
-    entry.value.as_deref()
 }
 
 /// Reports keys of another type: the type is wrong, or the key has no effect.
@@ -138,23 +126,6 @@ fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<
     Some(name.to_owned())
 }
 
-/// Checks that it is an absolute path. A missing device is only a warning, because it may be
-/// connected later.
-pub(super) fn device(
-    path: &str,
-    entry: &Entry<Option<String>>,
-    findings: &mut Findings<'_>,
-) -> Option<String> {
-    if !Path::new(path).is_absolute() || path.contains('\0') {
-        findings.error(entry.at, Wrong::DevicePath { path: path.to_owned() });
-        return None;
-    }
-    if !Path::new(path).exists() {
-        findings.warn(entry.at, Wrong::NoDevice(path.to_owned()));
-    }
-    Some(path.to_owned())
-}
-
 /// Warns of a bus whose motors have ids of an earlier bus of the same kind. Simulated buses have no
 /// adapters and no cables.
 pub(super) fn check_shared_ids(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
@@ -186,7 +157,7 @@ fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
 pub(super) fn check_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
         if plan.motors == 0 {
-            if !settings.has_sensor(bus) {
+            if settings.sensors.on_bus(bus).next().is_none() {
                 findings.warn(*at, Wrong::EmptyBus);
             }
         } else if settings.buses[bus].is_line() {
@@ -233,5 +204,44 @@ fn check_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findi
         let [round_ms, start_ms] =
             [round, settings.safety.start_timeout].map(|time| 1e3 * time.as_secs_f64());
         findings.error(keys.every.at, Wrong::SlowStart { turns: START_TURNS, round_ms, start_ms });
+    }
+}
+
+/// Returns the index of the CAN bus of a sensor, `what`; `None` for one that is unknown or not CAN.
+pub(super) fn of_sensor(
+    entry: &Entry<Option<String>>,
+    what: &'static str,
+    (items, buses): Buses<'_>,
+    findings: &mut Findings<'_>,
+) -> Option<usize> {
+    let name =
+        findings.required(entry, &format!("name the [[bus]] the {what} is on, such as bus = \"body\""))?;
+    let names = items.iter().map(|bus| &bus.keys.name);
+    let bus = findings.find(entry.at, (name, "bus"), names, Wrong::UnknownBus)?;
+    if buses[bus].as_ref()?.is_line() {
+        findings.error(entry.at, Wrong::SensorOnLine(name.to_owned(), what));
+        return None;
+    }
+    Some(bus)
+}
+
+/// Reports a sensor, `what`, for which its bus has no capacity. A bus that is too full without it
+/// is reported itself.
+pub(super) fn check_sensor_load(
+    (at, what): (At, &'static str),
+    plan: &BusPlan,
+    settings: &Settings,
+    findings: &mut Findings<'_>,
+) {
+    let deadline = settings.cycle.reply_deadline;
+    if plan.last_reply.saturating_sub(plan.imu_time) > deadline {
+        return;
+    }
+    if plan.last_reply > deadline {
+        let [last_us, deadline_us] = [plan.last_reply, deadline].map(|time| 1e6 * time.as_secs_f64());
+        let (rate_hz, rate_hz_max) = (settings.cycle.rate_hz, plan.rate_hz_max.floor());
+        findings.error(at, Wrong::SensorOverloads { what, rate_hz, last_us, deadline_us, rate_hz_max });
+    } else if plan.worst_case_utilisation > 1.0 {
+        findings.error(at, Wrong::SensorFillsBus { what, percent: 100.0 * plan.worst_case_utilisation });
     }
 }

@@ -2,17 +2,16 @@
 
 use motord_bus::Identity;
 use motord_protocol::imu::{BITS_PER_BYTE, SerialProtocol};
-use motord_settings::imu::{ImuCan, ImuSerial, ImuSettings, ImuSimulation, ImuSource, Mount};
+use motord_settings::sensor::imu::{ImuCan, ImuSerial, ImuSettings, ImuSimulation, ImuSource, Mount};
 use motord_shared::limits::IMUS_MAX;
 
-use super::bus;
-use super::imu_can::{self, Buses};
+use super::bus::{self, Buses};
+use super::imu_can;
 use super::time::{micros, millis};
-use crate::document::{Document, ImuTables};
 use crate::entry::Item;
 use crate::file::fnv1a;
 use crate::findings::Findings;
-use crate::keys;
+use crate::keys::{self, ImuTables};
 use crate::problem::Wrong;
 use crate::value::{Choice, ImuType};
 
@@ -35,21 +34,6 @@ pub(super) fn imus(
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "IMU" });
     refuse_taken_devices(items, buses.0, findings);
     items.iter().map(|imu| self::imu(&imu.keys, buses, findings)).collect()
-}
-
-/// Reports an IMU with the name of a motor, bus or group: commands such as `motorctl sim` take
-/// each.
-pub(super) fn refuse_taken_names(document: &Document, findings: &mut Findings<'_>) {
-    let motors = document.motors.iter().map(|item| ("motor", &item.keys.keys.name.value));
-    let buses = document.buses.iter().map(|item| ("bus", &item.keys.name.value));
-    let groups = document.groups.iter().map(|item| ("group", &item.keys.name.value));
-    let taken: Vec<_> = motors.chain(buses).chain(groups).collect();
-    for Item { keys: ImuTables { keys, .. }, .. } in &document.imus {
-        let Some(name) = &keys.name.value else { continue };
-        if let Some((what, _)) = taken.iter().find(|(_, other)| other.as_ref() == Some(name)) {
-            findings.error(keys.name.at, Wrong::NameOfAnother { name: name.clone(), what });
-        }
-    }
 }
 
 /// Reports a device that a bus or an earlier IMU uses, also under another name.
@@ -120,7 +104,7 @@ fn source(
         ImuType::Simulated => Some(ImuSource::Simulated(simulation(tables))),
         ImuType::Serial(protocol) => serial(protocol, rate_hz, &tables.keys, findings).map(ImuSource::Serial),
         ImuType::Can(protocol) => Some(ImuSource::Can(ImuCan {
-            bus: imu_can::bus(&tables.keys, buses, findings)?,
+            bus: bus::of_sensor(&tables.keys.bus, "IMU", buses, findings)?,
             device: imu_can::device(protocol, &tables.keys),
             simulation: simulation(tables),
         })),
@@ -169,9 +153,7 @@ fn serial(
     keys: &keys::Imu,
     findings: &mut Findings<'_>,
 ) -> Option<ImuSerial> {
-    let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
-    let device = bus::required(&keys.device, hint, findings)
-        .and_then(|device| bus::device(device, &keys.device, findings));
+    let device = findings.device(&keys.device);
     let baud = keys.baud.value.map_or_else(|| protocol.baud_default(), |baud| baud as u32);
     if !protocol.bauds().contains(&baud) {
         let known: Vec<_> = protocol.bauds().iter().map(ToString::to_string).collect();

@@ -1,36 +1,20 @@
-//! `[[imu]]` on a CAN bus: its bus, its ids, its rate and its load.
+//! `[[imu]]` on a CAN bus: its ids, its rate and its load.
 
 use motord_bus::FrameId;
 use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol};
 use motord_protocol::register;
-use motord_settings::imu::{ImuCan, ImuSettings};
 use motord_settings::plan::BusPlan;
-use motord_settings::settings::{BusSettings, MotorSettings, Settings};
+use motord_settings::sensor::imu::{ImuCan, ImuSettings};
+use motord_settings::settings::{MotorSettings, Settings};
 
-use super::bus::required;
-use crate::document::ImuTables;
+use super::bus::check_sensor_load;
 use crate::entry::{At, Item};
 use crate::findings::Findings;
-use crate::keys;
+use crate::keys::{self, ImuTables};
 use crate::problem::Wrong;
-
-/// The tables of the buses, and their settings.
-pub(super) type Buses<'a> = (&'a [Item<keys::Bus>], &'a [Option<BusSettings>]);
 
 /// A rate this near to one of the device is that rate: 166.7 Hz is one in 6 ms.
 const RATE_TOLERANCE: f64 = 0.005;
-
-/// Returns the index of the bus; `None` for one that is unknown or not CAN.
-pub(super) fn bus(keys: &keys::Imu, (items, buses): Buses<'_>, findings: &mut Findings<'_>) -> Option<usize> {
-    let name = required(&keys.bus, "name the [[bus]] the IMU is on, such as bus = \"body\"", findings)?;
-    let names = items.iter().map(|bus| &bus.keys.name);
-    let bus = findings.find(keys.bus.at, (name, "bus"), names, Wrong::UnknownBus)?;
-    if buses[bus].as_ref()?.is_line() {
-        findings.error(keys.bus.at, Wrong::ImuOnLine(name.to_owned()));
-        return None;
-    }
-    Some(bus)
-}
 
 /// Returns the device with its ids.
 pub(super) fn device(protocol: CanProtocol, keys: &keys::Imu) -> CanDevice {
@@ -48,7 +32,7 @@ pub(super) fn device(protocol: CanProtocol, keys: &keys::Imu) -> CanDevice {
 /// Reports what the device or its bus cannot do.
 pub(super) fn check(items: &[Item<ImuTables>], settings: &Settings, findings: &mut Findings<'_>) {
     let plans = BusPlan::of(settings);
-    for (index, (imu, item)) in settings.imus.iter().zip(items).enumerate() {
+    for (index, (imu, item)) in settings.sensors.imus.iter().zip(items).enumerate() {
         let Some(can) = imu.source.can() else { continue };
         let keys = &item.keys.keys;
         check_ids(keys, (index, can), settings, findings);
@@ -56,7 +40,7 @@ pub(super) fn check(items: &[Item<ImuTables>], settings: &Settings, findings: &m
             Some(rates) => check_rate(keys.rate_hz.at, imu.rate_hz, rates, findings),
             None => check_asked_rate(keys.rate_hz.at, imu.rate_hz, settings.cycle.rate_hz, findings),
         }
-        check_load(keys.bus.at, &plans[can.bus], settings, findings);
+        check_sensor_load((keys.bus.at, "IMU"), &plans[can.bus], settings, findings);
     }
 }
 
@@ -110,7 +94,7 @@ fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
 
 /// Returns the use that this IMU itself or an earlier one makes of an id, in words.
 fn imu_with(settings: &Settings, index: usize, id: u16) -> Option<String> {
-    let can = settings.imus[index].source.can()?;
+    let can = settings.sensors.imus[index].source.can()?;
     let sends = |can: &ImuCan| can.device.sent_ids().any(|sent| sent == id);
     let requests = |can: &ImuCan| can.device.request_id() == Some(id);
     if sends(can) && requests(can) {
@@ -123,7 +107,7 @@ fn imu_with(settings: &Settings, index: usize, id: u16) -> Option<String> {
             true => sends(other) || requests(other),
         })
     };
-    let other = settings.imus[..index].iter().find(collides)?;
+    let other = settings.sensors.imus[..index].iter().find(collides)?;
     Some(format!("the IMU {:?}", other.name))
 }
 
@@ -154,20 +138,4 @@ fn is_near(rate_hz: f64, nearest: f64) -> bool {
 /// Returns the rate with one decimal.
 fn rounded(rate_hz: f64) -> f64 {
     (10.0 * rate_hz).round() / 10.0
-}
-
-/// Reports an IMU for which its bus has no capacity. A bus that is too full without it is reported
-/// itself.
-fn check_load(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
-    let deadline = settings.cycle.reply_deadline;
-    if plan.last_reply.saturating_sub(plan.imu_time) > deadline {
-        return;
-    }
-    if plan.last_reply > deadline {
-        let [last_us, deadline_us] = [plan.last_reply, deadline].map(|time| 1e6 * time.as_secs_f64());
-        let (rate_hz, rate_hz_max) = (settings.cycle.rate_hz, plan.rate_hz_max.floor());
-        findings.error(at, Wrong::ImuOverloads { rate_hz, last_us, deadline_us, rate_hz_max });
-    } else if plan.worst_case_utilisation > 1.0 {
-        findings.error(at, Wrong::ImuFillsBus { percent: 100.0 * plan.worst_case_utilisation });
-    }
 }

@@ -16,6 +16,7 @@ mod time;
 
 use motord_bus::Duration;
 use motord_settings::defaults::BUSY_POLL;
+use motord_settings::sensor::SensorSettings;
 use motord_settings::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
 use motord_shared::DEFAULT_INSTANCE;
 
@@ -40,21 +41,37 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
-    imu::refuse_taken_names(document, findings);
-    let imus = imu::imus(&document.imus, (&document.buses, &buses), findings);
+    refuse_taken_names(document, findings);
+    let imus = imu::imus(&document.sensors.imus, (&document.buses, &buses), findings);
     motor::check_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
     let simulation = simulation.into_iter().collect::<Option<_>>()?;
-    let imus = imus.into_iter().collect::<Option<_>>()?;
+    let sensors = SensorSettings { imus: imus.into_iter().collect::<Option<_>>()? };
     let settings =
-        Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups?, imus };
+        Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups?, sensors };
     bus::check_load(&document.buses, &settings, findings);
-    imu_can::check(&document.imus, &settings, findings);
+    imu_can::check(&document.sensors.imus, &settings, findings);
     bus::check_shared_ids(&document.buses, &settings, findings);
     motor::check_durations(&document.motors, &settings, findings);
     check_rates(document, &settings, findings);
     Some(settings)
+}
+
+/// Reports a sensor with the name of a motor, bus or group: commands such as `motorctl sim` take
+/// each.
+fn refuse_taken_names(document: &Document, findings: &mut Findings<'_>) {
+    let motors = document.motors.iter().map(|item| ("motor", &item.keys.keys.name.value));
+    let buses = document.buses.iter().map(|item| ("bus", &item.keys.name.value));
+    let groups = document.groups.iter().map(|item| ("group", &item.keys.name.value));
+    let taken: Vec<_> = motors.chain(buses).chain(groups).collect();
+    let imus = document.sensors.imus.iter().map(|item| ("IMU", &item.keys.keys.name));
+    for (own, entry) in imus {
+        let Some(name) = &entry.value else { continue };
+        if let Some((what, _)) = taken.iter().find(|(_, other)| other.as_ref() == Some(name)) {
+            findings.error(entry.at, Wrong::NameOfAnother { name: name.as_str().into(), what, own });
+        }
+    }
 }
 
 /// Warns of a cycle, or of a bus with turns, that is too slow for a stop.

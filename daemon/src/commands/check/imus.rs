@@ -1,7 +1,7 @@
 //! The cost of the IMUs: bytes on their serial lines, frames on their buses.
 
-use motord_settings::imu::{ImuSerial, ImuSettings};
 use motord_settings::imu_load::ImuLoad;
+use motord_settings::sensor::imu::{ImuSerial, ImuSettings};
 use motord_settings::settings::Settings;
 use serde::Serialize;
 use std::io::{self, Write};
@@ -64,7 +64,7 @@ impl<'a> LineReport<'a> {
 /// The reports of all IMUs, in the order of the configuration.
 pub(super) fn reports(settings: &Settings) -> Vec<ImuReport<'_>> {
     let report = |imu| report(settings, imu);
-    settings.imus.iter().map(report).collect()
+    settings.sensors.imus.iter().map(report).collect()
 }
 
 fn report<'a>(settings: &'a Settings, imu: &'a ImuSettings) -> ImuReport<'a> {
@@ -79,7 +79,7 @@ fn report<'a>(settings: &'a Settings, imu: &'a ImuSettings) -> ImuReport<'a> {
 
 /// Prints a line for each IMU; nothing without one.
 pub(super) fn print(settings: &Settings, out: &mut impl Write) -> io::Result<()> {
-    if settings.imus.is_empty() {
+    if settings.sensors.imus.is_empty() {
         return Ok(());
     }
     let reports = reports(settings);

@@ -170,7 +170,7 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
         unstuffed_utilisation: plan.unstuffed_utilisation,
         fault_poll_utilisation: plan.fault_poll_utilisation,
         rate_hz_max: plan.rate_hz_max.is_finite().then(|| plan.rate_hz_max.floor()),
-        has_imu: settings.has_sensor(index),
+        has_imu: settings.sensors.on_bus(index).next().is_some(),
         is_late: !bus.is_line() && plan.last_reply > settings.cycle.reply_deadline,
     };
     settings.buses.iter().zip(BusPlan::of(settings)).enumerate().map(report).collect()

@@ -192,7 +192,7 @@ impl Robot {
                 self.replies.push(Reply { at, bus, frame });
                 continue;
             }
-            let mut imus = self.settings.imus.iter().filter_map(|imu| imu.source.can());
+            let mut imus = self.settings.sensors.imus.iter().filter_map(|imu| imu.source.can());
             let is_for = |id: Option<u16>| id.and_then(FrameId::new) == Some(frame.id());
             if imus.any(|can| can.bus == bus && (is_for(can.device.request_id()) || is_for(Some(0)))) {
                 continue;

@@ -4,7 +4,7 @@
 //! The body's frame has x forward, y left and z up, as in ROS (REP 103). The world's z points up;
 //! its x is where the sensor's heading is zero.
 
-use crate::sensor::SensorFrames;
+use super::frames::SensorFrames;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::imu::{CanDevice, Quaternion, Sample, SerialProtocol};
 
