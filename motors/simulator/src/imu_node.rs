@@ -162,13 +162,8 @@ impl ImuNode {
         }
         match self.imu.sample(at.since(self.begun)) {
             ImuOutput::Sample(values) => {
-                let mut frames = tpdos(node, &values).map(Some);
-                frames
-                    .iter_mut()
-                    .zip(are_due)
-                    .filter(|(_, is_due)| !is_due)
-                    .for_each(|(frame, _)| *frame = None);
-                (at, frames)
+                let frames = tpdos(node, &values);
+                (at, core::array::from_fn(|tpdo| are_due[tpdo].then_some(frames[tpdo])))
             }
             ImuOutput::Nothing | ImuOutput::Gone => (at, [None; FRAMES]),
         }
