@@ -230,7 +230,7 @@ pub enum Wrong {
         "the id {id:#05x} that follows from it is that of {other} on the same bus, and only one node may send an id; give another \
          {key}, here and on the device"
     )]
-    ImuId { id: u16, other: String, key: &'static str },
+    SensorId { id: u16, other: String, key: &'static str },
     #[error(
         "the motor {motor:?} replies with the id {id:#05x}, and this device takes frames with that id for commands (CANopen); give the \
          motor another host-id, here and on the motor"

@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 use std::num::NonZero;
 
-use motord_bus::Identity;
 use motord_bus::transport::{BusKind, Serial, Simulated, SocketCan};
+use motord_bus::{FrameId, Identity};
+use motord_protocol::register;
 use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_settings::settings::{BusSettings, Settings};
+use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 use nix::net::if_::if_nametoindex;
 
@@ -244,4 +245,21 @@ pub(super) fn check_sensor_load(
     } else if plan.worst_case_utilisation > 1.0 {
         findings.error(at, Wrong::SensorFillsBus { what, percent: 100.0 * plan.worst_case_utilisation });
     }
+}
+
+/// Returns the use that a motor of a bus makes of an id, in words.
+pub(super) fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
+    let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
+    let id = FrameId::new(id)?;
+    let obeys =
+        |motor: &&MotorSettings| motor.addresses().obeyed(&motor.profile.ids).any(|obeyed| obeyed == id);
+    if let Some(motor) = motors().find(obeys) {
+        return Some(format!("commands to the motor {:?}", motor.name));
+    }
+    if let Some(motor) = motors().find(|motor| motor.addresses().replies.matches(id)) {
+        return Some(format!("the replies of the motor {:?}", motor.name));
+    }
+    let is_request = Some(id) == FrameId::new(register::REQUEST_ID);
+    let motor = motors().find(|motor| motor.profile.has_registers && is_request)?;
+    Some(format!("requests to the registers of the motor {:?}", motor.name))
 }

@@ -2,12 +2,11 @@
 
 use motord_bus::FrameId;
 use motord_protocol::imu::{CanAddress, CanDevice, CanProtocol};
-use motord_protocol::register;
 use motord_settings::plan::BusPlan;
 use motord_settings::sensor::imu::{ImuCan, ImuSettings};
 use motord_settings::settings::{MotorSettings, Settings};
 
-use super::bus::check_sensor_load;
+use super::bus::{check_sensor_load, motor_with};
 use crate::entry::{At, Item};
 use crate::findings::Findings;
 use crate::keys::{self, ImuTables};
@@ -71,25 +70,8 @@ fn check_ids(
         sent.chain(asked).find_map(|it| Some((it, imu_with(settings, index, it.0)?)))
     });
     if let Some(((id, at, key), other)) = used {
-        findings.error(at, Wrong::ImuId { id, other, key });
+        findings.error(at, Wrong::SensorId { id, other, key });
     }
-}
-
-/// Returns the use that a motor of a bus makes of an id, in words.
-fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
-    let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
-    let id = FrameId::new(id)?;
-    let obeys =
-        |motor: &&MotorSettings| motor.addresses().obeyed(&motor.profile.ids).any(|obeyed| obeyed == id);
-    if let Some(motor) = motors().find(obeys) {
-        return Some(format!("commands to the motor {:?}", motor.name));
-    }
-    if let Some(motor) = motors().find(|motor| motor.addresses().replies.matches(id)) {
-        return Some(format!("the replies of the motor {:?}", motor.name));
-    }
-    let is_request = Some(id) == FrameId::new(register::REQUEST_ID);
-    let motor = motors().find(|motor| motor.profile.has_registers && is_request)?;
-    Some(format!("requests to the registers of the motor {:?}", motor.name))
 }
 
 /// Returns the use that this IMU itself or an earlier one makes of an id, in words.
