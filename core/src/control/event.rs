@@ -122,10 +122,10 @@ pub enum Event {
         /// All since the last such event.
         losses: Losses,
     },
-    /// An IMU is lost, or delivers samples again.
-    Imu {
-        /// Its index.
-        imu: usize,
+    /// A sensor is lost, or delivers samples again.
+    Sensor {
+        /// Its index among the sensors of every kind.
+        sensor: usize,
         /// It is lost.
         is_lost: bool,
     },

@@ -142,7 +142,7 @@ impl Imus {
     /// Reports the IMUs that have never delivered a sample. Bounded by IMUs.
     pub(super) fn report_silence(&self, cx: &mut Context) {
         let silent = self.0.iter().enumerate().filter(|(_, imu)| imu.reading.sequence == 0);
-        silent.for_each(|(imu, _)| cx.push(Event::Imu { imu, is_lost: true }));
+        silent.for_each(|(sensor, _)| cx.push(Event::Sensor { sensor, is_lost: true }));
     }
 
     /// Returns whether an IMU is lost without which the robot must not move.
@@ -164,6 +164,6 @@ impl Imus {
 /// late are taken at its end.
 fn check_loss(index: usize, imu: &mut Imu, cx: &mut Context) {
     if imu.check_loss(cx.wake.scheduled) {
-        cx.push(Event::Imu { imu: index, is_lost: imu.is_lost });
+        cx.push(Event::Sensor { sensor: index, is_lost: imu.is_lost });
     }
 }

@@ -3,7 +3,6 @@
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Event, ImuReading};
 use motord_harness::robot::{self, Robot};
-use motord_settings::sensor::SensorSettings;
 use motord_settings::sensor::imu::{ImuSample, ImuSettings, ImuSimulation, ImuSource, Mount, WhenLost};
 use motord_settings::settings::Settings;
 use motord_shared::message::{IMU_FRESH, IMU_LOST, IMU_VALID};
@@ -21,7 +20,9 @@ fn settings(when_lost: WhenLost) -> Settings {
         lost_after: LOST_AFTER,
         when_lost,
     };
-    Settings { sensors: SensorSettings { imus: vec![imu] }, ..robot::three_motors() }
+    let mut settings = robot::three_motors();
+    settings.sensors.imus = vec![imu];
+    settings
 }
 
 /// The reading after the sample with this number.
@@ -107,7 +108,7 @@ fn silent_imu_is_reported_lost_and_back() {
     robot.steps(2);
     assert_eq!(imu(&mut robot).flags, IMU_VALID | IMU_LOST);
     assert_eq!(sampled(&mut robot, 2).flags, IMU_VALID | IMU_FRESH);
-    let changes = [true, false].map(|is_lost| Event::Imu { imu: 0, is_lost });
+    let changes = [true, false].map(|is_lost| Event::Sensor { sensor: 0, is_lost });
     assert_eq!(robot.take_events(), changes);
     assert_eq!(robot.cause(), None);
 }
@@ -139,7 +140,7 @@ fn late_cycle_loses_no_sound_imu() {
     robot.client.sample_imu(0, reading(2, newest));
     robot.follow(&joints);
     robot.follow(&joints);
-    let losses = robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. }));
+    let losses = robot.take_events().into_iter().filter(|event| matches!(event, Event::Sensor { .. }));
     assert_eq!(losses.collect::<Vec<_>>(), []);
     assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
 }
@@ -158,8 +159,8 @@ fn imu_silent_in_late_cycle_is_lost() {
 fn imu_that_never_samples_is_reported_once() {
     let mut robot = Robot::new(settings(WhenLost::Report), 1);
     robot.steps(4000);
-    let reports = robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. }));
-    assert_eq!(reports.collect::<Vec<_>>(), [Event::Imu { imu: 0, is_lost: true }]);
+    let reports = robot.take_events().into_iter().filter(|event| matches!(event, Event::Sensor { .. }));
+    assert_eq!(reports.collect::<Vec<_>>(), [Event::Sensor { sensor: 0, is_lost: true }]);
 }
 
 #[test]

@@ -146,8 +146,8 @@ fn imu_that_returns_is_not_lost_again() {
     inject(&robot, 1, "base ok");
     robot.steps(300);
     let changes: Vec<_> =
-        robot.take_events().into_iter().filter(|event| matches!(event, Event::Imu { .. })).collect();
-    assert_eq!(changes, [Event::Imu { imu: 0, is_lost: false }]);
+        robot.take_events().into_iter().filter(|event| matches!(event, Event::Sensor { .. })).collect();
+    assert_eq!(changes, [Event::Sensor { sensor: 0, is_lost: false }]);
 }
 
 #[test]
@@ -167,7 +167,7 @@ fn silent_imu_is_lost_after_its_time() {
         let silent = Duration::from_nanos(robot.state().publish_ns - received);
         let limit = Duration::from_millis(lost_after);
         assert!(silent > limit && silent < limit + 2 * robot::PERIOD, "{verb}: {silent:?}");
-        let lost = Event::Imu { imu: 0, is_lost: true };
+        let lost = Event::Sensor { sensor: 0, is_lost: true };
         assert!(robot.take_events().contains(&lost));
     }
 }

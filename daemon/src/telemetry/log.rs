@@ -19,7 +19,6 @@ use super::unexpected::OtherFormats;
 use motord_core::control::{Event, Losses};
 use motord_core::cycle::Counters;
 use motord_protocol::Faults;
-use motord_settings::sensor::imu::ImuSource;
 use motord_settings::settings::Settings;
 use motord_shared::description::slow_owner;
 use motord_shared::message::{ALL_GROUPS, NO_JOINT};
@@ -41,9 +40,8 @@ pub(super) struct Log {
     motors: Vec<Motor>,
     groups: Vec<Group>,
     buses: Vec<Subject>,
-    imus: Vec<Subject>,
-    /// Advice for a lost IMU.
-    imu_checks: Vec<&'static str>,
+    /// With the words for each.
+    sensors: Vec<(Subject, [&'static str; 3])>,
     requests: Subject,
     refused: Option<Asked>,
     missed_ticks: u64,
@@ -58,16 +56,6 @@ pub(super) struct Log {
     loss_cycles: u64,
     setpoint_timeout: Duration,
     registers: RegisterLog,
-}
-
-/// Returns the advice for a source from which no samples arrive.
-const fn imu_check(source: &ImuSource) -> &'static str {
-    match source {
-        ImuSource::Serial(_) => "check its cable and power, its device and its baud rate",
-        ImuSource::Can(_) => "check its cable and power, its ids, and the bit rate and state of its bus",
-        ImuSource::External => "check the process that publishes it",
-        ImuSource::Simulated(_) => "a fault of `motorctl sim` holds them back",
-    }
 }
 
 fn vector([x, y, z]: [f32; 3]) -> String {
@@ -149,12 +137,12 @@ impl Log {
             stopped_in: 0,
             period: None,
         });
+        let sensors = settings.sensors.words();
         Self {
             motors: motors.collect(),
             groups: groups.collect(),
             buses: settings.buses.iter().map(|bus| Subject::new(&bus.name, CHANGES_LOGGED)).collect(),
-            imus: settings.sensors.imus.iter().map(|imu| Subject::new(&imu.name, CHANGES_LOGGED)).collect(),
-            imu_checks: settings.sensors.imus.iter().map(|imu| imu_check(&imu.source)).collect(),
+            sensors: sensors.map(|(name, words)| (Subject::new(name, CHANGES_LOGGED), words)).collect(),
             requests: Subject::new("requests", REQUESTS_LOGGED),
             refused: None,
             missed_ticks: 0,
@@ -206,7 +194,7 @@ impl Log {
             Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),
             Event::Owner { group, pid } => self.log_owner(cycle, group, pid, programs),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
-            Event::Imu { imu, is_lost } => self.log_imu(cycle, imu, is_lost),
+            Event::Sensor { sensor, is_lost } => self.log_sensor(cycle, sensor, is_lost),
             Event::Gravity { imu, contradictions, up, acceleration } => {
                 self.log_gravity(cycle, imu, contradictions, [up, acceleration]);
             }
@@ -277,16 +265,17 @@ impl Log {
         }
     }
 
-    fn log_imu(&mut self, cycle: u64, index: usize, is_lost: bool) {
-        let imu = &mut self.imus[index];
-        if !imu.changes() {
+    fn log_sensor(&mut self, cycle: u64, index: usize, is_lost: bool) {
+        let (subject, [kind, see, check]) = &mut self.sensors[index];
+        if !subject.changes() {
             return;
         }
-        let imu = &imu.name;
+        let name = Some(&subject.name);
+        let (imu, sensor) = if *kind == "imu" { (name, None) } else { (None, name) };
         if is_lost {
-            tracing::error!(cycle, imu, see = "imu-lost", "delivers no samples: {}", self.imu_checks[index]);
+            tracing::error!(cycle, imu, sensor, see, "delivers no samples: {check}");
         } else {
-            tracing::info!(cycle, imu, "delivers samples");
+            tracing::info!(cycle, imu, sensor, "delivers samples");
         }
     }
 
@@ -298,7 +287,7 @@ impl Log {
         contradictions: u32,
         [up, acceleration]: [[f32; 3]; 2],
     ) {
-        let imu = &self.imus[imu].name;
+        let imu = &self.sensors[imu].0.name;
         if contradictions == 0 {
             return tracing::info!(
                 cycle,
@@ -529,7 +518,7 @@ impl Log {
             [subject, faults, lost_turns].into_iter().for_each(Subject::summarise);
         }
         self.buses.iter_mut().for_each(Subject::summarise);
-        self.imus.iter_mut().for_each(Subject::summarise);
+        self.sensors.iter_mut().for_each(|(subject, _)| subject.summarise());
         self.requests.summarise();
         self.quiet_for = self.quiet_for.saturating_add(1);
         if self.quiet_for >= MISSED_TICKS_PERIOD {

@@ -39,6 +39,18 @@ pub enum ImuSource {
 }
 
 impl ImuSettings {
+    /// Returns its name and its words, see [`SensorSettings::words`](super::SensorSettings::words).
+    pub(super) fn words(&self) -> (&str, [&'static str; 3]) {
+        let see = "imu-lost";
+        let check = match self.source {
+            ImuSource::Serial(_) => "check its cable and power, its device and its baud rate",
+            ImuSource::Can(_) => "check its cable and power, its ids, and the bit rate and state of its bus",
+            ImuSource::External => "check the process that publishes it",
+            ImuSource::Simulated(_) => "a fault of `motorctl sim` holds them back",
+        };
+        (&self.name, ["imu", see, check])
+    }
+
     /// Returns its frames; `None` for one that is not on a CAN bus. Allocates.
     #[must_use]
     pub fn frames(&self) -> Option<SensorFrames> {
