@@ -12,8 +12,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::Builder;
 
-/// Stack of each thread. The memory of the process is locked, so all of it is resident.
-const STACK_BYTES: usize = 256 * 1024;
+/// Stack of each thread. The memory of the process is locked, so all of it is resident. The server
+/// needs 18 KiB in a debug build.
+const STACK_BYTES: usize = 96 * 1024;
 
 /// The configured outputs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -258,9 +258,7 @@ impl Stops {
 /// The thread waits for requesters.
 fn start_simulation(starter: &Starter, mut injectors: Injectors) -> Result<(), RunError> {
     match InjectionListener::bind(&starter.lock) {
-        Ok(listener) => {
-            starter.start("simulation", move |_| simulation::run(&listener, &mut injectors)).map(drop)
-        }
+        Ok(listener) => starter.detach("simulation", move |_| simulation::run(&listener, &mut injectors)),
         Err(error) => {
             tracing::warn!("no faults from `motorctl sim`: {error}");
             Ok(())

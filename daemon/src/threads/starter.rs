@@ -12,10 +12,12 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
-/// The stack of each thread. The memory of the process is locked, so every byte of it is resident.
-/// In a debug build the ipc thread needs most, 300 KiB; 256 KiB of that are touched in advance by
-/// [`prepare_thread`].
+/// The stack of a thread. The memory of the process is locked, so every byte of it is resident. In a
+/// debug build the ipc thread needs most, 250 KiB.
 const STACK_BYTES: usize = 384 * 1024;
+/// The stack of a thread that passes messages on. [`prepare_thread`] touches 96 KiB of it, and it
+/// needs 10 KiB in a debug build.
+const SMALL_STACK_BYTES: usize = 128 * 1024;
 /// Period in which a thread that panicked checks whether the last cycle is over.
 const END_TURN: Duration = Duration::from_millis(50);
 
@@ -103,16 +105,34 @@ impl Starter {
         thread: &'static str,
         body: impl FnOnce(&Orders) + Send + 'static,
     ) -> Result<JoinHandle<()>, RunError> {
+        self.spawn(thread, STACK_BYTES, body)
+    }
+
+    /// Starts a thread that ends with the process, and only passes messages on.
+    pub(super) fn detach(
+        &self,
+        thread: &'static str,
+        body: impl FnOnce(&Orders) + Send + 'static,
+    ) -> Result<(), RunError> {
+        self.spawn(thread, SMALL_STACK_BYTES, body).map(drop)
+    }
+
+    fn spawn(
+        &self,
+        thread: &'static str,
+        stack_bytes: usize,
+        body: impl FnOnce(&Orders) + Send + 'static,
+    ) -> Result<JoinHandle<()>, RunError> {
         let stops = StopsOnPanic { orders: Arc::clone(&self.orders), thread };
         let run = move || {
             let stops = stops;
             body(&stops.orders);
         };
-        Ok(Builder::new().name(format!("motord-{thread}")).stack_size(STACK_BYTES).spawn(run)?)
+        Ok(Builder::new().name(format!("motord-{thread}")).stack_size(stack_bytes).spawn(run)?)
     }
 
-    /// Starts a thread that ends with the process, sleeps most of the time, and must not wait when
-    /// it is needed: its priority is below the cycle.
+    /// As [`detach`](Self::detach), a thread that sleeps most of the time, and must not wait when it
+    /// is needed: its priority is below the cycle.
     pub(super) fn detach_below_the_cycle(
         &self,
         thread: &'static str,
@@ -124,7 +144,7 @@ impl Starter {
             let _refused_like_the_cycle = prepare_thread(request);
             body(orders);
         };
-        self.start(thread, body).map(drop)
+        self.detach(thread, body)
     }
 }
 
