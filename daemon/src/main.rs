@@ -10,6 +10,7 @@ use motord_deadman::DeadmanError;
 use motord_deadman::answers::listen_on;
 use motord_deadman::interfaces::open_interface;
 use motord_deadman::safe_stop::{SafeStopError, safe_stop};
+use motord_realtime::set_heap_reserve;
 use motord_terminal::{Pages, exit_status, parse_arguments, printable};
 use std::fmt::Display;
 use std::io::Write;
@@ -112,6 +113,8 @@ const VERSION: &str = if cfg!(feature = "panic-on-request") {
 } else {
     env!("CARGO_PKG_VERSION")
 };
+/// The default of glibc, 128 KiB, takes 1 MB of locked memory for all threads.
+const HEAP_RESERVE_BYTES: u16 = 8 * 1024;
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 
 fn main() -> ExitCode {
@@ -156,6 +159,7 @@ fn logged<E: Display>(
     command: impl FnOnce() -> Result<(), E>,
     exit_status: fn(&E) -> u8,
 ) -> ExitCode {
+    set_heap_reserve(HEAP_RESERVE_BYTES);
     let log = match Log::to_stderr() {
         Ok(log) => log,
         Err(error) => return ended(Err(error), |_| exit_status::OS, &mut std::io::stderr()),

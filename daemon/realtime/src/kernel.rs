@@ -17,6 +17,16 @@ pub(crate) fn schedule_fifo(priority: u8) -> Result<(), Errno> {
     Errno::result(status).map(drop)
 }
 
+/// Sets the bytes by which each heap of this process grows beyond a request. Every thread has a
+/// heap, which is locked as a whole. Other C libraries than glibc have no such setting.
+pub fn set_heap_reserve(bytes: u16) {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: the call changes a number of the allocator, under its lock.
+    let _always_set = unsafe { libc::mallopt(libc::M_TOP_PAD, bytes.into()) };
+    #[cfg(not(target_env = "gnu"))]
+    let _no_setting = bytes;
+}
+
 /// Most groups of a process, as the kernel bounds them (`NGROUPS_MAX`).
 pub const GROUPS_OF_A_PROCESS_MAX: usize = 65_536;
 

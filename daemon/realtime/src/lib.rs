@@ -10,6 +10,7 @@ pub mod process;
 pub mod systemd;
 
 use denial::{Denial, Facts};
+pub use kernel::set_heap_reserve;
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{Resource, getrlimit};
