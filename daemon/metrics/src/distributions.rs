@@ -1,7 +1,7 @@
 //! Histograms of all latencies, since the start or the last reset.
 //!
-//! All have the same fixed range, 1 ns to 10 s, and three significant digits; those of joints and
-//! IMUs have two. They are allocated once, and recording a value takes constant time.
+//! All have the same range, 1 ns to 10 s, and three significant digits; those of joints and IMUs have
+//! two. Their memory grows when a value is longer than all before it.
 //!
 //! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it
 //! (coordinated omission). So each missed tick adds one sample to each quantity that had a real
@@ -14,7 +14,7 @@
 //! | the others | none: for that tick nothing was sent, answered or published. It is counted as missed |
 
 use crate::encoded;
-use crate::histogram::{LATENCY_MAX_NS, coarse_histogram, histogram};
+use crate::histogram::{LATENCY_MAX_NS, add, add_n, growing_histogram, histogram};
 use crate::names::Names;
 use hdrhistogram::Histogram;
 use motord_bus::time::nanos;
@@ -80,24 +80,24 @@ impl Publications {
 
 impl Distributions {
     /// Creates the histograms of a robot with these numbers of joints and groups, and a tick every
-    /// `period`. Allocates everything.
+    /// `period`.
     #[must_use]
     pub fn new(joints: usize, groups: usize, period: Duration) -> Self {
-        let control = || Control { latency: histogram(), cycles: [0; CONTROL_CYCLES] };
+        let control = || Control { latency: growing_histogram(3), cycles: [0; CONTROL_CYCLES] };
         Self {
             totals: Telemetry::default(),
             first: None,
             last: Instant::ZERO,
-            wake: histogram(),
-            transmit: histogram(),
-            setpoint_age: histogram(),
-            cycle: histogram(),
-            publication: histogram(),
-            delivery: histogram(),
-            polled: histogram(),
+            wake: growing_histogram(3),
+            transmit: growing_histogram(3),
+            setpoint_age: growing_histogram(3),
+            cycle: growing_histogram(3),
+            publication: growing_histogram(3),
+            delivery: growing_histogram(3),
+            polled: growing_histogram(3),
             control: (0..groups).map(|_| control()).collect(),
             publications: Publications([(0, Instant::ZERO); Publications::KEPT]),
-            joints: (0..joints).map(|_| coarse_histogram()).collect(),
+            joints: (0..joints).map(|_| growing_histogram(2)).collect(),
             imus: Vec::new(),
             aged: None,
             missed_replies: (0, 0),
@@ -106,10 +106,10 @@ impl Distributions {
         }
     }
 
-    /// Adds the histograms of this number of IMUs. Allocates them.
+    /// Adds the histograms of this number of IMUs.
     #[must_use]
     pub fn with_imus(self, imus: usize) -> Self {
-        Self { imus: (0..imus).map(|_| coarse_histogram()).collect(), ..self }
+        Self { imus: (0..imus).map(|_| growing_histogram(2)).collect(), ..self }
     }
 
     /// Clears all histograms. `dropped` samples were lost since the daemon started.
@@ -122,8 +122,8 @@ impl Distributions {
         self.dropped_before = dropped;
     }
 
-    /// Records the measurements of a cycle. Does not allocate; bounded by joints, groups and IMUs,
-    /// and after a stall by the ticks of 10 s.
+    /// Records the measurements of a cycle. Bounded by joints, groups and IMUs, and after a stall by
+    /// the ticks of 10 s.
     pub fn record(&mut self, record: &Record) {
         self.totals.cycles += 1;
         self.totals.overruns += record.missed_ticks;
@@ -132,29 +132,29 @@ impl Distributions {
         self.last = record.scheduled;
         self.record_wake(record);
         self.record_setpoint_age(record);
-        self.transmit.saturating_record(record.transmit_ns);
-        self.cycle.saturating_record(record.cycle_ns);
+        add(&mut self.transmit, record.transmit_ns);
+        add(&mut self.cycle, record.cycle_ns);
         if let Some(publication) = record.publication_ns {
-            self.publication.saturating_record(publication);
+            add(&mut self.publication, publication);
         }
         if record.polled.reads > 0 {
-            self.polled.saturating_record(nanos(record.polled.time));
+            add(&mut self.polled, nanos(record.polled.time));
             self.totals.polled_reads += u64::from(record.polled.reads);
             self.totals.polled_in_vain += u64::from(record.polled.is_incomplete);
         }
         self.record_control(record);
         for (joint, &latency) in self.joints.iter_mut().zip(&record.reply_latency_ns) {
             if latency > 0 {
-                joint.saturating_record(u64::from(latency));
+                add(joint, u64::from(latency));
             }
         }
         let ages = self.imus.iter_mut().zip(&record.imu_age_ns).filter(|(_, age)| **age > 0);
-        ages.for_each(|(imu, &age)| imu.saturating_record(u64::from(age)));
+        ages.for_each(|(imu, &age)| add(imu, u64::from(age)));
     }
 
     /// Records the time from the publication of a cycle's states to the clients, ns.
     pub fn record_delivery(&mut self, delivery_ns: u64) {
-        self.delivery.saturating_record(delivery_ns);
+        add(&mut self.delivery, delivery_ns);
     }
 
     /// The cycle belongs to the last tick that passed. The ticks before it, from the one that it
@@ -167,7 +167,7 @@ impl Distributions {
         let beyond = record.wake_latency_ns.saturating_sub(LATENCY_MAX_NS) / period.max(1);
         let beyond = beyond.min(record.missed_ticks);
         record_beyond(&mut self.wake, beyond);
-        (beyond..=record.missed_ticks).for_each(|ticks| self.wake.saturating_record(late_by(ticks)));
+        (beyond..=record.missed_ticks).for_each(|ticks| add(&mut self.wake, late_by(ticks)));
     }
 
     fn record_setpoint_age(&mut self, record: &Record) {
@@ -175,12 +175,12 @@ impl Distributions {
             let period = nanos(self.period).max(1);
             let first = age + nanos(record.scheduled.since(begun));
             let within = record.missed_ticks.min(LATENCY_MAX_NS / period);
-            (0..within).for_each(|tick| self.setpoint_age.saturating_record(first + tick * period));
+            (0..within).for_each(|tick| add(&mut self.setpoint_age, first + tick * period));
             // All of these are older than the range.
             record_beyond(&mut self.setpoint_age, record.missed_ticks - within);
         }
         if let Some(age) = record.setpoint_age_ns {
-            self.setpoint_age.saturating_record(age);
+            add(&mut self.setpoint_age, age);
         }
         self.aged = record.setpoint_age_ns.map(|age| (begun(record), age));
     }
@@ -192,7 +192,7 @@ impl Distributions {
             control.cycles[(cycles.max(1) - 1).min(CONTROL_CYCLES as u64 - 1) as usize] += 1;
             let is_recent = cycles <= Publications::KEPT as u64;
             if let Some(published) = self.publications.of(answered).filter(|_| is_recent) {
-                control.latency.saturating_record(nanos(begun(record).since(published)));
+                add(&mut control.latency, nanos(begun(record).since(published)));
             }
         }
         self.publications.take(record.cycle, begun(record) + Duration::from_nanos(record.cycle_ns));
@@ -296,7 +296,7 @@ fn begun(record: &Record) -> Instant {
 /// largest value.
 fn record_beyond(values: &mut Histogram<u64>, count: u64) {
     if count > 0 {
-        values.saturating_record_n(LATENCY_MAX_NS, count);
+        add_n(values, LATENCY_MAX_NS, count);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Histograms as text for clients, in pages that fit into one answer.
 
-use crate::histogram::coarse_histogram;
+use crate::histogram::{coarse_histogram, spread};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
@@ -40,7 +40,7 @@ pub(crate) fn page<'a>(
 /// A histogram whose text is too long for an answer has two significant digits in it: 3 600 counts
 /// of at most nine bytes.
 fn encode(histogram: &Histogram<u64>) -> String {
-    let fine = text(histogram);
+    let fine = text(&spread(histogram));
     if fine.len() <= ENCODED_MAX {
         return fine;
     }

@@ -24,7 +24,7 @@ pub(super) struct Measurements {
 }
 
 impl Measurements {
-    /// Of a robot with these settings. Allocates everything.
+    /// Of a robot with these settings.
     pub(super) fn new(
         settings: &Settings,
         records: Consumer<Record>,
@@ -42,7 +42,7 @@ impl Measurements {
         }
     }
 
-    /// Takes in every measurement that waits. Does not allocate.
+    /// Takes in every measurement that waits.
     pub(super) fn take(&mut self, answers: &mut Answers) {
         while let Ok(record) = self.records.pop() {
             self.distributions.record(&record);
