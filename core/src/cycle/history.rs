@@ -1,48 +1,67 @@
 //! A queue of the states of all cycles, for recorders.
 //!
-//! Wait-free: messages are allocated at the start and reused, and each state is copied once.
+//! Wait-free: another thread makes the queue with its messages when a recorder connects, and frees
+//! it. The cycle copies each state once.
 
 use motord_shared::StateMessage;
 use rtrb::{Consumer, Producer, RingBuffer};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Most states in the queue: 96 ms of a 1 kHz cycle. Each takes 17 KB of locked memory.
+/// Most states in the queue: 96 ms of a 1 kHz cycle. Each takes 9 KB of locked memory.
 const WAITING_MAX: usize = 96;
 
-/// The cycle's end.
-pub(super) struct Queue {
+/// The cycle's end of one queue.
+struct Queue {
     empty: Consumer<Box<StateMessage>>,
     filled: Producer<Box<StateMessage>>,
-    is_wanted: Arc<AtomicBool>,
 }
 
-/// The end of the ipc thread: every state while a recorder is connected.
+/// The cycle's end: at most one queue at a time.
+pub(super) struct Queues {
+    begun: Consumer<Queue>,
+    ended: Producer<Queue>,
+    queue: Option<Queue>,
+}
+
+/// The end of the thread that makes and frees the queues.
+pub struct Histories {
+    begun: Producer<Queue>,
+    ended: Consumer<Queue>,
+    is_free: bool,
+}
+
+/// The end of the ipc thread: every state, until it is dropped.
 pub struct History {
     empty: Producer<Box<StateMessage>>,
     filled: Consumer<Box<StateMessage>>,
-    is_wanted: Arc<AtomicBool>,
 }
 
-/// Creates both ends. Allocates; nothing after it does.
-pub(super) fn history() -> (Queue, History) {
-    let (mut empty_producer, empty_consumer) = RingBuffer::new(WAITING_MAX);
-    let (filled_producer, filled_consumer) = RingBuffer::new(WAITING_MAX);
-    while empty_producer.push(Box::default()).is_ok() {}
-    let is_wanted = Arc::new(AtomicBool::new(false));
+/// Creates both ends. Allocates.
+pub(super) fn histories() -> (Queues, Histories) {
+    let (begun_producer, begun_consumer) = RingBuffer::new(1);
+    let (ended_producer, ended_consumer) = RingBuffer::new(1);
     (
-        Queue { empty: empty_consumer, filled: filled_producer, is_wanted: Arc::clone(&is_wanted) },
-        History { empty: empty_producer, filled: filled_consumer, is_wanted },
+        Queues { begun: begun_consumer, ended: ended_producer, queue: None },
+        Histories { begun: begun_producer, ended: ended_consumer, is_free: true },
     )
 }
 
-impl Queue {
+impl Queues {
     /// Queues a copy of `state` while a recorder is connected. Returns false when the queue is full
-    /// and the state is lost. Wait-free; bounded by joints.
+    /// and the state is lost. Neither allocates nor frees; wait-free; bounded by joints.
     pub(super) fn put(&mut self, state: &StateMessage) -> bool {
-        if !self.is_wanted.load(Ordering::Relaxed) {
-            return true;
+        if self.queue.is_none() {
+            self.queue = self.begun.pop().ok();
         }
+        if let Some(ended) = self.queue.take_if(|queue| queue.filled.is_abandoned()) {
+            // There is one queue at a time, so the ring has space.
+            let _never_full = self.ended.push(ended);
+        }
+        self.queue.as_mut().is_none_or(|queue| queue.put(state))
+    }
+}
+
+impl Queue {
+    fn put(&mut self, state: &StateMessage) -> bool {
         let Ok(mut copy) = self.empty.pop() else { return false };
         copy.copy_from(state);
         // Each ring has space for every message.
@@ -50,12 +69,28 @@ impl Queue {
     }
 }
 
-impl History {
-    /// Sets whether the cycle queues every state, from its next cycle on.
-    pub fn want(&self, is_wanted: bool) {
-        self.is_wanted.store(is_wanted, Ordering::Relaxed);
+impl Histories {
+    /// Frees the last queue if the cycle has returned it. Returns whether another one may begin.
+    pub fn is_free(&mut self) -> bool {
+        self.is_free |= self.ended.pop().is_ok();
+        self.is_free
     }
 
+    /// Makes a queue: the cycle puts its states there from its next cycle on, until the returned
+    /// end is dropped. `None` while the last one is not free. Allocates.
+    pub fn begin(&mut self) -> Option<History> {
+        if !self.is_free() {
+            return None;
+        }
+        let (mut empty_producer, empty) = RingBuffer::new(WAITING_MAX);
+        let (filled, filled_consumer) = RingBuffer::new(WAITING_MAX);
+        while empty_producer.push(Box::default()).is_ok() {}
+        self.is_free = self.begun.push(Queue { empty, filled }).is_err();
+        Some(History { empty: empty_producer, filled: filled_consumer })
+    }
+}
+
+impl History {
     /// Passes every queued state to `show`, oldest first. Does not allocate.
     pub fn take_all(&mut self, mut show: impl FnMut(&StateMessage)) {
         for _ in 0..WAITING_MAX {

@@ -13,9 +13,10 @@
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 //! | all states, while a recorder is connected | cycle | ipc | dropped and counted |
+//! | their queue, new and old | telemetry, cycle | cycle, telemetry | one at a time, so never |
 
 use super::emergency::{AskedStops, EmergencyStops};
-use super::history::{History, Queue, history};
+use super::history::{Histories, Queues, histories};
 use super::replacement::{Indexed, Replacements, Supply, replacements};
 use crate::control::{Event, ImuReading, Reading, Wake};
 use motord_bus::time::nanos;
@@ -139,7 +140,7 @@ pub struct RealTimeEnd {
     begun: Option<Box<dyn Fn(u64) + Send>>,
     replacements: Replacements,
     stops: AskedStops,
-    history: Queue,
+    queues: Queues,
 }
 
 /// The other threads' end.
@@ -164,8 +165,8 @@ pub struct Ends {
     pub supply: Supply,
     /// Emergency stops, which wait in no queue.
     pub stops: Arc<EmergencyStops>,
-    /// Every state, for recorders.
-    pub history: History,
+    /// Queues of every state, for recorders.
+    pub histories: Histories,
 }
 
 /// Counters that both sides may read at any time.
@@ -238,7 +239,7 @@ pub fn link(groups: usize, imus: usize) -> (RealTimeEnd, Ends) {
     let (record_producer, record_consumer) = RingBuffer::new(RECORDS);
     let (event_producer, event_consumer) = RingBuffer::new(EVENTS);
     let (replacements, supply) = replacements();
-    let (queue, history) = history();
+    let (queues, histories) = histories();
     let counters = Arc::new(Counters::default());
     let stops = Arc::new(EmergencyStops::default());
     let link = RealTimeEnd {
@@ -254,7 +255,7 @@ pub fn link(groups: usize, imus: usize) -> (RealTimeEnd, Ends) {
         begun: None,
         replacements,
         stops: AskedStops::new(Arc::clone(&stops)),
-        history: queue,
+        queues,
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
@@ -267,7 +268,7 @@ pub fn link(groups: usize, imus: usize) -> (RealTimeEnd, Ends) {
         counters,
         supply,
         stops,
-        history,
+        histories,
     };
     (link, ends)
 }
@@ -348,7 +349,7 @@ impl RealTimeEnd {
 
     /// Publishes the message, and wakes the ipc thread.
     pub(super) fn publish(&mut self, record: Record) {
-        let kept = self.history.put(self.states.input_buffer_mut());
+        let kept = self.queues.put(self.states.input_buffer_mut());
         self.states.publish();
         self.stops.confirm();
         let dropped = self.records.push(record).is_err();
@@ -489,7 +490,7 @@ mod tests {
 
     #[test]
     fn recorder_receives_states_in_order_or_counts_them() {
-        let (mut link, Ends { mut history, counters, .. }) = link(1, 0);
+        let (mut link, Ends { mut histories, counters, .. }) = link(1, 0);
         let publish = |link: &mut RealTimeEnd, cycle| {
             link.state().0.cycle = cycle;
             link.state().0.joint_count = 4;
@@ -497,10 +498,10 @@ mod tests {
             link.publish(record());
         };
         publish(&mut link, 0);
-        history.take_all(|_| panic!("nobody records"));
-        history.want(true);
+        let mut history = histories.begin().unwrap();
+        history.take_all(|_| panic!("nobody recorded"));
         let done = AtomicBool::new(false);
-        let taken = scope(|threads| {
+        let (taken, history) = scope(|threads| {
             let reader = threads.spawn(|| {
                 let (mut taken, mut before, mut has_ended) = (0, 0, false);
                 while !has_ended {
@@ -512,7 +513,7 @@ mod tests {
                     });
                     spin_loop();
                 }
-                taken
+                (taken, history)
             });
             (1..=CYCLES).for_each(|cycle| publish(&mut link, cycle));
             done.store(true, Ordering::Release);
@@ -522,6 +523,11 @@ mod tests {
         // when their ring is full.
         let records_dropped = (CYCLES + 1).saturating_sub(RECORDS as u64);
         assert_eq!(taken + counters.dropped.load(Ordering::Relaxed), CYCLES + records_dropped);
+        assert!(histories.begin().is_none(), "one at a time");
+        drop(history);
+        assert!(!histories.is_free(), "the cycle has a part of it");
+        publish(&mut link, CYCLES + 1);
+        assert!(histories.is_free());
     }
 
     #[test]

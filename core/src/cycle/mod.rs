@@ -28,7 +28,7 @@ mod transmit;
 
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
-pub use history::History;
+pub use history::{Histories, History};
 pub use link::{Alarms, Counters, Ends, Polled, REQUESTS_MAX, RealTimeEnd, Record, link};
 pub use local::{ANSWER_CYCLES, LocalClient, outcome};
 pub use replacement::Supply;

@@ -11,7 +11,7 @@ mod schedule;
 use crate::imus::ExternalImus;
 use crate::telemetry::Questions;
 use motord_bus::{Instant, clock};
-use motord_core::cycle::{Counters, Ends, History, REQUESTS_MAX, Supply};
+use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_ports::{DaemonPorts, ImuReceiver, Request};
 use motord_settings::settings::IpcMode;
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
@@ -40,7 +40,6 @@ const QUESTIONS_MAX: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 pub struct CycleEnd {
     setpoints: Vec<triple_buffer::Input<SetpointMessage>>,
     states: triple_buffer::Output<StateMessage>,
-    history: History,
     requests: Producer<(u32, AdminRequest)>,
     answers: Consumer<(u32, AdminReply)>,
     counters: Arc<Counters>,
@@ -60,12 +59,13 @@ impl CycleEnd {
             events,
             counters,
             supply,
-            history,
+            histories,
             stops: _,
             imus: _,
         } = ends;
-        let telemetry = crate::telemetry::CycleEnd { records, events, counters: Arc::clone(&counters) };
-        (Self { setpoints, states, history, requests, answers, counters }, telemetry, supply)
+        let telemetry =
+            crate::telemetry::CycleEnd { records, events, histories, counters: Arc::clone(&counters) };
+        (Self { setpoints, states, requests, answers, counters }, telemetry, supply)
     }
 }
 
@@ -245,12 +245,10 @@ impl IpcThread {
 
     /// Sends every state to the recorders, if there are any.
     fn record(&mut self) {
-        let Self { ports, cycle, records, .. } = self;
-        let is_recorded = ports.is_recorded();
-        cycle.history.want(is_recorded);
+        let Self { ports, questions, records, .. } = self;
         let mut failed = false;
-        cycle.history.take_all(|state| {
-            failed |= is_recorded && ports.record(records.next(state)).is_err();
+        questions.recorder.relay(ports.recorders().are_connected(), |port, state| {
+            failed |= port.send(records.next(state)).is_err();
         });
         self.count(failed);
     }

@@ -8,7 +8,7 @@
 //! | `Groups` | owners and stops of the groups, for the answers |
 //! | `UnexpectedCounts` | frames with unexpected ids |
 //! | [`BusWatch`] | buses that must be opened again |
-//! | [`Housekeeping`] | dead clients, the runtime directory, the configuration file |
+//! | [`Housekeeping`] | dead clients, the runtime directory, the configuration file, memory for recorders |
 //!
 //! No thread waits for it. Records and events that it is too slow for are dropped and counted.
 
@@ -18,6 +18,7 @@ mod log;
 mod measurements;
 pub mod programs;
 mod questions;
+mod recordings;
 mod registers;
 mod unexpected;
 
@@ -29,11 +30,13 @@ use log::Log;
 use measurements::Measurements;
 use motord_bus::Duration;
 use motord_core::control::Event;
-use motord_core::cycle::{Counters, Record};
+use motord_core::cycle::{Counters, Histories, Record};
 use motord_metrics::Outputs;
+use motord_ports::Recorders;
 use motord_settings::settings::Settings;
 use motord_shared::{AdminReply, AdminRequest, BusCondition, MotorMode, Operation};
 pub use questions::{Answers, Questions, questions};
+pub use recordings::Recorder;
 use rtrb::Consumer;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -52,6 +55,8 @@ pub struct CycleEnd {
     pub records: Consumer<Record>,
     /// With the number of their cycle.
     pub events: Consumer<(u64, Event)>,
+    /// Queues for recorders.
+    pub histories: Histories,
     /// Counters.
     pub counters: Arc<Counters>,
 }
@@ -64,11 +69,14 @@ pub struct Housekeeping {
     pub config: ConfigWatch,
     /// Reports broken buses.
     pub buses: BusWatch,
+    /// The recorders that are connected.
+    pub recorders: Recorders,
 }
 
 /// Everything that the telemetry thread owns.
 pub struct TelemetryLoop {
     events: Consumer<(u64, Event)>,
+    histories: Histories,
     counters: Arc<Counters>,
     answers: Answers,
     /// Woken when an answer is ready.
@@ -92,9 +100,10 @@ impl TelemetryLoop {
         housekeeping: Housekeeping,
         outputs: Option<Outputs>,
     ) -> Self {
-        let CycleEnd { records, events, counters } = cycle;
+        let CycleEnd { records, events, histories, counters } = cycle;
         Self {
             events,
+            histories,
             answers,
             ipc_thread,
             measurements: Measurements::new(settings, records, Arc::clone(&counters), outputs),
@@ -118,6 +127,7 @@ impl TelemetryLoop {
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(TURN),
             }
             self.turn();
+            self.serve_recorders();
             self.housekeeping.directory.check(&stop);
             dead_clients.clean();
             let now = motord_bus::clock::monotonic();
@@ -151,6 +161,13 @@ impl TelemetryLoop {
         self.housekeeping.buses.turn();
         self.log_requests(u64::MAX);
         self.unexpected_ids.store(&self.counters);
+    }
+
+    fn serve_recorders(&mut self) {
+        let Self { answers, histories, housekeeping, .. } = self;
+        if answers.recordings.turn(histories, &housekeeping.recorders).is_err() {
+            self.counters.ipc_errors.fetch_add(1, Ordering::Relaxed);
+        }
     }
 
     fn do_chores(&mut self) {

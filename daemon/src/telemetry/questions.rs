@@ -3,6 +3,7 @@
 
 use super::asked::{Answered, Asked, asked};
 use super::programs::Programs;
+use super::recordings::{Recorder, Recordings, recordings};
 use motord_bus::{Duration, Instant};
 use motord_shared::{AdminRequest, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -20,6 +21,8 @@ pub struct Questions {
     pub programs: Programs,
     /// Takes the requests that were answered, for the log.
     pub answered: Answered,
+    /// Takes what recorders need.
+    pub recorder: Recorder,
     questions: Sender<(u32, AdminRequest)>,
     answers: Receiver<(u32, String)>,
     deliveries: Producer<u64>,
@@ -60,6 +63,7 @@ pub struct Answers {
     pub(super) answers: Sender<(u32, String)>,
     /// How long each states took from their publication to the clients, ns.
     pub(super) deliveries: Consumer<u64>,
+    pub(super) recordings: Recordings,
     /// A recent state.
     pub(super) states: triple_buffer::Output<StateMessage>,
 }
@@ -72,6 +76,7 @@ pub fn questions() -> (Questions, Answers) {
     let (answered, asked) = asked();
     let (delivery_producer, delivery_consumer) = RingBuffer::new(DELIVERIES);
     let (state_input, state_output) = TripleBuffer::new(&StateMessage::default()).split();
+    let (recorder, recordings) = recordings();
     let programs = Programs::default();
     let answers = Answers {
         asked,
@@ -79,11 +84,13 @@ pub fn questions() -> (Questions, Answers) {
         questions: question_receiver,
         answers: answer_sender,
         deliveries: delivery_consumer,
+        recordings,
         states: state_output,
     };
     let questions = Questions {
         programs,
         answered,
+        recorder,
         questions: question_sender,
         answers: answer_receiver,
         deliveries: delivery_producer,

@@ -9,7 +9,7 @@ use crate::telemetry::Questions;
 use motord_configuration::describe;
 use motord_ports::instance::InstanceLock;
 use motord_ports::service::ServiceError;
-use motord_ports::{DaemonPorts, ImuReceiver};
+use motord_ports::{DaemonPorts, ImuReceiver, Recorders};
 use motord_realtime::{SchedulingRequest, prepare_thread, tighten_timers};
 use motord_settings::settings::IpcSettings;
 use std::sync::Arc;
@@ -29,6 +29,7 @@ pub(super) struct Handle {
     pub(super) thread: JoinHandle<()>,
     /// Receives one message once the first state is published.
     pub(super) first_state: Receiver<()>,
+    pub(super) recorders: Recorders,
 }
 
 /// Starts the thread. Returns once clients find its ports.
@@ -45,14 +46,14 @@ pub(super) fn start(starter: &Starter, ends: Ends) -> Result<Handle, RunError> {
             }
         };
         schedule_thread(&setup.settings);
-        let _starter_ended = opened.send(Ok(()));
+        let _starter_ended = opened.send(Ok(ports.daemon.recorders().clone()));
         let mut thread = setup.with_ports(ports).announcing(published);
         // The files of the ports are closed after the last cycle: to give back their memory takes
         // longer than the robot may be without damping.
         orders.outlive_the_cycle("ipc", || thread.run(|| orders.are(Orders::END)));
     })?;
-    await_report(&ready, "ipc")??;
-    Ok(Handle { thread, first_state })
+    let recorders = await_report(&ready, "ipc")??;
+    Ok(Handle { thread, first_state, recorders })
 }
 
 /// The ports, which cannot be sent to another thread.

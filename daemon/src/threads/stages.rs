@@ -168,7 +168,8 @@ impl Served {
         let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(counters));
         let lost = directory.lost();
         let config = ConfigWatch::new(config, Arc::clone(counters));
-        let housekeeping = Housekeeping { directory, config, buses: BusWatch::new(settings, broken) };
+        let buses = BusWatch::new(settings, broken);
+        let housekeeping = Housekeeping { directory, config, buses, recorders: ipc.recorders.clone() };
         let answers = (answers, ipc.thread.thread().clone());
         let mut telemetry_loop = TelemetryLoop::new(settings, observed, answers, housekeeping, outputs);
         let instance = Arc::clone(lock);

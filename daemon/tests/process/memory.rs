@@ -2,15 +2,19 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-use motord_harness::daemon::{Daemon, quadruped};
+use motord_harness::daemon::{Daemon, quadruped, until};
 use motord_harness::programs::lacks;
+use motord_shared::CycleRecord;
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::Duration;
 use tempfile::TempDir;
 
 /// Resident memory of a daemon with twelve motors, KiB. All of its memory is locked where the
 /// system permits it.
-const RESIDENT_MAX: u64 = 31 * 1024;
+const RESIDENT_MAX: u64 = 23 * 1024;
+/// Memory that a daemon needs for a recorder, at least, KiB.
+const RECORDER_LEAST: u64 = 3 * 1024;
 /// A field of proc_pid_stat(5).
 const SCHEDULING_POLICY: usize = 41;
 const SCHED_OTHER: u32 = 0;
@@ -43,18 +47,38 @@ fn stat(pid: u32, name: &str, field: usize) -> u32 {
 fn resident_memory_stays_within_budget() {
     let metrics = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut daemon = start(metrics);
-    std::thread::sleep(std::time::Duration::from_secs(1));
+    std::thread::sleep(Duration::from_secs(1));
     // Each holds a buffer of the server.
     let clients: Vec<_> = (0..64).map(|_| TcpStream::connect(metrics).unwrap()).collect();
     for mut client in &clients {
         let _closed = client.write_all(b"GET /metrics HTTP/1.1\r\nHost: ");
     }
-    std::thread::sleep(std::time::Duration::from_secs(1));
+    std::thread::sleep(Duration::from_secs(1));
     assert_eq!(stat(daemon.process.id(), "motord-http", SCHEDULING_POLICY), SCHED_OTHER);
     let [resident, locked] = ["VmRSS", "VmLck"].map(|key| status(daemon.process.id(), key));
     assert!(daemon.end().success());
     println!("resident: {resident} KiB, locked: {}", locked > 0);
     assert!(resident <= RESIDENT_MAX, "{resident} KiB");
+}
+
+#[test]
+fn memory_for_recorder_lasts_as_long_as_recorder() {
+    let mut daemon = Daemon::start(&quadruped());
+    daemon.await_log(" ready ");
+    let pid = daemon.process.id();
+    let client = daemon.connect();
+    std::thread::sleep(Duration::from_secs(1));
+    let resident = || status(pid, "VmRSS");
+    let before = resident();
+    for _ in 0..2 {
+        let mut records = client.records().unwrap();
+        let mut record = CycleRecord::default();
+        until("a record", || records.take(&mut record).unwrap().then_some(()));
+        assert!(resident() > before + RECORDER_LEAST);
+        drop(records);
+        until("less memory", || (resident() < before + RECORDER_LEAST / 2).then_some(()));
+    }
+    assert!(daemon.end().success());
 }
 
 /// Goal: the advice after a refusal of `SCHED_FIFO` is not circular.

@@ -9,8 +9,9 @@ use crate::imu::ImuReceiver;
 use crate::instance::{Instance, InstanceLock};
 use crate::instance_error::InstanceError;
 use crate::mutex::locked;
+use crate::recorders::Recorders;
 use crate::reserved_space;
-use crate::service::{self, Obstacle, Part, Service, ServiceError};
+use crate::service::{self, Obstacle, Part, STATE_BUFFER, Service, ServiceError};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::notifier::Notifier;
@@ -18,11 +19,8 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::publish_subscribe;
-use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT};
-use motord_shared::message::{
-    AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
-};
+use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, WATCHERS_MAX};
+use motord_shared::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -32,9 +30,9 @@ const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 /// Answers in memory: one for each open request, and one that is being written.
 pub(crate) const ANSWERS: usize = REQUESTS_PER_CLIENT * ADMINS_MAX + 1;
 
-/// Records in memory. All recorders share the newest records; each recorder may read an older one,
-/// and one is written.
-const RECORDS: usize = RECORDS_KEPT + RECORDERS_MAX + 2;
+/// States in memory. All watchers share the newest states; each watcher may read an older one, and
+/// one is written.
+const STATES: usize = STATE_BUFFER + WATCHERS_MAX + 2;
 
 /// The daemon's side of the services.
 #[derive(Debug)]
@@ -42,8 +40,7 @@ pub struct DaemonPorts {
     /// The message of the next state.
     next: Mutex<Option<Lent<Service, StateMessage>>>,
     state: Publisher<Service, Payload<StateMessage>, ()>,
-    record: Publisher<Service, Payload<CycleRecord>, ()>,
-    records: publish_subscribe::PortFactory<Service, Payload<CycleRecord>, ()>,
+    recorders: Recorders,
     setpoint: Subscriber<Service, Payload<SetpointMessage>, ()>,
     waker: Arc<Waker>,
     cycle: Notifier<Service>,
@@ -62,7 +59,7 @@ impl DaemonPorts {
     /// The service that could not be opened, and the reason.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
-        reserved_space::check(&instance.root()).map_err(Part::Node.failed())?;
+        reserved_space::check(&instance.root(), reserved_space::DAEMON_BYTES).map_err(Part::Node.failed())?;
         let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
         let _opening = lock.opening();
         let ports = match Self::open_services(instance, &waker) {
@@ -91,17 +88,11 @@ impl DaemonPorts {
             state: state
                 .publisher_builder()
                 .max_loaned_samples(1)
+                .override_sample_preallocation(|_| STATES)
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
                 .map_err(Part::State.failed())?,
-            record: records
-                .publisher_builder()
-                .max_loaned_samples(1)
-                .override_sample_preallocation(|_| RECORDS)
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-                .map_err(Part::Record.failed())?,
-            records,
+            recorders: Recorders::new(records, instance.root()),
             setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
             waker: Arc::clone(waker),
             cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
@@ -163,21 +154,10 @@ impl DaemonPorts {
         self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
     }
 
-    /// Returns `true` while a recorder is connected.
+    /// Returns the recorders, for any thread.
     #[must_use]
-    pub fn is_recorded(&self) -> bool {
-        self.records.dynamic_config().number_of_subscribers() > 0
-    }
-
-    /// Sends `record` to every recorder. For a slow recorder, it replaces the oldest unread record.
-    /// Wakes no process. Never blocks.
-    ///
-    /// # Errors
-    /// A damaged connection; the other recorders have received the record.
-    pub fn record(&self, record: &CycleRecord) -> Result<(), ServiceError> {
-        let sample = self.record.loan_uninit().map_err(Part::Record.failed())?;
-        sample.write_payload(Payload(*record)).send().map_err(Part::Record.failed())?;
-        Ok(())
+    pub const fn recorders(&self) -> &Recorders {
+        &self.recorders
     }
 
     /// Wakes every client that sleeps until the next cycle: one system call for all of them, and

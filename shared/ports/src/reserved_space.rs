@@ -11,21 +11,21 @@ use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The files of a daemon without clients take 8 MB; the rest is for the connections of some
-/// clients.
-const BYTES: i64 = 20 << 20;
+/// The files of a daemon without clients take 4 MB; the rest is for a recorder and the connections
+/// of some clients.
+pub(crate) const DAEMON_BYTES: i64 = 20 << 20;
 /// Upper bound of the files of a client.
 const CLIENT_BYTES: u64 = 1 << 20;
 
-/// Checks that `directory` has space for the services, by a temporary reservation.
+/// Checks that `directory` has space for this number of `bytes`, by a temporary reservation.
 ///
 /// # Errors
 /// `ENOSPC`; other errors of the kernel.
-pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
+pub(crate) fn check(directory: &Path, bytes: i64) -> Result<(), Errno> {
     let path = directory.join("space");
     let flags = OFlag::O_CREAT | OFlag::O_TRUNC | OFlag::O_RDWR | OFlag::O_CLOEXEC | OFlag::O_NOFOLLOW;
     let checked =
-        open(&path, flags, Mode::S_IRUSR | Mode::S_IWUSR).and_then(|file| posix_fallocate(file, 0, BYTES));
+        open(&path, flags, Mode::S_IRUSR | Mode::S_IWUSR).and_then(|file| posix_fallocate(file, 0, bytes));
     let _left_for_the_next_start = fs::remove_file(&path);
     checked
 }
@@ -97,7 +97,7 @@ mod tests {
         fs::write(&path, b"kept").unwrap();
         File::options().write(true).open(&path).unwrap().set_len(1 << 20).unwrap();
         assert!(fs::metadata(&path).unwrap().blocks() * 512 < 1 << 20);
-        check(directory.path()).unwrap();
+        check(directory.path(), DAEMON_BYTES).unwrap();
         occupy(directory.path()).unwrap();
         assert!(fs::metadata(&path).unwrap().blocks() * 512 >= 1 << 20);
         assert!(fs::read(&path).unwrap().starts_with(b"kept"));

@@ -56,7 +56,7 @@ use std::path::PathBuf;
 const NODES_MAX: usize = ADMINS_MAX + 8;
 
 /// States buffered for a subscriber: a controller needs only the newest.
-const STATE_BUFFER: usize = 2;
+pub(crate) const STATE_BUFFER: usize = 2;
 
 /// iceoryx2 with files instead of POSIX shared memory, which has no directory whose group could
 /// restrict access. A lock around each port lets threads share a client. It is uncontended in the
