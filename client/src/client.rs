@@ -253,8 +253,8 @@ impl Client {
         self.link.file_descriptor()
     }
 
-    /// Receives every cycle from now on, for a process that records. Other calls skip states that
-    /// the caller did not read in time.
+    /// Receives every cycle, from one within 0.1 s on, for a process that records. Other calls skip
+    /// states that the caller did not read in time.
     ///
     /// # Errors
     /// [`Error::Service`] when two processes record already, or the connection is damaged;
