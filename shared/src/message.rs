@@ -224,7 +224,7 @@ plain! {
         pub sequence: u64,
         /// Time of sending, ns of `CLOCK_MONOTONIC`.
         pub time_ns: u64,
-        /// The cycle whose states it answers; for measuring only.
+        /// The cycle whose states it answers: for measuring, and for the last fetch.
         pub cycle: u64,
         /// Joints in use: exactly the joints of the group.
         pub joint_count: u32,

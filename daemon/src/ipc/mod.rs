@@ -81,6 +81,8 @@ pub struct IpcThread {
     /// Requests that telemetry has not answered yet.
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
+    /// By group, the cycle whose states the newest setpoint of its owner answers.
+    answered: [u64; GROUPS_MAX],
     schedule: Schedule,
     /// `None` where owners are not watched: there only an owner's silence shows that it has ended.
     owners: Option<Owners>,
@@ -112,6 +114,7 @@ impl IpcThread {
             requested: Pending::new(REQUESTS_MAX),
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
+            answered: [0; GROUPS_MAX],
             schedule,
             owners,
             records,
@@ -190,7 +193,7 @@ impl IpcThread {
     }
 
     fn fetch_setpoints(&mut self) {
-        let Self { ports, cycle, leases, records, schedule, .. } = self;
+        let Self { ports, cycle, leases, answered, records, schedule, .. } = self;
         let taken = ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
@@ -200,12 +203,24 @@ impl IpcThread {
                 buffer.input_buffer_mut().copy_from(message);
                 buffer.publish();
                 records.note(message);
+                answered[lease.group()] = message.cycle;
                 schedule.arrived(Instant::from_nanos(message.time_ns));
             } else {
                 cycle.counters.wrong_lease[lease.group()].fetch_add(1, Ordering::Relaxed);
             }
         });
         self.count(taken.is_err());
+        if self.is_answered() {
+            self.schedule.answered();
+        }
+    }
+
+    /// Every owner has answered the newest states. A cycle needs the newest sample of an external
+    /// IMU, whose time has nothing to do with the states.
+    fn is_answered(&mut self) -> bool {
+        let newest = self.cycle.states.output_buffer().cycle;
+        let mut owned = self.leases.iter().zip(&self.answered).filter(|(lease, _)| lease.is_some());
+        self.imus.is_none() && owned.all(|(_, answered)| *answered == newest)
     }
 
     fn fetch_imu_samples(&mut self) {

@@ -17,6 +17,8 @@ pub struct Schedule {
     tick: Instant,
     /// No group had an owner and every group was disarmed when the newest states were published.
     is_calm: bool,
+    /// Every owner has answered the newest states.
+    is_answered: bool,
     /// How late the sleeps of this thread end.
     lateness: Lateness,
     /// From the tick of a cycle to the publication of its states.
@@ -51,6 +53,7 @@ impl Schedule {
             busy_poll,
             tick: Instant::ZERO,
             is_calm: true,
+            is_answered: false,
             lateness: Lateness::default(),
             publication: ReplyTime::new(period),
             arrival: ReplyTime::new(period),
@@ -64,6 +67,12 @@ impl Schedule {
         self.publication.observe(Instant::from_nanos(state.publish_ns).since(self.tick));
         let is_calm = |group: &GroupState| group.lease == 0 && group.phase == Phase::Disarmed.code();
         self.is_calm = state.groups().iter().all(is_calm);
+        self.is_answered = false;
+    }
+
+    /// Every owner has answered the newest states: no fetch is needed before the next ones.
+    pub const fn answered(&mut self) {
+        self.is_answered = true;
     }
 
     /// A setpoint with the timestamp `sent` arrived. Any value is harmless.
@@ -98,17 +107,23 @@ impl Schedule {
         }
     }
 
-    /// Returns the next fetch. The last fetch is `lead` before a cycle, which uses the setpoints
-    /// that were sent by then. An earlier fetch follows the usual arrival of the setpoints, so that
-    /// they are in time even if the thread wakes late for the last one. While no client may send
-    /// setpoints and nothing moves, the thread wakes only for new states, or when a cycle is
-    /// missing.
+    /// Returns the next fetch.
+    ///
+    /// The last fetch is `lead` before a cycle, which uses the setpoints that were sent by then. An
+    /// earlier fetch follows the usual arrival of the setpoints, so that they are in time even if
+    /// the thread wakes late for the last one. Once every owner has answered the newest states, and
+    /// while no client may send setpoints and nothing moves, the thread wakes only for new states,
+    /// or when a cycle is missing.
     fn fetch_after(&self, now: Instant) -> Instant {
-        let last = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
-        let earlier = self.tick + self.arrival.latest() + SENDING;
-        let is_worthwhile = !self.is_calm && earlier + EARLIER_MIN <= last;
+        let last = match (self.is_calm, self.is_answered) {
+            (true, _) => 2 * self.period,
+            (false, true) => 2 * self.period - self.lead,
+            (false, false) => self.period - self.lead,
+        };
+        let (last, earlier) = (self.tick + last, self.tick + self.arrival.latest() + SENDING);
+        let is_needed = !self.is_calm && !self.is_answered && earlier + EARLIER_MIN <= last;
         // While the cycle stalls, this thread runs once per period.
-        let fetches = [if is_worthwhile { earlier } else { last }, last, last + self.period];
+        let fetches = [if is_needed { earlier } else { last }, last, last + self.period];
         fetches.into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
     }
 }

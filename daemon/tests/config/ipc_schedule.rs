@@ -66,6 +66,21 @@ fn setpoints_are_fetched_when_they_usually_arrive() {
 }
 
 #[test]
+fn answered_states_need_no_further_fetch() {
+    let mut schedule = schedule(30, Phase::Active, Lease::new(1, 1, 0));
+    schedule.answered();
+    let states = schedule.next(micros(5800));
+    assert!(states.is_for_states && (micros(6730)..micros(6735)).contains(&states.at), "{states:?}");
+    assert_eq!(schedule.next(states.at).at, micros(6950), "if they do not come");
+    let state = StateMessage { tick_ns: 6_000_000, publish_ns: 6_700_000, ..Default::default() };
+    let owned = GroupState { lease: 1, ..Default::default() };
+    let mut state = StateMessage { group_count: 1, ..state };
+    state.groups[0] = owned;
+    schedule.observe(&state);
+    assert_eq!(schedule.next(micros(6700)).at, micros(6950), "new states need new answers");
+}
+
+#[test]
 fn states_are_polled_when_they_usually_arrive() {
     let mut schedule = schedule(30, Phase::Active, Lease::new(1, 1, 0));
     assert_eq!(schedule.next(micros(5700)).at, micros(5950), "first the fetch");
