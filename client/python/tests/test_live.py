@@ -16,6 +16,7 @@ import pytest
 from conftest import CONFIG, program
 
 import motord
+from motord._install import command
 from motord._motord import describe
 from motord.sim import Mujoco
 
@@ -142,8 +143,8 @@ def run_live(*arguments: str, model: Path = MODEL, before: str = "", **environme
         (["--motord", "absent/motord"], "", "absent/motord: No such file or directory; install motord, or give the path"),
         (["--view"], "", "a window needs a display: set DISPLAY, or leave out --view"),
         (["--view"], "os.environ['DISPLAY'] = ':9999'", "a window needs a display: set DISPLAY, or leave out --view"),
-        ([], "sys.modules['mujoco'] = None", "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"),
-        (["--view"], "sys.modules['mujoco'] = None", "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"),
+        ([], "sys.modules['mujoco'] = None", f"a MuJoCo model needs the package mujoco: {command('sim')}"),
+        (["--view"], "sys.modules['mujoco'] = None", f"a MuJoCo model needs the package mujoco: {command('sim')}"),
     ],
 )
 def test_mistakes_end_with_a_cure(runtime: None, arguments: list[str], before: str, expected: str) -> None:

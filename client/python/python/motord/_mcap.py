@@ -10,6 +10,7 @@ from importlib import import_module
 from io import BytesIO
 from typing import Any, BinaryIO
 
+from ._install import command
 from ._signals import deferred
 
 RECORD_BYTES_MAX = 16 << 20
@@ -42,7 +43,7 @@ def messages(file: BinaryIO) -> Iterator[tuple[str, int, Any]]:
             from mcap.records import Channel, Schema
             from mcap_protobuf.decoder import DecoderFactory
     except ImportError as error:
-        raise ImportError("motord.Recording needs the MCAP library: pip install 'motord[recording]'") from error
+        raise ImportError(f"motord.Recording needs the MCAP library: {command('recording')}") from error
 
     factory = DecoderFactory()
     channels: dict[int, tuple[Channel, Callable[[bytes], Any] | None]] = {}

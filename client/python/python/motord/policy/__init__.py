@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import FileError, check_regular
+from .._install import command
 from .._signals import deferred
 from .._text import printable
 from ._bounded import Bounded, Unfinished, Watchdog
@@ -351,7 +352,7 @@ def _load(path: str, bounded: Bounded) -> tuple[Any, Callable[[], Any]]:
         with deferred():
             onnxruntime: Any = import_module("onnxruntime")
     except ImportError as error:
-        raise ImportError("motord.Policy needs onnxruntime: pip install 'motord[policy]'") from error
+        raise ImportError(f"motord.Policy needs onnxruntime: {command('policy')}") from error
     try:
         check_regular(path, BYTES_MAX)
     except FileError as error:

@@ -8,14 +8,20 @@ from collections.abc import Callable
 from os import PathLike
 from typing import Any, SupportsFloat
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from .._install import command
 from .._motord import State, Stopped
 from .mujoco import Mujoco
 from .plant import Array, Plant
 from .twin import Twin, TwinClaim
+
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    text = f"an environment of a twin needs the package gymnasium: {command('sim')}"
+    raise ModuleNotFoundError(text, name="gymnasium") from error
 
 Reward = Callable[[State, Plant | None, Array], SupportsFloat]
 

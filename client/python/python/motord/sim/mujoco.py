@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._install import command
 from .._motord import describe
 from .._signals import deferred
 from ._model import ModelFile, Motors
@@ -19,8 +20,6 @@ STEP_S = 250e-6
 
 PICTURE_S = 1.0 / 30.0
 """From one picture of a window to the next."""
-
-_INSTALL = "a MuJoCo model needs the package mujoco: pip install 'motord[sim]'"
 
 
 class Mujoco:
@@ -150,7 +149,7 @@ def _mujoco() -> Any:
         with deferred():
             import mujoco  # pyright: ignore[reportMissingTypeStubs, reportMissingImports]
     except ImportError as error:
-        raise ImportError(_INSTALL) from error
+        raise ImportError(f"a MuJoCo model needs the package mujoco: {command('sim')}") from error
     return mujoco
 
 
