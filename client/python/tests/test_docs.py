@@ -11,10 +11,10 @@ import pytest
 import motord
 import motord.sim
 from conftest import TREE, Daemon
+from motord.examples import FILES, MODEL
 from motord.sim import Mujoco, Twin
 from test_twin import Level
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOT = TREE / "config" / "quadruped.toml"
 IMU = '\n[[imu]]\nname = "base"\ntype = "external"\n'
 SEEDS = range(20)
@@ -78,7 +78,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     text = ROBOT.read_text()
     assert "setpoint-timeout-ms = 20.0" in text
     (tmp_path / "robot.toml").write_text(text + IMU)
-    (tmp_path / "robot.xml").write_text((EXAMPLES / "quadruped.xml").read_text())
+    (tmp_path / "robot.xml").write_text((FILES / MODEL).read_text())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import motord
-from conftest import TREE, Daemon
+from conftest import Daemon
+from motord.examples import FILES
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def adapter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
             setattr(module, member, dict)
         monkeypatch.setitem(sys.modules, f"lerobot.{name}", module)
     pytest.importorskip("lerobot.robots")
-    monkeypatch.syspath_prepend(str(TREE / "client" / "python" / "examples"))
+    monkeypatch.syspath_prepend(str(FILES))
     import lerobot_robot
 
     return lerobot_robot

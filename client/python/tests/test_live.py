@@ -18,11 +18,11 @@ from conftest import CONFIG, program
 import motord
 from motord._install import command
 from motord._motord import describe
+from motord.examples import FILES
 from motord.sim import Mujoco
 
 pytest.importorskip("mujoco")
-EXAMPLES = Path(__file__).parents[1] / "examples"
-sys.path.insert(0, str(EXAMPLES))
+sys.path.insert(0, str(FILES))
 
 from walk import MODEL, walk  # noqa: E402
 

@@ -4,13 +4,14 @@ import itertools
 import os
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("mujoco")
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+from motord.examples import FILES  # noqa: E402
+
+sys.path.insert(0, str(FILES))
 
 from walk import CONFIG, MODEL, walk  # noqa: E402
 

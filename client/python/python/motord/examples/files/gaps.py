@@ -98,7 +98,7 @@ def main() -> None:
     dampings = (1.0, 2.0, 3.0)
     print(f"{'joint acceleration, rad/s² RMS':32}" + "".join(f"kd {kd:<20g}" for kd in dampings))
     for name, build in WORLDS.items():
-        print(f"{name:32}" + "".join(f"{judged(build, kd, arguments.seconds):23}" for kd in dampings), flush=True)
+        print(f"{name:32}" + "".join(f"{outcome(build, kd, arguments.seconds):23}" for kd in dampings), flush=True)
 
 
 if __name__ == "__main__":

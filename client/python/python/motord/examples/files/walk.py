@@ -4,7 +4,7 @@
     python walk.py twin             motord's cycle, drives and buses between controller and MuJoCo
     python walk.py INSTANCE         a running daemon: a robot, or a model in real time (python -m motord.sim live)
 
-The robot is examples/quadruped.xml with the motors of config/quadruped-simulated.toml.
+The robot is quadruped.xml with the motors of quadruped-simulated.toml.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import motord
 Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
-CONFIG = HERE.parents[2] / "config" / "quadruped-simulated.toml"
+CONFIG = HERE / "quadruped-simulated.toml"
 MODEL = HERE / "quadruped.xml"
 
 LINK = 0.2
@@ -71,22 +71,30 @@ class Trot:
         return legs_to(x, z, np.full(4, 0.05 * angular_velocity[0]))
 
 
+def rise(legs: Any) -> None:
+    """Starts the motors and stands up."""
+    legs.enable(hold=GAINS)
+    if np.abs(legs.wait().q - STAND).max() > 0.3:
+        # It lies: the feet go below the hips first.
+        legs.move_to(CROUCH, 1.5)
+    legs.move_to(STAND, 1.0)
+
+
+def trot(legs: Any, imu: str, seconds: float, speed: float, turn: float) -> None:
+    """Walks from the stand."""
+    (kp, kd), gait = GAINS, Trot(speed, turn)
+    for state in legs.cycles(hz=RATE_HZ):
+        sensor = state.imu[imu]
+        legs.send(q=gait.step(1.0 / RATE_HZ, sensor.roll_pitch_yaw, sensor.angular_velocity), kp=kp, kd=kd)
+        if gait.time >= seconds:
+            break
+
+
 def walk(robot: Any, seconds: float, speed: float = 0.4, turn: float = 0.0) -> None:
-    """Stands up, walks, and stands. Raises motord.Stopped when the robot is stopped."""
-    kp, kd = GAINS
-    imu = robot.imus[0]
+    """Stands up, walks, and releases the legs. Raises motord.Stopped when the robot is stopped."""
     with robot.claim("legs") as legs:
-        legs.enable(hold=GAINS)
-        if np.abs(legs.wait().q - STAND).max() > 0.3:
-            # It lies: the feet go below the hips first.
-            legs.move_to(CROUCH, 1.5)
-        legs.move_to(STAND, 1.0)
-        trot = Trot(speed, turn)
-        for state in legs.cycles(hz=RATE_HZ):
-            sensor = state.imu[imu]
-            legs.send(q=trot.step(1.0 / RATE_HZ, sensor.roll_pitch_yaw, sensor.angular_velocity), kp=kp, kd=kd)
-            if trot.time >= seconds:
-                break
+        rise(legs)
+        trot(legs, robot.imus[0], seconds, speed, turn)
 
 
 def main() -> None:

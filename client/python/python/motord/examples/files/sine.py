@@ -2,21 +2,25 @@
 
     python sine.py [INSTANCE [GROUP [SECONDS]]]
 
-The default instance is MOTORD_INSTANCE, or demo.
+The default instance is MOTORD_INSTANCE, or demo. The instance twin is a robot on virtual time, without a daemon.
 """
 
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 
 import motord
+from motord.sim import Twin
+
+CONFIG = Path(__file__).with_name("quadruped-simulated.toml")
 
 
 def main() -> int:
     defaults = [os.environ.get("MOTORD_INSTANCE", "demo"), "legs", "10"]
     instance, group, seconds = (sys.argv[1:] + defaults[len(sys.argv) - 1 :])[:3]
-    robot = motord.connect(instance)
+    robot = Twin(CONFIG) if instance == "twin" else motord.connect(instance)
     errors: list[float] = []
     with robot.claim(group) as legs:
         legs.enable(hold=(40.0, 1.0))
