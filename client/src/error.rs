@@ -5,7 +5,7 @@ use crate::rounded::Rounded;
 use motord_ports::permission::advice;
 use motord_ports::service::{self, Obstacle, Part};
 use motord_ports::stop_socket::StopError;
-use motord_ports::{Forked, Instance, InstanceError, ServiceError};
+use motord_ports::{Forked, Instance, InstanceError, ServiceError, peer};
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::{AdminReply, Cause, Operation, Phase, Refusal, Rejection};
@@ -64,7 +64,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// The daemon refused the operation.
-    #[error("motord refused to {operation}: {}{about}", refusal.sentence())]
+    #[error("motord refused to {operation}: {}", refused(*refusal, about))]
     Refused {
         /// The requested operation.
         operation: Operation,
@@ -286,6 +286,20 @@ fn without_daemon(died: Option<u32>) -> String {
             )
         },
     )
+}
+
+/// Returns the reason of a refusal.
+fn refused(refusal: Refusal, about: &About) -> String {
+    match about {
+        About::Process(pid) if *pid == std::process::id() => {
+            "this process owns the group already: release or drop its earlier claim".to_owned()
+        }
+        About::Process(pid) => {
+            let program = peer::program(pid).map_or_else(String::new, |program| format!(" ({program})"));
+            format!("process {pid}{program} owns the group")
+        }
+        about => format!("{}{about}", refusal.sentence()),
+    }
 }
 
 /// Returns advice for a caller whose request for `operation` was not answered.
@@ -533,6 +547,20 @@ mod tests {
         let refused = Error::refused(Operation::Enable, Refusal::OutsideLimits.code(), 0, &robot);
         let sentence = refused.at(Some(0.0), &robot).to_string();
         assert!(sentence.ends_with("(knee is at 0.00 rad, outside -2.70 to -0.50)"), "{sentence}");
+    }
+
+    #[test]
+    fn refusal_of_an_owned_group_names_owner() {
+        let owned = |pid| refused(Refusal::Owned, pid);
+        let own = owned(std::process::id());
+        assert_eq!(
+            own,
+            "motord refused to enable: this process owns the group already: release or drop its earlier claim"
+        );
+        let parent = std::os::unix::process::parent_id();
+        let sentence = owned(parent);
+        assert!(sentence.starts_with(&format!("motord refused to enable: process {parent} (")), "{sentence}");
+        assert_eq!(owned(u32::MAX), format!("motord refused to enable: process {} owns the group", u32::MAX));
     }
 
     #[test]

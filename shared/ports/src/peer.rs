@@ -25,7 +25,7 @@ impl std::error::Error for Impostor {}
 impl Display for Impostor {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Self { pid, uid } = self;
-        let program = program(*pid).map(|program| format!(" ({program})")).unwrap_or_default();
+        let program = program(pid).map(|program| format!(" ({program})")).unwrap_or_default();
         write!(
             f,
             "process {pid}{program} of user {uid} answers instead of motord: end that process, `sudo kill {pid}`"
@@ -35,7 +35,8 @@ impl Display for Impostor {
 
 /// Returns the name of the program of process `pid`. The process chooses it, so other characters
 /// than printable ASCII are omitted.
-fn program(pid: i32) -> Option<String> {
+#[must_use]
+pub fn program(pid: impl Display) -> Option<String> {
     let name = fs::read(format!("/proc/{pid}/comm")).ok()?;
     let name: String =
         name.iter().filter(|byte| (b' '..=b'~').contains(byte)).map(|byte| *byte as char).collect();
