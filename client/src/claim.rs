@@ -203,8 +203,25 @@ impl Claim {
         }
         self.check_daemon()?;
         self.message.cycle = self.link.answered();
+        self.transmit_checked()
+    }
+
+    /// Sends the stored setpoints again, as [`commit`](Self::commit) does, but as the answer to no
+    /// state: for a program that computes nothing at present. A program that repeats setpoints in a
+    /// separate thread removes the setpoint timeout from itself: bound the time.
+    ///
+    /// # Errors
+    /// Those of [`send`](Self::send).
+    pub fn repeat(&mut self) -> Result<(), Error> {
+        self.link.check_process()?;
+        self.check_daemon()?;
+        self.transmit_checked()
+    }
+
+    /// Transmits, then checks daemon and group: polling for states takes time, and the setpoint
+    /// does not wait for it.
+    fn transmit_checked(&mut self) -> Result<(), Error> {
         self.transmit()?;
-        // Polling for states takes time. The setpoint does not wait for it.
         self.refresh()?;
         self.link.check_alive_at(self.message.time_ns)?;
         self.check_stop()

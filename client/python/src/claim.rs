@@ -3,12 +3,13 @@
 use crate::arrays::{JOINTS_MAX, Values, duration, pose, setpoints, values};
 use crate::errors::{self, caught, raised};
 use crate::interpreter::{unused, without_lock};
+use crate::keep::{Keep, Owned, Schedule, locked};
 use crate::motion::Begun;
-use crate::state::{Clock, StateLayout, State};
-use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint};
+use crate::state::{Clock, State, StateLayout, deprecated};
+use motord_client::{Claim as ClientClaim, Client, Error, Phase, Setpoint, State as ClientState};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 /// Longer than a shared machine stalls.
@@ -20,19 +21,14 @@ const CHANGE: Duration = Duration::from_secs(60);
 #[pyclass(frozen, module = "motord")]
 pub(crate) struct Claim {
     client: Arc<Client>,
-    owned: Mutex<Owned>,
+    /// Locked by the call of a thread.
+    in_use: Mutex<()>,
+    /// Locked for less than a call, by it and by the thread of `keep`.
+    owned: Arc<Mutex<Option<Owned>>>,
     order: Arc<StateLayout>,
     /// The place in the claim of each entry of `order`.
     slots: Vec<usize>,
     group: String,
-}
-
-/// The part of a claim that one thread uses at a time.
-struct Owned {
-    /// `None` once it is released.
-    claim: Option<ClientClaim>,
-    /// Stiffness and damping of the last `enable`.
-    hold: (f64, f64),
 }
 
 /// Stiffness, N·m/rad, and damping, N·m·s/rad, of a group that is enabled without others.
@@ -71,14 +67,15 @@ impl Claim {
             group: Some(claim.index()),
         };
         let group = claim.group().to_owned();
-        let owned = Mutex::new(Owned { claim: Some(claim), hold: HOLD });
-        Ok(Self { client, owned, order: Arc::new(order), slots, group })
+        let owned = Arc::new(Mutex::new(Some(Owned::new(claim, HOLD))));
+        Ok(Self { client, in_use: Mutex::new(()), owned, order: Arc::new(order), slots, group })
     }
 
-    fn owned(&self) -> PyResult<MutexGuard<'_, Owned>> {
+    /// Reserves the claim for the call of this thread.
+    fn alone(&self) -> PyResult<MutexGuard<'_, ()>> {
         // First: in a forked process a thread that does not exist may hold the lock.
         self.client.check_process().map_err(|error| raised(&error))?;
-        unused(&self.owned).ok_or_else(|| {
+        unused(&self.in_use).ok_or_else(|| {
             let group = &self.group;
             let text = format!("another thread uses the claim of {group}: one thread controls a group");
             PyErr::new::<errors::Error, _>(text)
@@ -86,11 +83,53 @@ impl Claim {
     }
 
     /// Calls with the claim.
-    fn with<T>(&self, call: impl FnOnce(&mut ClientClaim) -> PyResult<T>) -> PyResult<T> {
-        match &mut self.owned()?.claim {
-            Some(claim) => call(claim),
+    fn with<T>(&self, call: impl FnOnce(&mut Owned) -> PyResult<T>) -> PyResult<T> {
+        let _alone = self.alone()?;
+        self.with_owned(call)
+    }
+
+    /// Calls with the claim, for a call that has reserved it.
+    fn with_owned<T>(&self, call: impl FnOnce(&mut Owned) -> PyResult<T>) -> PyResult<T> {
+        match &mut *locked(&self.owned) {
+            Some(owned) => call(owned),
             None => Err(PyValueError::new_err(format!("the claim of {} was released", self.group))),
         }
+    }
+
+    /// Reads the times of `keep`.
+    fn schedule(&self, hz: f64, seconds: f64) -> PyResult<Schedule> {
+        let robot = self.client.description();
+        let lowest = 2.0 / robot.setpoint_timeout.as_secs_f64();
+        if !(lowest..=robot.rate_hz).contains(&hz) {
+            let timeout = robot.setpoint_timeout.as_secs_f64() * 1e3;
+            return Err(PyValueError::new_err(format!(
+                "hz is {hz}: give {lowest} to {}, since setpoint-timeout-ms is {timeout}",
+                robot.rate_hz
+            )));
+        }
+        Ok(Schedule { period: Duration::from_secs_f64(1.0 / hz), most: duration("seconds", seconds)? })
+    }
+
+    /// Waits without the interpreter's lock. The thread of `keep` may repeat setpoints meanwhile.
+    fn wait_alone(
+        &self,
+        py: Python<'_>,
+        wait: impl Send + FnOnce(&Client) -> Result<ClientState, Error>,
+    ) -> PyResult<ClientState> {
+        self.with_owned(|_| Ok(()))?;
+        let client = &self.client;
+        without_lock(py, || wait(client))?.map_err(|error| raised(&error))
+    }
+
+    /// Waits for the state of a cycle that is due, of a group that must be active.
+    fn next_active(&self, py: Python<'_>, every: u32, timeout: Duration) -> PyResult<ClientState> {
+        let _alone = self.alone()?;
+        let state = self.wait_alone(py, |client| client.wait_cycles(every, timeout))?;
+        self.with_owned(|owned| {
+            let group = state.of(&owned.claim).and_then(|group| group.must_be_active());
+            group.map_err(|error| raised(&error))
+        })?;
+        Ok(state)
     }
 
     /// Reads stiffness and damping; those of the last `enable` where none is given.
@@ -103,8 +142,22 @@ impl Claim {
             Some(given) => values(name, Some(given), &self.order.names),
             None => Ok([default as f32; JOINTS_MAX]),
         };
-        let hold = self.owned()?.hold;
+        let hold = self.with(|owned| Ok(owned.hold))?;
         Ok((or("kp", kp, hold.0)?, or("kd", kd, hold.1)?))
+    }
+
+    /// Calls the daemon without the interpreter's lock, in a call that sends new setpoints.
+    fn call_anew<T: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
+    ) -> PyResult<T> {
+        let client = &self.client;
+        self.with(|owned| {
+            let called = without_lock(py, || call(client, &mut owned.claim))?;
+            owned.renew(Duration::ZERO);
+            called.map_err(|error| raised(&error))
+        })
     }
 
     /// Calls the daemon without the interpreter's lock.
@@ -114,7 +167,9 @@ impl Claim {
         call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
     ) -> PyResult<T> {
         let client = &self.client;
-        self.with(|claim| without_lock(py, || call(client, claim))?.map_err(|error| raised(&error)))
+        self.with(|owned| {
+            without_lock(py, || call(client, &mut owned.claim))?.map_err(|error| raised(&error))
+        })
     }
 }
 
@@ -128,8 +183,15 @@ impl Claim {
 
     /// Names of the joints, in the order of the arrays.
     #[getter]
-    fn names(&self) -> Vec<String> {
+    fn joints(&self) -> Vec<String> {
         self.order.names.clone()
+    }
+
+    /// Deprecated: joints.
+    #[getter]
+    fn names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        deprecated(py, c"Claim.names is deprecated: use joints")?;
+        Ok(self.joints())
     }
 
     fn __len__(&self) -> usize {
@@ -139,9 +201,12 @@ impl Claim {
     /// Starts the motors where they are, with this stiffness (N·m/rad) and damping (N·m·s/rad), and waits until they follow.
     #[pyo3(signature = (hold = HOLD))]
     fn enable(&self, py: Python<'_>, hold: (f64, f64)) -> PyResult<()> {
-        self.owned()?.hold = hold;
         let (kp, kd) = (hold.0 as f32, hold.1 as f32);
-        self.call(py, |client, claim| {
+        self.with(|owned| {
+            owned.hold = hold;
+            Ok(())
+        })?;
+        self.call_anew(py, |client, claim| {
             claim.wait_for(Phase::Disarmed, CHANGE)?;
             claim.hold(&client.wait(TIMEOUT)?, kp, kd)?;
             match claim.commit() {
@@ -165,7 +230,8 @@ impl Claim {
 
     /// Releases the group. An active one is stopped.
     fn release(&self, py: Python<'_>) -> PyResult<()> {
-        let Some(claim) = self.owned()?.claim.take() else { return Ok(()) };
+        let _alone = self.alone()?;
+        let Some(Owned { claim, .. }) = locked(&self.owned).take() else { return Ok(()) };
         py.detach(|| caught(|| claim.release()))?.map_err(|error| raised(&error))
     }
 
@@ -194,13 +260,15 @@ impl Claim {
     ) -> PyResult<()> {
         let count = self.order.joints.len();
         let horizon = duration("horizon", horizon)?;
-        let hold = self.owned()?.hold;
+        let hold = self.with(|owned| Ok(owned.hold))?;
         let [q, dq, kp, kd, tau] = self::setpoints([q, dq, kp, kd, tau], hold, &self.order.names)?;
         let mut setpoints = [Setpoint::torque(0.0); JOINTS_MAX];
         for (at, slot) in self.slots.iter().enumerate() {
             setpoints[*slot] = Setpoint::impedance(q[at], dq[at], kp[at], kd[at], tau[at]);
         }
-        self.with(|claim| {
+        self.with(|owned| {
+            owned.renew(horizon);
+            let claim = &mut owned.claim;
             let sent = caught(|| claim.set_horizon(horizon).and_then(|()| claim.send(&setpoints[..count])))?;
             sent.map_err(|error| raised(&error))
         })
@@ -234,7 +302,7 @@ impl Claim {
             Begun::plan(claim, &state, |slot| by_slot[slot], seconds)
         })?;
         let motion = motion.map_err(PyValueError::new_err)?;
-        while !self.call(py, |client, claim| motion.advance(client, claim))? {
+        while !self.call_anew(py, |client, claim| motion.advance(client, claim))? {
             py.check_signals()?;
         }
         Ok(())
@@ -262,11 +330,29 @@ impl Claim {
         })
     }
 
+    /// Repeats the last setpoints hz times a second in a thread, so that a cell of a notebook may end.
+    ///
+    /// This removes the setpoint timeout: a program that hangs holds its last setpoint. seconds bounds that: without a new
+    /// setpoint for so long the thread ends, and the daemon damps the group. It also ends with stop of the result, with the
+    /// claim, with a stop of the group and with the interpreter, and prints an end that the program did not cause.
+    ///
+    /// The repeated setpoints have the velocity 0. A torque or velocity without a stiffness is not repeated. Another keep
+    /// replaces the first. ValueError for a rate below twice that of the setpoint timeout.
+    #[pyo3(signature = (hz = 100.0, *, seconds = 60.0))]
+    fn keep(&self, hz: f64, seconds: f64) -> PyResult<Keep> {
+        let schedule = self.schedule(hz, seconds)?;
+        self.with(|owned| {
+            owned.renew(Duration::ZERO);
+            Ok(Keep::start(&self.group, owned, &self.owned, schedule)?)
+        })
+    }
+
     /// Waits for the next state, at most timeout, s, whatever the phase. TimedOut without one.
     #[pyo3(signature = (timeout = 1.0))]
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<State> {
         let timeout = duration("timeout", timeout)?;
-        let state = self.call(py, |client, _| client.wait(timeout))?;
+        let _alone = self.alone()?;
+        let state = self.wait_alone(py, |client| client.wait(timeout))?;
         Ok(State { state, order: Arc::clone(&self.order), clock: Clock::Monotonic })
     }
 
@@ -287,8 +373,7 @@ impl Claim {
             return Ok(false);
         }
         let end = || {
-            let taken = self.owned.lock().unwrap_or_else(PoisonError::into_inner).claim.take();
-            let Some(mut claim) = taken else { return };
+            let Some(Owned { mut claim, .. }) = locked(&self.owned).take() else { return };
             // A group that cannot be disabled is stopped by its release, or by the daemon after its
             // last setpoint.
             let _stopped = claim.disable().and_then(|()| claim.wait_for(Phase::Disarmed, CHANGE));
@@ -339,14 +424,10 @@ impl Cycles {
         // The first state is due within a period, and may be as late as another one.
         let first = self.period.saturating_mul(2);
         let claim = self.claim.get();
-        let state = claim.call(py, |client, claim| {
-            if is_first {
-                claim.keep_for(first)?;
-            }
-            let state = client.wait_cycles(every, timeout)?;
-            state.of(claim)?.must_be_active()?;
-            Ok(state)
-        })?;
+        if is_first {
+            claim.call(py, |_, claim| claim.keep_for(first))?;
+        }
+        let state = claim.next_active(py, every, timeout)?;
         Ok(State { state, order: Arc::clone(&claim.order), clock: Clock::Monotonic })
     }
 }

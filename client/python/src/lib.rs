@@ -2,6 +2,7 @@
 //!
 //! - `robot`: a connection.
 //! - `claim`: the ownership of a group, and its loop.
+//! - `keep`: repeating setpoints for a notebook.
 //! - `state`: a cycle, as numpy arrays.
 //! - `motion`: a smooth motion to a pose.
 //! - `twin`: a robot on virtual time.
@@ -17,6 +18,7 @@ mod bench;
 mod claim;
 mod errors;
 mod interpreter;
+mod keep;
 mod motion;
 mod robot;
 mod state;
@@ -36,6 +38,8 @@ mod _motord {
         ClaimLost, Error, Forked, MotorsOffline, NotRunning, Refused, Restarted, Stopped, TimedOut, stopped,
     };
     #[pymodule_export]
+    use crate::keep::Keep;
+    #[pymodule_export]
     use crate::motion::Motion;
     #[pymodule_export]
     use crate::robot::{ImuPublisher, Robot, connect, estop};
@@ -47,6 +51,7 @@ mod _motord {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::keep::prepare(module.py())?;
         crate::interpreter::prepare(module.py())
     }
 }

@@ -3,7 +3,7 @@
 use motord_client::{Group, Imu as ClientImu, Joint, State as ClientState};
 use motord_twin::TwinClock;
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::{PyKeyError, PyUserWarning};
+use pyo3::exceptions::{PyDeprecationWarning, PyKeyError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::collections::BTreeMap;
@@ -42,6 +42,14 @@ pub(crate) enum Clock {
     Virtual(TwinClock),
 }
 
+/// Warns of a name that programs should no longer use.
+///
+/// # Errors
+/// The warning, where the program turns warnings into exceptions.
+pub(crate) fn deprecated(py: Python<'_>, text: &CStr) -> PyResult<()> {
+    PyErr::warn(py, &py.get_type::<PyDeprecationWarning>(), text, 1)
+}
+
 type Array<'py> = Bound<'py, PyArray1<f64>>;
 
 fn read_only<'py>(py: Python<'py>, values: impl Iterator<Item = f64>) -> Array<'py> {
@@ -63,12 +71,12 @@ impl State {
         }
     }
 
-    fn joints(&self) -> impl Iterator<Item = Option<Joint>> + '_ {
+    fn each(&self) -> impl Iterator<Item = Option<Joint>> + '_ {
         self.order.joints.iter().map(|index| self.state.joint(*index))
     }
 
     fn array<'py>(&self, py: Python<'py>, value: impl Fn(&Joint) -> Option<f32>) -> Array<'py> {
-        read_only(py, self.joints().map(|joint| joint.as_ref().and_then(&value).map_or(f64::NAN, f64::from)))
+        read_only(py, self.each().map(|joint| joint.as_ref().and_then(&value).map_or(f64::NAN, f64::from)))
     }
 }
 
@@ -76,8 +84,15 @@ impl State {
 impl State {
     /// Names of the joints, in the order of the arrays.
     #[getter]
-    fn names(&self) -> Vec<String> {
+    fn joints(&self) -> Vec<String> {
         self.order.names.clone()
+    }
+
+    /// Deprecated: joints.
+    #[getter]
+    fn names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        deprecated(py, c"State.names is deprecated: use joints")?;
+        Ok(self.joints())
     }
 
     /// Measured positions, rad.
@@ -107,8 +122,7 @@ impl State {
     /// Whether each motor answered in this cycle.
     #[getter]
     fn fresh<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        let array =
-            PyArray1::from_iter(py, self.joints().map(|joint| joint.is_some_and(|joint| joint.fresh)));
+        let array = PyArray1::from_iter(py, self.each().map(|joint| joint.is_some_and(|joint| joint.fresh)));
         array.readwrite().make_nonwriteable();
         array
     }
@@ -116,7 +130,7 @@ impl State {
     /// Mode of each motor, such as active or offline; unknown for one that this library does not know.
     #[getter]
     fn mode(&self) -> Vec<&'static str> {
-        self.joints()
+        self.each()
             .map(|joint| joint.and_then(|joint| joint.mode).map_or("unknown", |mode| mode.name()))
             .collect()
     }
@@ -125,7 +139,7 @@ impl State {
     #[getter]
     fn limits(&self) -> Vec<Vec<&'static str>> {
         let names = |joint: Joint| joint.limits.iter().map(|limit| limit.name()).collect();
-        self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
+        self.each().map(|joint| joint.map_or_else(Vec::new, names)).collect()
     }
 
     /// The commands that the motors got, after all limits: q, rad; dq, rad/s; kp, N·m/rad; kd, N·m·s/rad; tau, N·m.
@@ -144,7 +158,7 @@ impl State {
     #[getter]
     fn faults(&self) -> Vec<Vec<&'static str>> {
         let names = |joint: Joint| joint.faults.iter().map(|fault| fault.name()).collect();
-        self.joints().map(|joint| joint.map_or_else(Vec::new, names)).collect()
+        self.each().map(|joint| joint.map_or_else(Vec::new, names)).collect()
     }
 
     /// Times since the motors answered, s; NaN before their first answer. In a twin, virtual time, as each age.
@@ -154,7 +168,7 @@ impl State {
         let age = |joint: Option<Joint>| {
             joint.and_then(|joint| joint.age_at(now)).map_or(f64::NAN, |age| age.as_secs_f64())
         };
-        read_only(py, self.joints().map(age))
+        read_only(py, self.each().map(age))
     }
 
     /// Number of the setpoint message that the group used; 0 for none, and for the whole robot.
@@ -218,6 +232,10 @@ impl State {
     fn imu(&self) -> Imus {
         let (order, clock) = (Arc::clone(&self.order), self.clock.clone());
         Imus(Self { state: self.state.clone(), order, clock })
+    }
+
+    fn _repr_html_<'py>(slf: Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("motord._html")?.call_method1("state", (slf,))
     }
 
     fn __repr__(&self) -> String {

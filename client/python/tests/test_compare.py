@@ -109,7 +109,7 @@ def test_other_robot_is_refused(recorded: Path) -> None:
     with pytest.raises(ValueError, match="the recording has the joints fl-thigh"):
         recording = motord.Recording(recorded)
         mixed = CONFIG.with_name("mixed-simulated.toml")
-        recording.names = [*recording.names[1:], recording.names[0]]
+        recording.joints = [*recording.joints[1:], recording.joints[0]]
         compare(recording, mixed, plant=Alone())
 
 

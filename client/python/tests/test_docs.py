@@ -27,6 +27,7 @@ def blocks(path: Path) -> list[str]:
 
 PAGE = blocks(TREE / "docs" / "python.md")
 README = blocks(TREE / "README.md")
+START = blocks(TREE / "docs" / "start.md")
 TWIN = blocks(TREE / "docs" / "twin.md")
 
 
@@ -66,10 +67,11 @@ def test_block_of_readme_holds_robot(daemon: Daemon, robot: motord.Robot, tmp_pa
 
 
 def test_pages_have_their_blocks() -> None:
-    assert len(PAGE) == 4, "a controller, a recording, the metadata of a policy, a policy"
+    assert len(PAGE) == 5, "a controller, a notebook, a recording, the metadata of a policy, a policy"
+    assert len(START) == 1, "a controller"
     assert len(TWIN) == 3, "a twin, a plant, an environment"
     pages = [page.name for page in (TREE / "docs").rglob("*.md") if blocks(page)]
-    assert sorted(pages) == ["python.md", "twin.md"], "the others have no program in Python"
+    assert sorted(pages) == ["python.md", "start.md", "twin.md"], "the others have no program in Python"
 
 
 @pytest.fixture
@@ -103,7 +105,7 @@ def twin_of(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int, str
     return build
 
 
-@pytest.mark.parametrize("at", [0, 3])
+@pytest.mark.parametrize("at", [0, 1, 4])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_controller_of_page_runs_in_twin(twin_of: Callable[[int, str], Twin], folder: Path, at: int, seed: int) -> None:
     if "walk.onnx" in PAGE[at]:
@@ -116,7 +118,17 @@ def test_controller_of_page_runs_in_twin(twin_of: Callable[[int, str], Twin], fo
     execute(PAGE[at])
     with twin.claim("legs") as legs:
         state = legs.wait()
+        for _ in range(2000):
+            if state.phase != "damping":
+                break
+            state = legs.wait()
     assert (state.phase, state.stop) == ("disarmed", None)
+
+
+def test_controller_of_start_runs_in_twin(twin_of: Callable[[int, str], Twin]) -> None:
+    twin = twin_of(1, START[0])
+    execute(START[0])
+    assert twin.time > 10.0
 
 
 @pytest.mark.parametrize("seed", SEEDS)

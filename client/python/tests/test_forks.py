@@ -67,7 +67,7 @@ calls = {
     'enable': legs.enable, 'disable': legs.disable, 'reset': legs.reset, 'release': legs.release,
 }
 found = {name: outcome(call) for name, call in calls.items()}
-print(json.dumps([found, robot.joints == first.names, bool((first.q == first.q).all())]), flush=True)
+print(json.dumps([found, robot.joints == first.joints, bool((first.q == first.q).all())]), flush=True)
 os._exit(0)
 """
 

@@ -42,7 +42,7 @@ def test_adapter_observes_and_acts(daemon: Daemon, robot: motord.Robot, adapter:
         legs.get_observation()
     with legs:
         assert legs.is_connected and set(legs.get_observation()) == set(legs.observation_features)
-        action = {f"{name}.pos": float(q) for name, q in zip(first.names, first.q, strict=True)}
+        action = {f"{name}.pos": float(q) for name, q in zip(first.joints, first.q, strict=True)}
         action["fl-knee.pos"] += 0.1
         assert set(action) == set(legs.action_features)
         for _ in range(50):

@@ -100,9 +100,9 @@ def test_policy_moves_its_joints_in_every_order(folder: Path, names: list[str]) 
             goal = np.clip(goal, policy.default - 0.2, policy.default + 0.2)
             legs.send(q=goal, kp=policy.kp, kd=policy.kd)
         state = legs.wait()
-    applied = dict(zip(state.names, state.applied["q"], strict=True))
+    applied = dict(zip(state.joints, state.applied["q"], strict=True))
     assert applied == pytest.approx(dict(goal), abs=0.01) and goal["rr-knee"] < -1.6 and abs(goal["fl-hip"]) < 0.1
-    assert dict(zip(state.names, state.applied["kp"], strict=True)) == pytest.approx(gains, rel=0.01)
+    assert dict(zip(state.joints, state.applied["kp"], strict=True)) == pytest.approx(gains, rel=0.01)
 
 
 def test_state_without_a_joint_is_refused(robot: motord.Robot, good: Path) -> None:

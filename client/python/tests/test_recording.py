@@ -51,7 +51,7 @@ def run(daemon: Daemon, robot: motord.Robot, folder: Path) -> Path:
 
 def test_recording_gives_arrays_by_joint(run: Path) -> None:
     recording = motord.Recording(run)
-    assert len(recording) > 2000 and recording.names[2] == "fl-knee" and recording.damage is None
+    assert len(recording) > 2000 and recording.joints[2] == "fl-knee" and recording.damage is None
     assert recording.q.shape == recording.setpoint.q.shape == recording.applied.kp.shape == (len(recording), 12)
     assert recording.time[0] == 0.0 and (np.diff(recording.time) > 0).all() and recording.begun > 1e9
     assert np.median(np.diff(recording.time)) == pytest.approx(1e-3) and (np.diff(recording.cycle) > 0).all()

@@ -24,7 +24,7 @@ def phase(robot: motord.Robot) -> str | None:
 
 def test_states_are_read_only_arrays(robot: motord.Robot) -> None:
     state = robot.wait()
-    assert state.q.shape == (12,) and state.names == robot.joints and np.isfinite(state.q).all()
+    assert state.q.shape == (12,) and state.joints == robot.joints and np.isfinite(state.q).all()
     with pytest.raises(ValueError):
         state.q[0] = 1.0
     assert set(state.applied) == {"q", "dq", "kp", "kd", "tau"}
@@ -100,10 +100,10 @@ def test_errors_are_classes_with_attributes(robot: motord.Robot) -> None:
 def test_arrays_follow_order_of_names(robot: motord.Robot) -> None:
     names = robot.joints[::-1]
     with robot.claim("legs", names=names) as legs:
-        assert legs.names == names
+        assert legs.joints == names
         legs.enable(hold=(40.0, 1.0))
         first = legs.wait()
-        assert first.names == names and first.sequence > 0
+        assert first.joints == names and first.sequence > 0
         goal = first.q.copy()
         goal[names.index("fl-knee")] += 0.1
         legs.move_to(goal, 0.5)
@@ -132,7 +132,7 @@ def test_move_is_smooth_and_arrives(robot: motord.Robot) -> None:
     with robot.claim("legs") as legs:
         legs.enable(hold=(40.0, 1.0))
         first = legs.wait()
-        pose = dict(zip(first.names, first.q, strict=True)) | {"fl-thigh": 1.2}
+        pose = dict(zip(first.joints, first.q, strict=True)) | {"fl-thigh": 1.2}
         legs.move_to(pose, 1.0)
         last = legs.wait()
         assert last.applied["q"][1] == pytest.approx(1.2, abs=1e-3) and abs(last.q[1] - 1.2) < 0.02
@@ -265,7 +265,7 @@ def test_select_and_asyncio_wake_with_states(robot: motord.Robot) -> None:
         assert select.select([robot], [], [], 5.0)[0] == [robot]
         state = robot.newest(names=["fl-knee"])
         if state is not None:
-            assert state.names == ["fl-knee"]
+            assert state.joints == ["fl-knee"]
             cycles.append(state.cycle)
     assert cycles == sorted(set(cycles)) and robot.fileno() == robot.fileno()
 

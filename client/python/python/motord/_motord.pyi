@@ -115,8 +115,11 @@ class State:
     """The state of a cycle. Arrays are read-only; a value is NaN while its motor has not reported it."""
 
     @property
-    def names(self) -> list[str]:
+    def joints(self) -> list[str]:
         """Names of the joints, in the order of the arrays."""
+    @property
+    def names(self) -> list[str]:
+        """Deprecated: joints."""
     @property
     def q(self) -> _Array:
         """Measured positions, rad."""
@@ -177,6 +180,7 @@ class State:
     @property
     def imu(self) -> Imus:
         """The IMUs, by name: state.imu["base"]."""
+    def _repr_html_(self) -> str: ...
 
 @final
 class Cycles(Iterator[State]):
@@ -193,8 +197,11 @@ class Claim:
     def group(self) -> str:
         """Name of the group."""
     @property
-    def names(self) -> list[str]:
+    def joints(self) -> list[str]:
         """Names of the joints, in the order of the arrays."""
+    @property
+    def names(self) -> list[str]:
+        """Deprecated: joints."""
     def __len__(self) -> int: ...
     def enable(self, hold: tuple[float, float] = (20.0, 0.5)) -> None:
         """Starts the motors where they are, with this stiffness (N·m/rad) and damping (N·m·s/rad), and waits until they follow."""
@@ -249,6 +256,16 @@ class Claim:
         Raises Stopped when the group is stopped, ClaimLost, Restarted, NotRunning or TimedOut. hz must be a whole part of
         the daemon's rate.
         """
+    def keep(self, hz: float = 100.0, *, seconds: float = 60.0) -> Keep:
+        """Repeats the last setpoints hz times a second in a thread, so that a cell of a notebook may end.
+
+        This removes the setpoint timeout: a program that hangs holds its last setpoint. seconds bounds that: without a new
+        setpoint for so long the thread ends, and the daemon damps the group. It also ends with stop of the result, with the
+        claim, with a stop of the group and with the interpreter, and prints an end that the program did not cause.
+
+        The repeated setpoints have the velocity 0. A torque or velocity without a stiffness is not repeated. Another keep
+        replaces the first. ValueError for a rate below twice that of the setpoint timeout.
+        """
     def wait(self, timeout: float = 1.0) -> State:
         """Waits for the next state, at most timeout, s, whatever the phase. TimedOut without one."""
     def __enter__(self) -> Claim:
@@ -257,6 +274,16 @@ class Claim:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> Literal[False]:
         """Damps and stops the motors, and releases the group. In a forked process it does nothing."""
+
+@final
+class Keep:
+    """The repetition of a claim's last setpoints: Claim.keep."""
+
+    def stop(self) -> None:
+        """Ends the repetition. The group keeps its owner: send the next setpoint within the setpoint timeout."""
+    @property
+    def end(self) -> str | None:
+        """The reason why it ended; None while it repeats."""
 
 @final
 class ImuPublisher:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from array import array
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,6 +12,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _html
 from ._files import FileError, open_regular
 from ._mcap import Damage, messages
 from ._signals import deferred
@@ -95,7 +97,7 @@ class Event:
 
 
 class Recording:
-    """A recording, read whole. Arrays have a row for each cycle and a column for each joint of `names`.
+    """A recording, read whole. Arrays have a row for each cycle and a column for each joint of `joints`.
 
     `recording["fl-knee"]` is one joint. `time` is the time axis, s from the first cycle; `begun` is its Unix time. Cycles
     that the file lacks are gaps of `cycle` and of `time`; `missed_ticks` counts those that the daemon has missed since its start.
@@ -125,14 +127,14 @@ class Recording:
             )
         self.path: str = rows.path
         self.robot: dict[str, Any] = rows.robot
-        self.names: list[str] = rows.names
+        self.joints: list[str] = rows.names
         self.damage: str | None = rows.damage
         self.cycle: NDArray[np.int64] = np.array(rows.cycles, dtype=np.int64)
         self.missed_ticks: NDArray[np.int64] = np.array(rows.overruns, dtype=np.int64)
         first = rows.times[0] if rows.times else 0
         self.begun: float = first * _NANOS
         self.time: _Floats = _seconds(rows.times, first)
-        count = len(self.names)
+        count = len(self.joints)
         measured = [_table(rows.measured[name], count) for name in _MEASURED]
         self.q, self.dq, self.tau, self.temperature = measured
         self.fresh: NDArray[np.bool_] = np.reshape(np.array(rows.fresh, dtype=bool), (-1, count))
@@ -143,13 +145,19 @@ class Recording:
         self.stops: list[Stop] = [Stop(time, *stop[1:]) for time, stop in zip(at, rows.stops, strict=True)]
         self.events: list[Event] = [Event((event[0] - first) * _NANOS, *event[1:]) for event in rows.events]
 
+    @property
+    def names(self) -> list[str]:
+        """Deprecated: joints."""
+        warnings.warn("Recording.names is deprecated: use joints", DeprecationWarning, stacklevel=2)
+        return self.joints
+
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, name: str) -> JointRecording:
-        if name not in self.names:
-            raise KeyError(f"there is no joint {name!r}; there are {', '.join(self.names)}")
-        at = self.names.index(name)
+        if name not in self.joints:
+            raise KeyError(f"there is no joint {name!r}; there are {', '.join(self.joints)}")
+        at = self.joints.index(name)
 
         def column(command: Command) -> Command:
             return Command(command.q[:, at], command.dq[:, at], command.kp[:, at], command.kd[:, at], command.tau[:, at])
@@ -172,7 +180,7 @@ class Recording:
         except ImportError as error:
             raise ImportError("Recording.frame needs pandas: pip install pandas") from error
         columns: dict[tuple[str, str], _Floats] = {}
-        for name in self.names:
+        for name in self.joints:
             joint = self[name]
             for value in ("q", "dq", "tau", "temperature"):
                 columns[name, value] = getattr(joint, value)
@@ -182,9 +190,12 @@ class Recording:
         index = pandas.Index(self.time, name="time")
         return pandas.DataFrame(columns, index=index)
 
+    def _repr_html_(self) -> str:
+        return _html.recording(self)
+
     def __repr__(self) -> str:
         seconds = self.time[-1] if len(self) else 0.0
-        return f"<motord.Recording {self.path!r}: {len(self.names)} joints, {len(self)} cycles, {seconds:.3f} s>"
+        return f"<motord.Recording {self.path!r}: {len(self.joints)} joints, {len(self)} cycles, {seconds:.3f} s>"
 
 
 def _table(values: array[float], count: int) -> _Floats:

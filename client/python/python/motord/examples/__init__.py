@@ -31,6 +31,9 @@ _DAEMON = f"a robot, or motord run --config {CONFIG}"
 EXAMPLES = {
     "hold": Example("holds every joint where it is", "nothing else", None, ("hold.py", CONFIG), "python hold.py twin"),
     "sine": Example("moves every joint by a sine", "nothing else", None, ("sine.py", CONFIG), "python sine.py twin"),
+    "notebook": Example(
+        "stands and moves, cell by cell", "jupyter", None, ("notebook.ipynb", CONFIG), "jupyter lab notebook.ipynb"
+    ),
     "walk": Example(
         "walks from joints and IMU in MuJoCo", "the extra sim", "sim", ("walk.py", CONFIG, MODEL), "python walk.py twin"
     ),

@@ -304,7 +304,7 @@ class Policy:
 
     def _order(self, state: State) -> NDArray[np.intp] | slice:
         """Returns the index in the state of each joint."""
-        names = state.names
+        names = state.joints
         if names == self.joints:
             return slice(None)
         for joint in self.joints:

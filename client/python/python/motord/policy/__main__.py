@@ -24,7 +24,7 @@ def stale(state: motord.State, imu: motord.Imu | None, limit_s: float) -> str | 
     ages = state.joint_age
     if np.nanmax(ages) > limit_s:
         joint = int(np.nanargmax(ages))
-        return f"{state.names[joint]} has not answered for {1e3 * ages[joint]:.0f} ms"
+        return f"{state.joints[joint]} has not answered for {1e3 * ages[joint]:.0f} ms"
     if imu is not None and imu.contradictions:
         return f"the IMU contradicts gravity at rest ({', '.join(imu.contradictions)})"
     if imu is not None and (imu.lost or imu.age is None or imu.age > limit_s):

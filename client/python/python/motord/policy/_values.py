@@ -28,7 +28,7 @@ class JointValues(NDArrayOperatorsMixin, Mapping[str, float]):
     """
 
     def __init__(self, names: Sequence[str], values: ArrayLike) -> None:
-        """Names an array, such as `JointValues(state.names, state.q)`."""
+        """Names an array, such as `JointValues(state.joints, state.q)`."""
         self._array: NDArray[Any] = np.array(values)
         self._values: dict[str, float] = dict(zip(names, self._array.tolist(), strict=True))
         if len(self._values) != len(names):

@@ -137,7 +137,7 @@ def compare(
     """
     if not isinstance(recording, Recording):
         recording = Recording(recording)
-    _check_robot(recording.robot, recording.names, json.loads(describe(fspath(config))[0]))
+    _check_robot(recording.robot, recording.joints, json.loads(describe(fspath(config))[0]))
     rows = _following(recording)
     begin = recording.q[rows[0]]
     body = plant if plant is not None else Mujoco(model) if model is not None else None
@@ -152,7 +152,7 @@ def compare(
     missed = min(max(missed, 0), absent)
     return Gap(
         time=recording.time[rows] - recording.time[rows[0]],
-        names=recording.names,
+        names=recording.joints,
         robot=recording.q[rows],
         twin=positions,
         joints=[
@@ -163,7 +163,7 @@ def compare(
                 recording.tau[rows, at] - torques[:, at],
                 period,
             )
-            for at, name in enumerate(recording.names)
+            for at, name in enumerate(recording.joints)
         ],
         stop=stop,
         missed_ticks=missed,
@@ -207,7 +207,7 @@ def _following(recording: Recording) -> NDArray[np.intp]:
 def _replayed(twin: Twin, recording: Recording, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, str | None]:
     """Positions, velocities and torques of the twin in each of the rows, and the cause that ended it early."""
     claims = [twin.claim(group) for group in twin.groups]
-    indices = [np.array([twin.joints.index(name) for name in claim.names]) for claim in claims]
+    indices = [np.array([twin.joints.index(name) for name in claim.joints]) for claim in claims]
     for claim, joints in zip(claims, indices, strict=True):
         claim.enable(hold=(float(recording.applied.kp[rows[0], joints].max()), float(recording.applied.kd[rows[0], joints].max())))
     applied = recording.applied

@@ -1,5 +1,6 @@
 """The same robot without motord: what a simulator of mechanics alone has. For comparison with a twin."""
 
+import warnings
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -57,7 +58,7 @@ class _Imus(dict[str, IdealImu]):
 class IdealState:
     """A state of age 0, without noise or steps of codes."""
 
-    names: list[str]
+    joints: list[str]
     q: Array
     dq: Array
     tau: Array
@@ -72,6 +73,12 @@ class IdealState:
     sequence: int = 1
     stop: str | None = None
     stop_joint: str | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Deprecated: joints."""
+        warnings.warn("IdealState.names is deprecated: use joints", DeprecationWarning, stacklevel=2)
+        return self.joints
 
 
 @dataclass
@@ -130,7 +137,7 @@ class IdealEngine:
         imus = _Imus() if measured is None else _Imus({imu["name"]: IdealImu(*measured) for imu in self._robot["imus"]})
         values = {"q": wanted.q, "dq": wanted.dq, "kp": wanted.kp, "kd": wanted.kd, "tau": wanted.tau}
         return IdealState(
-            names=list(names),
+            joints=list(names),
             q=of.q[joints],
             dq=of.dq[joints],
             tau=of.tau[joints],

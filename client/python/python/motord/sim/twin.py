@@ -2,6 +2,8 @@
 
 import json
 import math
+import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from os import PathLike, fspath
@@ -51,6 +53,7 @@ class Twin:
         self.physics: list[dict[str, Any]] = physics
         self.plant = plant
         self.compute: float = compute_us * 1e-6
+        self.keeps: list[TwinKeep] = []
         self.engine = self._built(config, None if plant is None else Taken(plant), self.compute, seed)
         self.instance: str = self.description["instance"]
         self.rate_hz: float = self.description["rate_hz"]
@@ -83,9 +86,15 @@ class Twin:
         """Gives a motor, a bus or an IMU a fault at a virtual time: the verbs of motorctl sim, such as "off" or "ok"."""
         self.engine.inject_at(seconds, f"{target} {verb}")
 
+    def run_cycle(self) -> None:
+        """Runs a cycle, after the setpoints that claims keep."""
+        for keep in self.keeps:
+            keep.repeat()
+        self.engine.step(1)
+
     def wait(self, timeout: float = 1.0, *, names: list[str] | None = None) -> State:
         """Runs a cycle. Returns its state, with all joints of the robot, or those of names."""
-        self.engine.step(1)
+        self.run_cycle()
         chosen = self.joints if names is None else names
         state: State = self.engine.state(chosen, [self._joint(name) for name in chosen], None)
         return state
@@ -100,7 +109,7 @@ class Twin:
         offline = set(self.joints)
         for _ in range(max(ANSWERS_CYCLES, round(ANSWERS_S * self.rate_hz))):
             state = self.wait()
-            answered = zip(state.names, state.fresh, state.mode, strict=True)
+            answered = zip(state.joints, state.fresh, state.mode, strict=True)
             offline -= {name for name, fresh, mode in answered if fresh or mode == "excluded"}
             if not offline:
                 return
@@ -133,6 +142,39 @@ class Twin:
         return f"<motord.sim.Twin {self.instance!r}: {len(self.joints)} joints, {self.time:.3f} s>"
 
 
+class TwinKeep:
+    """The repetition of a claim's last setpoints: TwinClaim.keep."""
+
+    def __init__(self, twin: Twin, claim: "TwinClaim", period: float, seconds: float) -> None:
+        self._twin, self.claim, self._period, self._seconds = twin, claim, period, seconds
+        self.end: str | None = None
+        twin.keeps.append(self)
+
+    def repeat(self) -> None:
+        """Repeats the setpoints, and prints an end that the program did not cause."""
+        if self.claim.released:
+            self.finish("the claim was released")
+            return
+        end = self.claim.repeat(self._period, self._seconds)
+        if end is not None:
+            self.finish(end)
+            text = f"keep of {self.claim.group} ended, and nothing repeats its setpoints any more: {end}"
+            print(f"motord: {text}. The daemon damps a group without setpoints.", file=sys.stderr)
+
+    def stop(self) -> None:
+        """Ends the repetition."""
+        self.finish("stop was called")
+
+    def finish(self, reason: str) -> None:
+        """Ends the repetition for this reason. A later one changes nothing."""
+        if self.end is None:
+            self.end = reason
+            self._twin.keeps = [keep for keep in self._twin.keeps if keep is not self]
+
+    def __repr__(self) -> str:
+        return f"<motord.sim.TwinKeep of {self.claim.group!r}: {'repeats' if self.end is None else f'ended: {self.end}'}>"
+
+
 class TwinClaim:
     """The ownership of a group of a twin. Its end damps, stops and releases the group."""
 
@@ -142,24 +184,30 @@ class TwinClaim:
         self.group = group
         indices: list[int] = twin.description["groups"][self._index]["joints"]
         known = [twin.joints[index] for index in indices]
-        self.names = known if names is None else list(names)
-        if sorted(self.names) != sorted(known):
+        self.joints = known if names is None else list(names)
+        if sorted(self.joints) != sorted(known):
             raise ValueError(f"names must be all joints of {group}: {', '.join(known)}")
-        self._slots = [known.index(name) for name in self.names]
-        self._joints = [twin.joints.index(name) for name in self.names]
+        self._slots = [known.index(name) for name in self.joints]
+        self._indices = [twin.joints.index(name) for name in self.joints]
         self._hold = (20.0, 0.5)
         self._released = self._follows = False
         # The values of the last message, when it is sent, and its horizon, s.
         self._last: tuple[Values | None, ...] = ()
-        self._sent = self._horizon = 0.0
+        self._sent = self._horizon = self._renewed = 0.0
         self._engine.ask("claim", self._index)
 
+    @property
+    def names(self) -> list[str]:
+        """Deprecated: joints."""
+        warnings.warn("TwinClaim.names is deprecated: use joints", DeprecationWarning, stacklevel=2)
+        return self.joints
+
     def __len__(self) -> int:
-        return len(self.names)
+        return len(self.joints)
 
     def state(self) -> State:
         """The state of the last cycle, in the order of the claim."""
-        state: State = self._engine.state(self.names, self._joints, self._index)
+        state: State = self._engine.state(self.joints, self._indices, self._index)
         return state
 
     def _group_state(self) -> State:
@@ -169,7 +217,7 @@ class TwinClaim:
 
     def wait(self, timeout: float = 1.0) -> State:
         """Runs a cycle and returns its state, in the order of the claim."""
-        self._engine.step(1)
+        self._twin.run_cycle()
         return self.state()
 
     def cycles(self, hz: float | None = None, *, timeout: float = 1.0) -> Iterator[State]:
@@ -202,6 +250,7 @@ class TwinClaim:
         if self._follows and self._group_state().stop is not None:
             raise self._stopped(self.state())
         self._transmit((q, dq, kp, kd, tau), horizon)
+        self._renewed = self._sent
 
     def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
         self._engine.send(self._index, self._slots, *values, horizon, self._hold)
@@ -240,6 +289,36 @@ class TwinClaim:
         self._until("active", follow)
         self._follows = True
         self._keep_for(math.inf)
+        self._renewed = self._sent
+
+    def keep(self, hz: float = 100.0, *, seconds: float = 60.0) -> "TwinKeep":
+        """Repeats the last setpoints in the cycles of wait, as motord.Claim.keep does. Between calls no time passes."""
+        lowest = 2.0 / self._twin.setpoint_timeout
+        if not lowest <= hz <= self._twin.rate_hz:
+            timeout = 1e3 * self._twin.setpoint_timeout
+            raise ValueError(f"hz is {hz}: give {lowest:g} to {self._twin.rate_hz:g}, since setpoint-timeout-ms is {timeout:g}")
+        for keep in [keep for keep in self._twin.keeps if keep.claim is self]:
+            keep.finish("another keep replaced it")
+        self._renewed = self._twin.time
+        return TwinKeep(self._twin, self, 1.0 / hz, seconds)
+
+    def repeat(self, period: float, seconds: float) -> str | None:
+        """Repeats the last setpoints if they are due. Returns the reason why they never will be."""
+        q, dq, kp, kd, tau = self._last or (None,) * 5
+        if self._follows and self._group_state().stop is not None:
+            return str(self._stopped(self.state()))
+        if self._twin.time - self._renewed >= seconds:
+            return f"the program sent no new setpoint for {seconds:g} s"
+        if q is None and (dq is not None or tau is not None):
+            return "the last setpoint has a torque or a velocity without a stiffness"
+        if self._twin.time >= self._sent + self._horizon + period:
+            self._transmit((q, None if dq is None else 0.0, kp, kd, tau), self._horizon)
+        return None
+
+    @property
+    def released(self) -> bool:
+        """The claim has ended."""
+        return self._released
 
     def move_to(
         self,
@@ -256,7 +335,7 @@ class TwinClaim:
         begin = np.where(applied["kp"] > 0.0, applied["q"], state.q)
         kp = self._hold[0] if kp is None else kp
         kd = self._hold[1] if kd is None else kd
-        described = [self._twin.description["joints"][joint] for joint in self._joints]
+        described = [self._twin.description["joints"][joint] for joint in self._indices]
         limits = [(joint["name"], joint["position"], joint["velocity"]) for joint in described]
         motion = Motion(limits, begin.tolist(), pose, seconds)
         begun, is_there = state.time, False
