@@ -14,10 +14,10 @@ use std::time::Duration;
 
 #[derive(Parser)]
 struct Options {
-    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
-    instance: String,
     #[arg(long, default_value = "all")]
     group: String,
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
+    instance: String,
 }
 
 /// A turn every second cycle: 500 Hz when the daemon runs at 1 kHz.

@@ -12,9 +12,6 @@ use std::time::Duration;
 /// Move one joint, or all joints of a group, along a sine around where they are.
 #[derive(Parser)]
 struct Options {
-    /// Instance of motord.
-    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
-    instance: String,
     /// Group of joints.
     #[arg(long, default_value = "all")]
     group: String,
@@ -42,6 +39,9 @@ struct Options {
     /// After a stop or a restart of the daemon, reset, claim and enable again.
     #[arg(long)]
     persist: bool,
+    /// Instance of motord.
+    #[arg(long, env = "MOTORD_INSTANCE", default_value = DEFAULT_INSTANCE)]
+    instance: String,
 }
 
 /// Longer than a shared machine stalls.

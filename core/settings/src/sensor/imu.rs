@@ -166,10 +166,10 @@ pub enum WhenLost {
 pub struct ImuSample {
     /// Unit quaternion w, x, y, z to the world.
     pub orientation: [f32; 4],
-    /// rad/s.
-    pub angular_velocity: [f32; 3],
     /// Specific force, m/s²: at rest 9.81 upwards.
     pub acceleration: [f32; 3],
+    /// rad/s.
+    pub angular_velocity: [f32; 3],
     /// °C, where the sensor reports it.
     pub temperature: Option<f32>,
 }

@@ -68,10 +68,6 @@ impl Fixture for Vcan {
         self.peer.inject(stimulus)
     }
 
-    fn received(&mut self) -> Vec<Frame> {
-        self.peer.received()
-    }
-
     fn set(&mut self, condition: Condition) -> bool {
         match condition {
             Condition::Up if self.stalled => unstall(&self.name),
@@ -91,6 +87,10 @@ impl Fixture for Vcan {
 
     fn allocations(&self) -> Option<u64> {
         Some(allocations())
+    }
+
+    fn received(&mut self) -> Vec<Frame> {
+        self.peer.received()
     }
 }
 
