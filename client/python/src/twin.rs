@@ -200,23 +200,18 @@ impl Engine {
 
     /// Sends a setpoint for each joint of a group; places are the places in the group of the values.
     ///
-    /// hold are the gains of positions and velocities without others. Raises ClaimLost.
-    #[allow(clippy::too_many_arguments, reason = "they are named in Python")]
+    /// values are q, dq, kp, kd and tau. hold are the gains of positions and velocities without others. Raises ClaimLost.
     fn send(
         &self,
         group: usize,
         places: Vec<usize>,
-        q: Option<&Bound<'_, PyAny>>,
-        dq: Option<&Bound<'_, PyAny>>,
-        kp: Option<&Bound<'_, PyAny>>,
-        kd: Option<&Bound<'_, PyAny>>,
-        tau: Option<&Bound<'_, PyAny>>,
+        values: [Bound<'_, PyAny>; 5],
         horizon: f64,
         hold: (f64, f64),
     ) -> PyResult<()> {
         let count = places.len();
         let names = self.names(group, &places)?;
-        let [q, dq, kp, kd, tau] = setpoints([q, dq, kp, kd, tau], hold, &names)?;
+        let [q, dq, kp, kd, tau] = setpoints(values.each_ref().map(Some), hold, &names)?;
         let mut joints = [JointSetpoint::default(); JOINTS_MAX];
         for (at, slot) in places.into_iter().enumerate() {
             let setpoint = JointSetpoint {

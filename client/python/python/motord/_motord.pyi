@@ -432,17 +432,13 @@ class Engine:
         self,
         group: int,
         places: list[int],
-        q: _Values | None,
-        dq: _Values | None,
-        kp: _Values | None,
-        kd: _Values | None,
-        tau: _Values | None,
+        values: tuple[_Values | None, ...],
         horizon: float,
         hold: tuple[float, float],
     ) -> None:
         """Sends a setpoint for each joint of a group; places are the places in the group of the values.
 
-        hold are the gains of positions and velocities without others. Raises ClaimLost.
+        values are q, dq, kp, kd and tau. hold are the gains of positions and velocities without others. Raises ClaimLost.
         """
     def ask(self, operation: str, group: int) -> None:
         """Sends a request, and runs cycles until it is answered."""

@@ -253,7 +253,7 @@ class TwinClaim:
         self._renewed = self._sent
 
     def _transmit(self, values: tuple[Values | None, ...], horizon: float) -> None:
-        self._engine.send(self._index, self._slots, *values, horizon, self._hold)
+        self._engine.send(self._index, self._slots, values, horizon, self._hold)
         # The caller may change its arrays.
         self._last = tuple(copy(value) for value in values)
         self._horizon = horizon
