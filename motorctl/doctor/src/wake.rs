@@ -237,7 +237,9 @@ mod tests {
         let request = SchedulingRequest { cpu: None, priority: None };
         let robot = Robot { rate_hz: 200.0, request, ..Robot::default() };
         let measurement = Measurement::start(&robot).unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(100));
+        while measurement.shared.max_ns.load(Ordering::Relaxed) == 0 {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         let wake = measurement.end().unwrap();
         assert!(!wake.latencies.is_empty() && wake.latencies.len() >= wake.missed, "{wake:?}");
         assert!(wake.max_us() >= wake.quantile_us(0.5));
