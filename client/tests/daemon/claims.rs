@@ -115,6 +115,21 @@ fn last_setpoints_of_start_get_longest_horizon() {
     until("what 45 ms need", || horizons().last().filter(|horizon| **horizon == 25_000_000).copied());
 }
 
+/// Goal: a repetition is no late answer to the state of the setpoint before.
+#[test]
+fn repeated_setpoints_answer_no_state() {
+    let directory = directory();
+    let daemon = Running::start(directory.path(), 1);
+    let client = connect(&directory);
+    let mut claim = active(&client);
+    let answered = || daemon.setpoints().last().map(|message| message.cycle);
+    client.wait(TIMEOUT).unwrap();
+    claim.commit().unwrap();
+    until("an answer", || answered().filter(|cycle| *cycle > 0));
+    claim.repeat().unwrap();
+    until("a repetition", || answered().filter(|cycle| *cycle == 0));
+}
+
 /// Goal: a claim measures its own stop, after it has seen that of its predecessor.
 #[test]
 fn stop_of_predecessor_hides_no_later_gap() {
