@@ -80,14 +80,6 @@ fn build(example: &str) {
 }
 
 #[test]
-fn it_has_first_program_of_client() {
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    let block = readme.split("```rust\n").nth(1).unwrap().split("```").next().unwrap();
-    let program = std::fs::read_to_string(root().join("client/examples/start.rs")).unwrap();
-    assert!(program.ends_with(&format!("\n\n{block}")), "client/examples/start.rs is\n{program}");
-}
-
-#[test]
 fn its_commands_move_kill_and_damp_robot() {
     let blocks = commands("Now you");
     let [run, monitor, controller, reset] = &blocks[..] else { panic!("{blocks:?}") };
