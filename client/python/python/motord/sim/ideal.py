@@ -150,14 +150,16 @@ class IdealEngine:
             joint_age=np.zeros(len(joints)),
         )
 
-    def send(self, group: int, places: list[int], q: Any, dq: Any, kp: Any, kd: Any, tau: Any, horizon: float,
-             hold: tuple[float, float]) -> None:  # fmt: skip
+    def send(
+        self, group: int, places: list[int], values: tuple[Any, ...], horizon: float, hold: tuple[float, float]
+    ) -> None:
         """Sets the setpoints of a group from now on: places are the places in the group of the values."""
         joints = np.array(self._robot["groups"][group]["joints"])[places]
         names = [self._robot["joints"][joint]["name"] for joint in joints]
-        values = setpoints(q, dq, kp, kd, tau, hold, names)
+        q, dq, kp, kd, tau = values
+        checked = setpoints(q, dq, kp, kd, tau, hold, names)
         if self._joints.phases.get(group) == "active":
-            for name, value in zip(("q", "dq", "kp", "kd", "tau"), values, strict=True):
+            for name, value in zip(("q", "dq", "kp", "kd", "tau"), checked, strict=True):
                 getattr(self._joints.setpoints, name)[joints] = value
 
     def ask(self, operation: str, group: int) -> None:
