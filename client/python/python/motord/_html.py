@@ -36,8 +36,8 @@ def recording(recording: Recording) -> str:
     """The table of a recording: its joints and stops."""
     seconds = recording.time[-1] if len(recording) else 0.0
     caption = f"{recording.path}: {len(recording)} cycles, {seconds:.3f} s"
-    values = zip(recording.joints, recording.q.T, recording.tau.T, strict=True)
-    rows = [(name, _range(q, ".3f"), _range(tau, ".2f")) for name, q, tau in values]
+    columns = enumerate(recording.joints)
+    rows = [(name, _range(recording.q[:, at], ".3f"), _range(recording.tau[:, at], ".2f")) for at, name in columns]
     joints = _table(caption, ("joint", "q, rad", "tau, N·m"), rows)
     stops = [(f"{stop.time:.3f}", stop.group, stop.cause, stop.joint or "") for stop in recording.stops]
     return joints + (_table("stops", ("s", "group", "cause", "joint"), stops) if stops else "")
