@@ -23,6 +23,9 @@ pub enum FileError {
         /// The error of the system.
         error: io::Error,
     },
+    /// It exists, and is not replaced.
+    #[error("{} exists, and is not replaced: give another name, or remove it", .0.display())]
+    Exists(PathBuf),
 }
 
 impl FileError {
@@ -33,7 +36,10 @@ impl FileError {
 
     /// Returns the constructor of the error that `path` cannot be written.
     pub fn unwritable(path: &Path) -> impl Fn(io::Error) -> Self {
-        |error| Self::Unwritable { path: path.to_owned(), error }
+        |error| match error.kind() {
+            io::ErrorKind::AlreadyExists => Self::Exists(path.to_owned()),
+            _ => Self::Unwritable { path: path.to_owned(), error },
+        }
     }
 
     /// Returns the exit status.
@@ -41,7 +47,22 @@ impl FileError {
     pub const fn exit_status(&self) -> u8 {
         match self {
             Self::Unreadable { .. } => exit_status::DATA,
-            Self::Unwritable { .. } => exit_status::IO,
+            Self::Unwritable { .. } | Self::Exists(_) => exit_status::IO,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn file_that_exists_is_named_as_such() {
+        let path = Path::new("/dev/null");
+        let error = std::fs::File::create_new(path).map_err(FileError::unwritable(path)).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "/dev/null exists, and is not replaced: give another name, or remove it"
+        );
     }
 }
