@@ -334,17 +334,21 @@ impl Claim {
     ///
     /// This removes the setpoint timeout: a program that hangs holds its last setpoint. seconds bounds that: without a new
     /// setpoint for so long the thread ends, and the daemon damps the group. It also ends with stop of the result, with the
-    /// claim, with a stop of the group and with the interpreter, and prints an end that the program did not cause.
+    /// claim, with a stop of the group, with a cell of a notebook that raises, and with the interpreter, and prints an end that
+    /// the program did not cause.
     ///
     /// The repeated setpoints have the velocity 0. A torque or velocity without a stiffness is not repeated. Another keep
     /// replaces the first. ValueError for a rate below twice that of the setpoint timeout.
     #[pyo3(signature = (hz = 100.0, *, seconds = 60.0))]
-    fn keep(&self, hz: f64, seconds: f64) -> PyResult<Keep> {
+    fn keep(&self, py: Python<'_>, hz: f64, seconds: f64) -> PyResult<Py<Keep>> {
         let schedule = self.schedule(hz, seconds)?;
-        self.with(|owned| {
+        let keep = self.with(|owned| {
             owned.renew(Duration::ZERO);
             Ok(Keep::start(&self.group, owned, &self.owned, schedule)?)
-        })
+        })?;
+        let keep = Py::new(py, keep)?;
+        py.import("motord._notebook")?.call_method1("end_with_exception", (&keep,))?;
+        Ok(keep)
     }
 
     /// Waits for the next state, at most timeout, s, whatever the phase. TimedOut without one.

@@ -192,6 +192,12 @@ impl Keep {
         self.repetition.finish("stop was called");
     }
 
+    /// Ends the repetition for a reason that it prints.
+    fn _fail(&self, reason: &str) {
+        self.repetition.finish(reason);
+        report(&self.group, reason);
+    }
+
     /// The reason why it ended; None while it repeats.
     #[getter]
     fn end(&self) -> Option<String> {

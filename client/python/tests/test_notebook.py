@@ -10,8 +10,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+import motord
 from conftest import CONFIG
-from motord import Recording, State, _html
+from motord import Recording, State, _html, _notebook
 from motord.examples import copy
 from motord.sim import Twin
 
@@ -74,3 +75,15 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     shown = [output["data"] for cell in cells for output in cell.get("outputs", []) if "data" in output]
     assert any("<td>fl-knee</td>" in "".join(data.get("text/html", [])) for data in shown)
     assert "repeats" in "".join(shown[-1]["text/plain"])
+
+
+def test_cell_that_raises_ends_the_repetition(robot: motord.Robot) -> None:
+    shell = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell.instance()
+    with robot.claim("legs") as legs:
+        keep = legs.keep()
+        shell.run_cell("1 + 1")
+        assert keep.end is None
+        shell.run_cell("1 / 0")
+        assert keep.end == "a cell raised ZeroDivisionError"
+    assert _notebook.__name__ not in [callback.__module__ for callback in shell.events.callbacks["post_run_cell"]]
+    type(shell).clear_instance()

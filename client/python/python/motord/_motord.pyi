@@ -261,7 +261,8 @@ class Claim:
 
         This removes the setpoint timeout: a program that hangs holds its last setpoint. seconds bounds that: without a new
         setpoint for so long the thread ends, and the daemon damps the group. It also ends with stop of the result, with the
-        claim, with a stop of the group and with the interpreter, and prints an end that the program did not cause.
+        claim, with a stop of the group, with a cell of a notebook that raises, and with the interpreter, and prints an end that
+        the program did not cause.
 
         The repeated setpoints have the velocity 0. A torque or velocity without a stiffness is not repeated. Another keep
         replaces the first. ValueError for a rate below twice that of the setpoint timeout.
@@ -281,6 +282,7 @@ class Keep:
 
     def stop(self) -> None:
         """Ends the repetition. The group keeps its owner: send the next setpoint within the setpoint timeout."""
+    def _fail(self, reason: str) -> None: ...
     @property
     def end(self) -> str | None:
         """The reason why it ended; None while it repeats."""
