@@ -151,8 +151,10 @@ def corrupted(folder: Path) -> dict[str, tuple[Path, str]]:
     add("word", "action_scale has 'large', which is no number", {"action_scale": "large"})
     add("infinite", r"default_joint_pos\[2\] is inf", _with("default_joint_pos", 2, "inf"))
     add("pose-outside", "default_joint_pos of rr-knee is 0 rad, outside -2.7 to -0.5", _with("default_joint_pos", 11, "0"))
-    add("unknown-term", "observation_names has base_lin_vel, which motord does not observe",
-        {"observation_names": "base_lin_vel," + TERMS})  # fmt: skip
+    add("unknown-term", "observation_names has height_scan, which motord does not observe",
+        {"observation_names": "height_scan," + TERMS})  # fmt: skip
+    add("no-estimator", "base_lin_vel, and motord measures no linear velocity .*: train without this term, or write an estimator",
+        {"observation_names": "base_lin_vel," + TERMS}, observed=OBSERVED + 3)  # fmt: skip
     add("term-twice", "observation_names has last_action twice", {"observation_names": TERMS + ",last_action"})
     add("too-few-terms", "the network takes 45 observations; the terms have 33", {"observation_names": TERMS.rpartition(",")[0]})
     add("wrong-input", "the network takes 48 observations; the terms have 45", observed=48)
@@ -163,9 +165,19 @@ def corrupted(folder: Path) -> dict[str, tuple[Path, str]]:
     add("rate-zero", "rate_hz is 0: give a number above 0", {"rate_hz": "0"})
     add("rate-odd", "rate_hz is 70, no whole part of the daemon's 1000 cycles", {"rate_hz": "70"})
     add("rate-slow", "rate_hz is 1: motord stops a group .* at least 3 Hz", {"rate_hz": "1"})
-    add("scaled", "observation_terms_scale has 0.5: .* scale inside the network", {"observation_terms_scale": "1.000,0.5"})
-    add("clipped", "observation_terms_clip has -5.0: .* clip inside the network", {"observation_terms_clip": "-inf;inf,-5.0;5.0"})
-    add("stacked", "observation_history_lengths has 3: .* own history", {"observation_history_lengths": "1,1,3"})
+    add("scales-short", "observation_terms_scale has 2 entries for 6 terms", {"observation_terms_scale": "1.000,0.5"})
+    add("scale-endless", "observation_terms_scale of base_ang_vel is inf: give a finite", {"observation_terms_scale": "inf,1,1,1,1,1"})
+    add("scale-length", "observation_terms_scale has 2 numbers for a term of 3", {"observation_terms_scale": "[[1, 2],1,1,1,1,1]"})
+    add("scales-no-list", r"observation_terms_scale begins with \[ and is no list", {"observation_terms_scale": "[1,"})
+    add("scales-deep", r"observation_terms_scale begins with \[ and is no list", {"observation_terms_scale": "[" * 100_000})
+    add("clip-turned", "observation_terms_clip has '5;-5', whose lower", {"observation_terms_clip": "5;-5" + ",-inf;inf" * 5})
+    add("clip-one", "observation_terms_clip has '5': give a lower and", {"observation_terms_clip": "5" + ",-inf;inf" * 5})
+    add("stacked", r"takes 45 observations; the terms have 51 \(base_ang_vel 9", {"observation_history_lengths": "3,1,1,1,1,1"})
+    add("stacked-long", "history_length has 1e9: give a whole number up to", {"observation_terms_history_length": "1e9,1,1,1,1,1"})
+    add("stacked-deep", "flatten_history_dim of base_ang_vel is 0.000: export it with a flat history",
+        {"observation_terms_history_length": "3,0,0,0,0,0", "observation_terms_flatten_history_dim": "0.000,1,1,1,1,1"},
+        observed=OBSERVED + 6)  # fmt: skip
+    add("many-joints", "joint_names has 2000 entries; at most 1024", {"joint_names": ",".join(map(str, range(2000)))})
     positions = TERMS.replace("joint_pos_rel", "joint_pos")
     add("joint-pos-unsaid", "observation_names has joint_pos, .* relative .*, or to absolute", {"observation_names": positions})
     add("joint-pos-word", "joint_pos is rel: give relative or absolute", {"observation_names": positions, "joint_pos": "rel"})

@@ -199,6 +199,48 @@ def test_absolute_positions_are_observed_as_measured(robot: motord.Robot, folder
         motord.Policy(printed, joint_pos="relative")
 
 
+def test_history_is_oldest_first(robot: motord.Robot, folder: Path) -> None:
+    lengths = {"observation_terms_history_length": "0.000,0.000,3.000,0.000,0.000,0.000"}
+    policy = motord.Policy(policies.save(folder / "history.onnx", lengths, observed=policies.OBSERVED + 6))
+    state = robot.wait()
+
+    def commands(x: float) -> list[float]:
+        observed = policy.observe(state, motord.policy.Command(x), state.imu["base"])
+        return [round(float(each), 6) for each in observed[6:15:3]]
+
+    assert commands(0.1) == [0.1, 0.1, 0.1]
+    for x, expected in ((0.1, [0.1, 0.1, 0.2]), (0.2, [0.1, 0.2, 0.3])):
+        policy.step(state, motord.policy.Command(x), state.imu["base"])
+        assert commands(x + 0.1) == expected
+    policy.reset()
+    assert commands(0.5) == [0.5, 0.5, 0.5]
+
+
+def test_terms_are_clipped_then_scaled(robot: motord.Robot, folder: Path) -> None:
+    values = {
+        "observation_terms_clip": "-inf;inf,-inf;inf,-1;0.5,-inf;inf,-inf;inf,-inf;inf",
+        "observation_terms_scale": "[1, 1, [2, 2, 0.25], 1, 0.05, 1]",
+        "joint_names": '["' + '", "'.join(policies.ORDER) + '"]',
+        "action_scale": "[0.25]",
+    }
+    policy = motord.Policy(policies.save(folder / "processed.onnx", values))
+    state = robot.wait()
+    observed = policy.observe(state, motord.policy.Command(3.0, -3.0, 0.4), state.imu["base"])
+    assert observed[6:9] == pytest.approx([1.0, -2.0, 0.1])
+    assert policy.joints == policies.ORDER
+
+
+def test_estimator_gives_linear_velocity(robot: motord.Robot, folder: Path) -> None:
+    path = policies.save(folder / "velocity.onnx", {"observation_names": "base_lin_vel," + policies.TERMS}, observed=policies.OBSERVED + 3)
+    state = robot.wait()
+    policy = motord.Policy(path, base_lin_vel=lambda state, imu: [0.3, 0.0, float(imu is not None)])
+    assert policy.observe(state, imu=state.imu["base"])[:3] == pytest.approx([0.3, 0.0, 1.0])
+    for wrong, pattern in (([0.3], "return m/s forward"), ([np.nan] * 3, "base_lin_vel is not finite")):
+        policy = motord.Policy(path, base_lin_vel=lambda state, imu, wrong=wrong: wrong)  # type: ignore[misc]
+        with pytest.raises(motord.PolicyError, match=pattern):
+            policy.step(state, imu=state.imu["base"])
+
+
 def test_zero_gains_are_warned_of(daemon: Daemon, folder: Path) -> None:
     zero = {"joint_stiffness": policies.numbers(0.0), "joint_damping": "0," + policies.numbers(1.0, 11), "action_scale": "0"}
     for key, part in (

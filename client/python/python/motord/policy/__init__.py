@@ -18,6 +18,8 @@ from .._install import command
 from .._signals import deferred
 from .._text import printable
 from ._bounded import Bounded, Unfinished, Watchdog
+from ._metadata import JOINT_POS, Metadata, PolicyError
+from ._observation import TERMS, Term, terms_of
 from ._values import JointValues
 
 if TYPE_CHECKING:
@@ -26,23 +28,6 @@ if TYPE_CHECKING:
 _Floats = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
-
-_JOINT = -1
-"""Stands for the number of joints in the size of a term."""
-
-TERMS: dict[str, int] = {
-    "base_ang_vel": 3,
-    "projected_gravity": 3,
-    "velocity_commands": 3,
-    "command": 3,
-    "joint_pos": _JOINT,
-    "joint_pos_rel": _JOINT,
-    "joint_vel": _JOINT,
-    "joint_vel_rel": _JOINT,
-    "actions": _JOINT,
-    "last_action": _JOINT,
-}
-"""The observation terms and their sizes."""
 
 BYTES_MAX = 256 << 20
 """Largest file. A policy of a robot has some megabytes."""
@@ -57,41 +42,12 @@ STEP_S = 1.0
 """Longest processor time of a step."""
 
 _OF_IMU = ("base_ang_vel", "projected_gravity")
-_KEYS = {
-    "joint_names": "the joints, in the order of the action",
-    "default_joint_pos": "the position of each joint for the action 0, rad",
-    "action_scale": "rad for an action of 1, one number or one for each joint",
-    "joint_stiffness": "kp of each joint, N·m/rad",
-    "joint_damping": "kd of each joint, N·m·s/rad",
-    "observation_names": "the observation terms, in their order",
-    "rate_hz": "the rate of the policy",
-}
-
-_JOINT_POS = {"relative": "joint_pos_rel", "absolute": "joint_pos"}
-"""What the metadata key joint_pos may be, and the term that has the values."""
-
 _ZERO = {
     "joint_stiffness": "nothing moves them to their setpoints",
     "joint_damping": "nothing damps them",
     "action_scale": "the policy does not move them",
 }
 """What it means that the value of a joint is 0."""
-
-_HISTORY = "export a network that keeps its own history"
-_PROCESSING: dict[str, tuple[Callable[[float], bool], str]] = {
-    "observation_terms_scale": (lambda value: value == 1.0, "scale inside the network"),
-    "observation_terms_clip": (lambda value: not np.isfinite(value), "clip inside the network"),
-    "observation_terms_history_length": (lambda value: value <= 1.0, _HISTORY),
-    "observation_history_lengths": (lambda value: value <= 1.0, _HISTORY),
-}
-"""Metadata of exporters that must not change an observation, whether a value changes nothing, and what to do otherwise."""
-
-
-class PolicyError(ValueError):
-    """The policy cannot be used, or does not fit the robot. Its text names the key, the joint or the term."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(printable(text))
 
 
 @dataclass(frozen=True)
@@ -103,83 +59,8 @@ class Command:
     turn: float = 0.0
 
 
-class _Metadata:
-    """The metadata of a model: texts, with numbers and names separated by commas."""
-
-    def __init__(self, path: str, values: Mapping[str, str]) -> None:
-        self._path = path
-        self._values = values
-
-    def fault(self, text: str) -> PolicyError:
-        return PolicyError(f"{self._path}: {text}")
-
-    def text(self, key: str) -> str:
-        value = self._values.get(key, "").strip()
-        if not value:
-            raise self.fault(f"the metadata lacks {key}: {_KEYS[key]}")
-        return value
-
-    def names(self, key: str) -> list[str]:
-        names = [name.strip() for name in self.text(key).split(",")]
-        for name in names:
-            if not name:
-                raise self.fault(f"{key} has an empty name")
-            if names.count(name) > 1:
-                raise self.fault(f"{key} has {name} twice")
-        return names
-
-    def numbers(self, key: str, count: int, *, is_positive: bool = False, one: bool = False) -> _Floats:
-        values: list[float] = []
-        for part in self.text(key).split(","):
-            try:
-                values.append(float(part))
-            except ValueError:
-                raise self.fault(f"{key} has {part.strip()!r}, which is no number") from None
-        if one and len(values) == 1:
-            values *= count
-        if len(values) != count:
-            raise self.fault(f"{key} has {len(values)} values for {count} joints")
-        for at, value in enumerate(values):
-            if not np.isfinite(value):
-                raise self.fault(f"{key}[{at}] is {value}: give a finite number")
-            if is_positive and value < 0.0:
-                raise self.fault(f"{key}[{at}] is {value}: give 0 or more")
-        return np.array(values)
-
-    def refuse_processing(self) -> None:
-        """Refuses metadata by which the exporter leaves a part of the observation to its user."""
-        for key, (neutral, cure) in _PROCESSING.items():
-            for part in self._values.get(key, "").replace(";", ",").split(","):
-                try:
-                    is_neutral = not part.strip() or neutral(float(part))
-                except ValueError:
-                    is_neutral = False
-                if not is_neutral:
-                    raise self.fault(f"{key} has {part.strip()}: motord passes each term as it is, so {cure}")
-
-    def joint_pos(self, given: str | None) -> str:
-        """Returns whether the term joint_pos is relative to default_joint_pos, or absolute."""
-        found = self._values.get("joint_pos", "").strip() or given
-        if found is None:
-            raise self.fault(
-                "observation_names has joint_pos, and the metadata do not say what it is: give joint_pos (--joint-pos), or set it "
-                "in the metadata, to relative for the position less default_joint_pos, or to absolute"
-            )
-        if found not in _JOINT_POS:
-            raise self.fault(f"joint_pos is {found}: give relative or absolute")
-        if given not in (None, found):
-            raise self.fault(f"joint_pos is {found} in the metadata, and {given} in the call")
-        return found
-
-    def rate(self) -> float:
-        text = self.text("rate_hz")
-        try:
-            rate = float(text)
-        except ValueError:
-            raise self.fault(f"rate_hz is {text!r}, which is no number") from None
-        if not (np.isfinite(rate) and rate > 0.0):
-            raise self.fault(f"rate_hz is {text}: give a number above 0")
-        return rate
+Estimator = Callable[["State", "Imu | None"], Sequence[float]]
+"""Returns the linear velocity of the body in its frame, m/s: forward, to the left, up."""
 
 
 class Policy:
@@ -190,14 +71,21 @@ class Policy:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, joint_pos: Literal["relative", "absolute"] | None = None
+        self,
+        path: str | os.PathLike[str],
+        *,
+        joint_pos: Literal["relative", "absolute"] | None = None,
+        base_lin_vel: Estimator | None = None,
     ) -> None:
-        """Loads a file. joint_pos is the meaning of the term of this name, where the metadata lack it."""
+        """Loads a file.
+
+        joint_pos is the meaning of the term of this name, where the metadata lack it. base_lin_vel estimates the term of this
+        name from a state and an IMU, m/s in the frame of the body: motord measures none.
+        """
         self.path: str = os.fsdecode(path)
         bounded = Bounded()
         self._session, self._options = _load(self.path, bounded)
-        metadata = _Metadata(self.path, _metadata(self._session))
-        metadata.refuse_processing()
+        metadata = Metadata(self.path, _metadata(self._session))
         self.joints: list[str] = metadata.names("joint_names")
         count = len(self.joints)
         self._default = metadata.numbers("default_joint_pos", count)
@@ -210,31 +98,38 @@ class Policy:
         """Stiffness, N·m/rad."""
         self.kd = JointValues(self.joints, metadata.numbers("joint_damping", count, is_positive=True))
         """Damping, N·m·s/rad."""
-        self.terms: list[str] = metadata.names("observation_names")
+        self._terms = terms_of(metadata, count)
+        self.terms: list[str] = [term.name for term in self._terms]
+        """The observation terms, in their order."""
         self.rate_hz: float = metadata.rate()
-        self._sizes = [self._size(metadata, term) for term in self.terms]
         is_given = "joint_pos" in self.terms
-        self._joint_pos = _JOINT_POS[metadata.joint_pos(joint_pos)] if is_given else ""
-        self._names = _ports(metadata, self._session, sum(self._sizes), count, dict(zip(self.terms, self._sizes, strict=True)))
+        self._joint_pos = JOINT_POS[metadata.joint_pos(joint_pos)] if is_given else ""
+        self._estimate = self._estimator(metadata, base_lin_vel)
+        self._names = _ports(metadata, self._session, self._terms, count)
+        self._clip = metadata.limits("action_clip", metadata.optional("action_clip") or "-inf;inf", count)
+        self._past: list[_Floats] = []
         self._action: _Floats = np.zeros(count)
         self._watchdog = Watchdog()
         self._probe(metadata, bounded)
         self._warn_of_zeros()
 
-    def _size(self, metadata: _Metadata, term: str) -> int:
-        if term not in TERMS:
-            raise metadata.fault(f"observation_names has {term}, which motord does not observe; it has {', '.join(TERMS)}")
-        size = TERMS[term]
-        return len(self.joints) if size == _JOINT else size
+    def _estimator(self, metadata: Metadata, given: Estimator | None) -> Estimator | None:
+        if "base_lin_vel" in self.terms and given is None:
+            raise metadata.fault(
+                "observation_names has base_lin_vel, and motord measures no linear velocity of the body: train without this term, or "
+                "write an estimator, a function of state and IMU that returns m/s forward, to the left and up, and give it as "
+                "base_lin_vel (--base-lin-vel MODULE:FUNCTION)"
+            )
+        return given
 
-    def _probe(self, metadata: _Metadata, bounded: Bounded) -> None:
+    def _probe(self, metadata: Metadata, bounded: Bounded) -> None:
         """Runs the policy in its default pose, so that a broken one is found before the robot moves."""
         known = {"projected_gravity": np.array([0.0, 0.0, -1.0])}
         if self._joint_pos == "joint_pos":
             known["joint_pos"] = self._default
-        parts = [known.get(term, np.zeros(size)) for term, size in zip(self.terms, self._sizes, strict=True)]
+        parts = [term.process(known.get(term.name, np.zeros(len(term.scale)))) for term in self._terms]
         _log.info("%s is loaded; its first run ends within %g s", printable(self.path), TRIAL_S)
-        action = self._run(np.concatenate(parts), bounded, TRIAL_S)
+        action = self._run(_flat(self._stacked(parts)), bounded, TRIAL_S)
         for at, value in enumerate(action):
             if not np.isfinite(value):
                 raise metadata.fault(f"the action of {self.joints[at]} in the default pose is {value}: the weights are broken")
@@ -270,11 +165,24 @@ class Policy:
         return action
 
     def reset(self) -> None:
-        """Forgets the last action. Call it before the first step."""
+        """Forgets the last action and all histories. Call it before the first step."""
         self._action = np.zeros(len(self.joints))
+        self._past = []
 
     def observe(self, state: State, command: Command = Command(), imu: Imu | None = None) -> _Floats:
-        """Returns the observation of a state, which has each joint of the policy, in any order."""
+        """Returns the observation of a state, which has each joint of the policy, in any order.
+
+        The histories have the states of the steps before, and stay as they are.
+        """
+        return _flat(self._stacked(self._parts(state, command, imu)))
+
+    def _stacked(self, parts: Sequence[_Floats]) -> list[_Floats]:
+        """Returns each history with its newest observation, oldest first. The first observation fills a history."""
+        past = self._past or [np.tile(part, (term.history, 1)) for term, part in zip(self._terms, parts, strict=True)]
+        return [np.vstack([before[1:], part]) for before, part in zip(past, parts, strict=True)]
+
+    def _parts(self, state: State, command: Command, imu: Imu | None) -> list[_Floats]:
+        """Returns the newest observation of each term."""
         order = self._order(state)
 
         def of(term: str) -> _Floats:
@@ -293,6 +201,8 @@ class Policy:
                     return state.dq[order]
                 case "actions" | "last_action":
                     return self._action
+                case "base_lin_vel" if self._estimate is not None:
+                    return self._estimated(self._estimate(state, imu))
                 case _:
                     raise PolicyError(f"{self.path}: {term} needs an IMU: give one to this call")
 
@@ -300,7 +210,13 @@ class Policy:
         for term, part in zip(self.terms, parts, strict=True):
             if not np.isfinite(part).all():
                 raise PolicyError(f"{self.path}: the observation {term} is not finite: a motor or an IMU has not reported it")
-        return np.concatenate(parts)
+        return [term.process(part) for term, part in zip(self._terms, parts, strict=True)]
+
+    def _estimated(self, velocity: Sequence[float]) -> _Floats:
+        values = np.asarray(velocity, dtype=np.float64)
+        if values.shape != (3,):
+            raise PolicyError(f"{self.path}: base_lin_vel returned {velocity!r}: return m/s forward, to the left and up")
+        return values
 
     def _order(self, state: State) -> NDArray[np.intp] | slice:
         """Returns the index in the state of each joint."""
@@ -314,12 +230,14 @@ class Policy:
 
     def step(self, state: State, command: Command = Command(), imu: Imu | None = None) -> JointValues:
         """Returns the positions to send for a state, rad, by name. The network runs in the calling thread."""
-        action = self._run(self.observe(state, command, imu), self._watchdog, STEP_S)
+        self._past = self._stacked(self._parts(state, command, imu))
+        action = self._run(_flat(self._past), self._watchdog, STEP_S)
         for at, value in enumerate(action):
             if not np.isfinite(value):
                 raise PolicyError(f"{self.path}: the action of {self.joints[at]} is {value} in cycle {state.cycle}")
-        self._action = action
-        return JointValues(self.joints, self._default + self._scale * action)
+        low, high = self._clip
+        self._action = np.minimum(np.maximum(action, low), high)
+        return JointValues(self.joints, self._default + self._scale * self._action)
 
     def check(self, robot: Mapping[str, Any], group: str, hz: float | None = None) -> None:
         """Checks that the policy fits a group of `Robot.description` and the rate at which it is to run."""
@@ -340,6 +258,10 @@ class Policy:
 
     def __repr__(self) -> str:
         return f"<motord.Policy {self.path!r}: {len(self.joints)} joints at {self.rate_hz:g} Hz>"
+
+
+def _flat(stacked: Sequence[_Floats]) -> _Floats:
+    return np.concatenate([np.ravel(each) for each in stacked])
 
 
 def _first_line(error: Exception) -> str:
@@ -377,10 +299,9 @@ def _metadata(session: Any) -> Mapping[str, str]:
     return cast("Mapping[str, str]", session.get_modelmeta().custom_metadata_map)
 
 
-def _ports(
-    metadata: _Metadata, session: Any, observed: int, joints: int, sizes: Mapping[str, int]
-) -> tuple[str, str]:
+def _ports(metadata: Metadata, session: Any, terms: Sequence[Term], joints: int) -> tuple[str, str]:
     """Returns the names of input and output, whose sizes must be those of the observation and of the joints."""
+    observed = sum(term.size for term in terms)
     inputs, outputs = session.get_inputs(), session.get_outputs()
     if len(inputs) != 1:
         names = ", ".join(port.name for port in inputs)
@@ -389,8 +310,8 @@ def _ports(
         raise metadata.fault(f"the input {inputs[0].name} is {inputs[0].type}: it must be tensor(float)")
     found = _width(inputs[0].shape)
     if found not in (None, observed):
-        terms = " + ".join(f"{term} {size}" for term, size in sizes.items())
-        raise metadata.fault(f"the network takes {found} observations; the terms have {observed} ({terms})")
+        sizes = " + ".join(f"{term.name} {term.size}" for term in terms)
+        raise metadata.fault(f"the network takes {found} observations; the terms have {observed} ({sizes})")
     if not outputs:
         raise metadata.fault("the network has no output: its first one must be the action")
     if not outputs[0].type.startswith("tensor("):
@@ -411,4 +332,4 @@ def _width(shape: Sequence[object]) -> int | None:
     return last if isinstance(last, int) else None
 
 
-__all__ = ["Command", "JointValues", "Policy", "PolicyError", "TERMS"]
+__all__ = ["Command", "Estimator", "JointValues", "Policy", "PolicyError", "TERMS"]
