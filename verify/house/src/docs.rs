@@ -19,6 +19,9 @@ const ELSEWHERE: &[&str] = &[
     "damiao.rs",
     "parse_motor_state_data",
     "protocol.rs",
+    // Files and metadata of trainings, docs/python.md.
+    "observation_terms_",
+    "params/",
     // Files of a robot.
     "motord.lock.toml",
     "motord.toml",
