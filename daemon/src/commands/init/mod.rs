@@ -108,10 +108,17 @@ impl Configuration {
     #[must_use]
     pub fn summary(&self, file: &Path) -> String {
         let Settings { motors, buses, cycle, .. } = &self.settings;
+        let is_simulated = buses.iter().all(|bus| bus.kind.is_simulated());
         let (motors, buses, rate_hz, file) = (motors.len(), buses.len(), cycle.rate_hz, file.display());
+        let setup = if is_simulated {
+            String::new()
+        } else {
+            format!(
+                "\n  motorctl setup --config {file}  # new motors first get id and zero: docs/first-motor.md"
+            )
+        };
         format!(
-            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check {file}\n  motorctl setup \
-             --config {file}  # new motors first get id and zero: docs/first-motor.md\n  motord run {file}"
+            "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz, cautious limits. Next:\n  motord check {file}{setup}\n  motord run {file}"
         )
     }
 }
