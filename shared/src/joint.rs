@@ -35,7 +35,7 @@ plain! {
     }
 }
 
-/// Calls the macro `$with` with the rows of a joint's state that `$list` needs: [`joint_list!`] has
+/// Calls the macro `$with` with the rows of a joint's state that `$list` needs: `joint_list!` has
 /// the form of each list.
 ///
 /// The rows have the order of the memory. A row has the name in the message, its type, its [`Kind`]
