@@ -145,7 +145,7 @@ pub(crate) unsafe fn text<'a>(pointer: *const c_char) -> Result<&'a str, Failure
 ///
 /// # Safety
 ///
-/// The pointer is null, or leads to `count` values that nobody changes during `'a`.
+/// The pointer is null, or leads to `count` values that no other code changes during `'a`.
 pub(crate) unsafe fn array<'a, N>(pointer: *const N, count: usize) -> Result<Option<&'a [N]>, Failure> {
     if pointer.is_null() {
         return Ok(None);
@@ -159,7 +159,7 @@ pub(crate) unsafe fn array<'a, N>(pointer: *const N, count: usize) -> Result<Opt
 ///
 /// # Safety
 ///
-/// The pointer leads to `count` values that nobody uses during `'a`.
+/// The pointer leads to `count` values that no other code uses during `'a`.
 pub(crate) unsafe fn array_mut<'a, N>(pointer: *mut N, count: usize) -> Result<&'a mut [N], Failure> {
     check_array(pointer, count)?;
     // SAFETY: not null, aligned, and of this length by the contract.
@@ -177,7 +177,7 @@ fn check_array<N>(pointer: *const N, count: usize) -> Result<(), Failure> {
 ///
 /// # Safety
 ///
-/// The pointer is null, or leads to a place for one value that nobody uses.
+/// The pointer is null, or leads to memory for one value that no other code uses.
 pub(crate) unsafe fn put<T>(pointer: *mut T, value: T) -> Result<(), Failure> {
     if pointer.is_null() || !pointer.is_aligned() {
         return Err(Failure::bad_argument("the pointer for the result is null or not aligned"));

@@ -1,7 +1,7 @@
 //! The host names under which the metrics are served.
 //!
 //! A page of another site can direct its own name to a loopback address (DNS rebinding), and read
-//! what a browser on this computer fetches from there. The browser sends that name, so only known
+//! the answers that a browser on this computer gets from there. The browser sends that name, so only known
 //! names are answered.
 
 use http::uri::Authority;

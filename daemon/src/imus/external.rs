@@ -38,7 +38,7 @@ pub(super) struct Source {
 /// The reason why a sample is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Rejected {
-    /// It is not sound, or of another publisher, or not newer than the one before.
+    /// A value is invalid, the publisher is another one, or the time is not newer than the last.
     Other,
     /// Its time is after now.
     Future,

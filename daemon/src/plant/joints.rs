@@ -7,7 +7,7 @@ use triple_buffer::{Input, Output};
 /// Steps after the last answer of the plant in which the joints turn on: 10 ms. A cycle that is
 /// slow or late computes more of them in a row.
 const STEPS_MAX: u32 = 40;
-/// The joints stand still after this time without an answer.
+/// The velocity of the joints is zero after this time without an answer.
 const STILL: Duration = Duration::from_millis(10);
 
 /// Torques since the beginning.

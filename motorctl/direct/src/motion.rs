@@ -204,7 +204,7 @@ fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], DirectFailure> {
 pub(crate) struct Jogged<'s> {
     session: &'s mut Session,
     kd: f32,
-    /// Neither velocity nor torque has a code for zero: the nearest one in every frame would move a joint that nobody moves.
+    /// Neither velocity nor torque has a code for zero: the nearest one in every frame would move a joint at rest.
     feedback: Feedback,
 }
 
