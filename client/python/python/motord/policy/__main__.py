@@ -170,13 +170,13 @@ def run_on(policy: Policy, options: argparse.Namespace) -> int:
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Ctrl-C and SIGTERM end a run like the end of its time: damped, stopped, released."""
     options = parse(arguments)
-    logging.basicConfig(format="motord.policy: %(message)s")
-    logging.getLogger("motord.policy").setLevel(logging.INFO)
     if options.what == "import":
         from ._exports import write
 
         describe(warned(write, options))
         return 0
+    logging.basicConfig(format="motord.policy: %(message)s")
+    logging.getLogger("motord.policy").setLevel(logging.INFO)
     policy = warned(load, options)
     options.instance = options.instance or "demo"
     if options.what == "check":
