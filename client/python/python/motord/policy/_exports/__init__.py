@@ -55,7 +55,7 @@ def _checked(onnx: Any, model: Any, out: str) -> Policy:
     part = f"{out}.part"
     try:
         onnx.save(model, part)
-        # Whether an estimator is there is a question of the run.
+        # The run checks whether there is an estimator.
         policy = Policy(part, base_lin_vel=lambda state, imu: (0.0, 0.0, 0.0))
         os.replace(part, out)
     except PolicyError as error:
@@ -90,7 +90,7 @@ def _network(onnx: Any, path: str) -> Any:
     try:
         check_regular(path, BYTES_MAX)
         model = onnx.load(path, load_external_data=False)
-        for place in _places(onnx, model):
+        for place in _weight_files(onnx, model):
             if place != os.path.basename(place):
                 raise PolicyError(f"{path}: its weights are in {place}: put them into the folder of the network")
             check_regular(os.path.join(os.path.dirname(path), place), BYTES_MAX)
@@ -104,7 +104,7 @@ def _network(onnx: Any, path: str) -> Any:
     return model
 
 
-def _places(onnx: Any, model: Any) -> set[str]:
+def _weight_files(onnx: Any, model: Any) -> set[str]:
     """Returns the files of the weights that are outside the model."""
     tensors = [each for each in model.graph.initializer if onnx.external_data_helper.uses_external_data(each)]
     return {entry.value for each in tensors for entry in each.external_data if entry.key == "location"}
