@@ -115,7 +115,7 @@ def main() -> None:
     robot = Ideal(CONFIG, plant) if ideal else Twin(CONFIG, plant, compute_us=arguments.compute_us)
     walk(robot, arguments.seconds, arguments.speed, arguments.turn)
     x, y, z = plant.data.body("trunk").xpos
-    print(f"{arguments.world}: {x:.2f} m forward, {y:.2f} m to the left, the trunk at {z:.2f} m")
+    print(f"{arguments.world}: {x:.2f} m forward, {y:.2f} m to the left. Released, its trunk is {z:.2f} m above the ground.")
 
 
 if __name__ == "__main__":
