@@ -101,7 +101,7 @@ impl BusLock {
     /// system calls.
     ///
     /// Any user may hold a free name, and hide: see [`Holder`]. If `thorough`, names the user of
-    /// one that hides, which takes at most 80 ms and allocates.
+    /// one that hides, which takes at most 80 ms of processor time and allocates.
     #[must_use]
     pub fn holders_of_interface(interface: &str, thorough: bool) -> [Option<Holder>; 2] {
         let interface = interface.parse().map(Named::Interface);
