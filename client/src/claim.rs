@@ -7,7 +7,7 @@ use crate::state::Group;
 use crate::{Error, Setpoint, State, Stop};
 use motord_ports::{ForkGuard, SetpointPort, clock};
 use motord_shared::description::{JointLimits, RobotDescription};
-use motord_shared::{Cause, Lease, Operation, Phase, SetpointMessage};
+use motord_shared::{Cause, Lease, Operation, Phase, Refusal, SetpointMessage};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -349,13 +349,16 @@ impl Claim {
         Ok(())
     }
 
-    /// Releases the group.
+    /// Releases the group, if the claim still owns it.
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable). The claim ends in any case.
     pub fn release(mut self) -> Result<(), Error> {
         self.released = true;
-        self.operate(Operation::Release)
+        match self.operate(Operation::Release) {
+            Err(Error::Refused { refusal: Refusal::NotOwner, .. }) => Ok(()),
+            released => released,
+        }
     }
 
     /// Returns the group, shared by the claim and its [`GroupView`](crate::GroupView)s.

@@ -241,7 +241,7 @@ codes! {
         UnknownGroup = 2 "unknown-group" "There is no such group.",
         UnknownJoint = 3 "unknown-joint" "There is no such joint.",
         Owned = 4 "owned" "Another process owns this group.",
-        NotOwner = 5 "not-owner" "The lease does not own this group, or no longer owns it.",
+        NotOwner = 5 "not-owner" "The claim does not own this group, or no longer owns it: claim it again.",
         NoOwner = 6 "no-owner" "No process owns this group: a controller must claim it and send setpoints first.",
         Latched = 7 "latched" "The group was stopped for a cause that is still latched: reset it first.",
         EmergencyStopActive = 8 "emergency-stop-active" "The emergency stop is latched: reset it first.",

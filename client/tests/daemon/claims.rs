@@ -224,6 +224,19 @@ fn setpoints_of_a_removed_owner_fail() {
 }
 
 #[test]
+fn release_of_lost_claim_succeeds_and_takes_nothing() {
+    let directory = directory();
+    let _daemon = Running::start(directory.path(), 1);
+    let (first, second) = (connect(&directory), connect(&directory));
+    let claim = first.claim("leg").unwrap();
+    second.force_release("leg").unwrap();
+    let _owner = second.claim("leg").unwrap();
+    claim.release().unwrap();
+    let refused = first.claim("leg").unwrap_err();
+    assert!(matches!(refused, Error::Refused { refusal: Refusal::Owned, .. }), "{refused}");
+}
+
+#[test]
 fn setpoint_with_wrong_joint_count_is_not_sent() {
     let directory = directory();
     let daemon = Running::start(directory.path(), 1);

@@ -128,6 +128,7 @@ impl FakeDaemon {
                 self.owner = 0;
                 (done, vec![])
             }
+            Ok(Operation::Release) => (AdminReply { refusal: Refusal::NotOwner.code(), ..done }, vec![]),
             Ok(Operation::ForceRelease) => {
                 self.owner = 0;
                 (done, vec![])
