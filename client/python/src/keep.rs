@@ -149,7 +149,7 @@ fn is_unbounded(setpoint: &Setpoint) -> bool {
 fn report(group: &str, reason: &str) {
     let text = format!(
         "motord: keep of {group} ended, and nothing repeats its setpoints any more: {reason}. The daemon damps a group \
-         without setpoints.\n"
+         without setpoints. To go on: claim it again if it is lost, reset it if it was stopped, then keep and enable.\n"
     );
     Python::try_attach(|py| {
         let stream = py.import("sys").and_then(|sys| sys.getattr("stderr"));

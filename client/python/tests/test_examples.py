@@ -6,13 +6,20 @@ import subprocess
 import sys
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from motord._install import command
+from motord._install import command, is_installed
 from motord.examples import EXAMPLES, FILES, copy
+from motord.examples.__main__ import main
 
 SECONDS = 600.0
+
+NO_EGL = (
+    "import os; os.mkdir('mujoco'); open('mujoco/__init__.py', 'w').write('raise AttributeError'); sys.path.insert(0, os.getcwd())"
+)
+"""MuJoCo's import without libEGL."""
 
 
 def python(*arguments: str, cwd: Path, **environment: str) -> "subprocess.CompletedProcess[str]":
@@ -49,6 +56,19 @@ def test_list_names_each_example_and_need(tmp_path: Path) -> None:
     for name, example in EXAMPLES.items():
         assert f"{name:10}{example.text}; needs {example.needs}" in listed
     assert command("sim") in listed
+
+
+def test_copy_names_command_of_missing_extra_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    for present in (True, False):
+        monkeypatch.setattr("motord.examples.__main__.is_installed", lambda _, present=present: present)
+        assert main(["copy", "walk", str(tmp_path / str(present))]) == 0
+        assert (command("sim") in capsys.readouterr().out) is not present
+
+
+def test_extra_is_installed_with_all_its_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    needed = ["numpy>=1", 'pytest; extra == "a"', 'numpy>=1; extra == "a"', 'motord-none; extra == "b"', "pytest; extra == 'b'"]
+    monkeypatch.setattr("motord._install.requires", lambda _: needed)
+    assert is_installed("a") and not is_installed("b")
 
 
 def test_examples_are_all_files_of_their_folder() -> None:
@@ -90,7 +110,8 @@ def test_demo_draws_a_picture(tmp_path: Path) -> None:
         ("sys.modules['mujoco'] = None", [], f"a MuJoCo model needs the package mujoco: {command('sim')}"),
         ("sys.modules['PIL'] = None", ["--gif", "a.gif"], f"a GIF needs the package pillow: {command('sim')}"),
         ("", ["--view"], "a window needs a display: set DISPLAY, or leave out --view"),
-        ("", ["--gif", "a.gif", "--seconds", "0.1"], "a GIF needs a renderer: sudo apt install libegl1"),
+        ("", ["--gif", "a.gif", "--seconds", "0.1"], "a GIF needs a renderer: sudo apt install libegl1 libgl1"),
+        (NO_EGL, ["--gif", "a.gif"], "a GIF needs a renderer: sudo apt install libegl1 libgl1"),
     ],
 )
 def test_demo_names_what_is_missing(tmp_path: Path, before: str, arguments: list[str], expected: str) -> None:

@@ -1,14 +1,32 @@
 """The command that installs an extra of this package, which no registry has."""
 
 import json
+import re
 import shlex
-from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution, requires
 from urllib.parse import unquote, urlsplit
 
 
 def command(extra: str) -> str:
     """Returns the pip command for an extra, with the file of the installed wheel."""
     return f"pip install {shlex.quote(f'{_wheel()}[{extra}]')}"
+
+
+def is_installed(extra: str) -> bool:
+    """Returns whether each package of an extra is installed, whatever its version."""
+    try:
+        needed = requires("motord") or []
+    except PackageNotFoundError:
+        return False
+    names = [re.match(r"[\w.-]+", line) for line in needed if re.search(rf"""extra == ['"]{extra}['"]""", line)]
+    return all(name and _is_present(name.group()) for name in names)
+
+
+def _is_present(package: str) -> bool:
+    try:
+        return bool(distribution(package))
+    except PackageNotFoundError:
+        return False
 
 
 def _wheel() -> str:

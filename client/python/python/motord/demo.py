@@ -27,7 +27,7 @@ WIDTH, HEIGHT, COLORS = 400, 225, 32
 AHEAD_S = 0.01
 """A window may be ahead of real time by this."""
 
-_RENDERER = "a GIF needs a renderer: sudo apt install libegl1, or libosmesa6 and set MUJOCO_GL=osmesa"
+_RENDERER = "a GIF needs a renderer: sudo apt install libegl1 libgl1, or libosmesa6 and set MUJOCO_GL=osmesa"
 
 
 class Viewed(ViewedMujoco):
@@ -60,10 +60,16 @@ class Filmed(Mujoco):
         if not os.environ.get("DISPLAY"):
             os.environ.setdefault("MUJOCO_GL", "egl")
         self._image = _pillow()
+        try:
+            importlib.import_module("mujoco")
+        except ModuleNotFoundError:
+            pass  # The next line names the package.
+        except Exception as error:  # of each library that MuJoCo renders with
+            raise ValueError(_RENDERER) from error
         begin = super().begin(description, physics)
         try:
             self._renderer = importlib.import_module("mujoco").Renderer(self.model, HEIGHT, WIDTH)
-        except Exception as error:  # of each library that MuJoCo renders with
+        except Exception as error:
             raise ValueError(_RENDERER) from error
         return begin
 

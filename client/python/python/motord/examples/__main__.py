@@ -8,7 +8,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .._install import command
+from .._install import command, is_installed
 from .._text import lines
 from . import EXAMPLES, copy
 
@@ -30,7 +30,7 @@ def _copy(name: str, folder: Path) -> int:
     print(f"{lines(str(folder))}: {', '.join(EXAMPLES[name].files)}")
     example = EXAMPLES[name]
     print(f"needs    {example.needs}")
-    if example.extra:
+    if example.extra and not is_installed(example.extra):
         print(f"install  {command(example.extra)}")
     print(f"run      {example.run}")
     return 0
