@@ -354,7 +354,7 @@ fn triangle(turns: f64, height: f64, speed: f64) -> [f64; 2] {
 }
 
 /// Rises from 0 to 1, with its slope; both are continuous.
-fn smooth(part: f64) -> [f64; 2] {
+pub(crate) fn smooth(part: f64) -> [f64; 2] {
     let part = part.clamp(0.0, 1.0);
     [part * part * (3.0 - 2.0 * part), 6.0 * part * (1.0 - part)]
 }

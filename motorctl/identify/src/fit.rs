@@ -164,6 +164,16 @@ fn nothing(why: Why) -> Identified {
 }
 
 impl Identified {
+    /// Returns the time by which the torque acts, or the position is reported, later than the stamps
+    /// explain, s.
+    #[must_use]
+    pub fn lag(&self) -> Option<f64> {
+        self.notes.iter().find_map(|note| match note {
+            Note::Late(seconds) => Some(*seconds),
+            _ => None,
+        })
+    }
+
     /// With what the model has beyond the equation of every joint.
     fn noted(mut self, model: &Model) -> Self {
         let best = &model.best;

@@ -12,6 +12,9 @@
 //! and contain what the time stamps leave open. Terms that some joints have besides are taken where
 //! they predict the motion better: friction that falls with the speed, a spring, cogging, a lag. A
 //! joint that fits no equation is named.
+//!
+//! [`Steps`] returns the setpoints of small steps, [`Response`] what the joint did, and [`propose`]
+//! stiffness and damping for a bandwidth.
 
 #![forbid(unsafe_code)]
 
@@ -25,9 +28,12 @@ mod model;
 mod motion;
 mod normal;
 mod regression;
+mod response;
 mod sample;
+mod steps;
 mod stiction;
 mod terms;
+mod tuning;
 mod windows;
 
 pub use delay::{BusTiming, Delay};
@@ -35,5 +41,10 @@ pub use excitation::{Command, Limits, Plan, PlanError, Shape, Stage};
 pub use fit::{Identified, Note, identify};
 pub use interval::{Value, Why};
 pub use load::{KnownLoad, torque_scale};
+pub use response::{Point, Response, Ring};
 pub use sample::{Applied, Sample};
+pub use steps::{StepError, Steps};
 pub use terms::By;
+pub use tuning::{
+    Bound, Bounds, DAMPING_RATIO_MIN, Gains, Margins, PHASE_MARGIN_MIN, Plant, Proposal, Wanted, propose,
+};

@@ -1,0 +1,223 @@
+//! Steps of one joint to both sides, within its limits.
+//!
+//! ```text
+//! gains rise -> hold -> (up -> centre -> down -> centre)…
+//! ```
+
+use crate::excitation::{Command, Limits, smooth};
+use crate::tuning::Gains;
+use core::fmt;
+
+/// Time in which the gains change, s.
+const RAMP: f64 = 1.0;
+/// Largest way of an undamped joint, by the step.
+const SWING: f64 = 2.0;
+/// Shares of the limits that a step uses at most.
+const TORQUE_SHARE: f64 = 0.7;
+const VELOCITY_SHARE: f64 = 0.7;
+
+/// Setpoints over time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Steps {
+    /// rad.
+    pub centre: f64,
+    /// Height of a step, rad.
+    pub height: f64,
+    /// Time between two steps, s.
+    pub seconds: f64,
+    /// Each is four steps: up, back, down, back.
+    pub repetitions: u32,
+    /// Gains before.
+    pub from: Gains,
+    /// Gains of the steps.
+    pub gains: Gains,
+}
+
+/// A limit that steps break.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StepError {
+    /// A joint that swings would leave its positions.
+    Narrow {
+        /// rad.
+        centre: f64,
+        /// Lowest and highest position, rad.
+        limits: [f64; 2],
+        /// Highest step that fits, rad.
+        most: f64,
+    },
+    /// Stiffness times step is near the largest torque.
+    Strong {
+        /// N·m/rad.
+        kp: f64,
+        /// Stiffness times step, N·m.
+        torque: f64,
+        /// The limit, N·m.
+        limit: f64,
+        /// Highest step that fits, rad.
+        most: f64,
+    },
+    /// The joint would be near its largest speed.
+    Fast {
+        /// rad/s.
+        velocity: f64,
+        /// The limit, rad/s.
+        limit: f64,
+        /// Highest step that fits, rad.
+        most: f64,
+    },
+}
+
+impl fmt::Display for StepError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let most = match self {
+            Self::Narrow { centre, limits: [lower, upper], most } => {
+                write!(
+                    f,
+                    "it is at {centre:.2} rad, and may swing to twice the step, but its limits are {lower:.2} to {upper:.2} rad"
+                )?;
+                most
+            }
+            Self::Strong { kp, torque, limit, most } => {
+                let share = 100.0 * TORQUE_SHARE;
+                write!(
+                    f,
+                    "kp {kp:.1} times the step is {torque:.2} N·m, above {share:.0} % of the limit, {limit:.2} N·m"
+                )?;
+                most
+            }
+            Self::Fast { velocity, limit, most } => {
+                let share = 100.0 * VELOCITY_SHARE;
+                write!(
+                    f,
+                    "it may reach {velocity:.2} rad/s, above {share:.0} % of the limit, {limit:.2} rad/s"
+                )?;
+                most
+            }
+        };
+        write!(f, ": choose --step-rad {:.3} or less, or a lower --kp", most.max(0.0))
+    }
+}
+
+impl core::error::Error for StepError {}
+
+impl Steps {
+    /// Checks that the steps fit the limits. The speed needs the inertia, kg·m².
+    ///
+    /// # Errors
+    ///
+    /// With the numbers.
+    pub fn check(&self, limits: &Limits, inertia: Option<f64>) -> Result<(), StepError> {
+        let Self { centre, height, gains: Gains { kp, .. }, .. } = *self;
+        let [lower, upper] = limits.position;
+        let most = (centre - lower).min(upper - centre) / SWING;
+        if !(0.0..=most).contains(&height) {
+            return Err(StepError::Narrow { centre, limits: limits.position, most });
+        }
+        let (torque, limit) = (kp * height, limits.torque);
+        if torque > TORQUE_SHARE * limit {
+            return Err(StepError::Strong { kp, torque, limit, most: TORQUE_SHARE * limit / kp });
+        }
+        // An undamped joint passes the setpoint at step times natural frequency.
+        let (frequency, limit) = (inertia.map_or(0.0, |inertia| (kp / inertia).sqrt()), limits.velocity);
+        if height * frequency > VELOCITY_SHARE * limit {
+            let most = VELOCITY_SHARE * limit / frequency;
+            return Err(StepError::Fast { velocity: height * frequency, limit, most });
+        }
+        Ok(())
+    }
+
+    /// Begin of the first step, s.
+    #[must_use]
+    pub fn begin(&self) -> f64 {
+        RAMP + self.seconds
+    }
+
+    /// Duration of everything, s.
+    #[must_use]
+    pub fn duration(&self) -> f64 {
+        self.begin() + 4.0 * f64::from(self.repetitions) * self.seconds
+    }
+
+    /// Returns the setpoint at `time`, s; `None` after the end.
+    #[must_use]
+    pub fn command(&self, time: f64) -> Option<Command> {
+        if time >= self.duration() {
+            return None;
+        }
+        let [share, _] = smooth(time / RAMP);
+        let between = |from: f64, to: f64| from + share * (to - from);
+        let turn = ((time - self.begin()) / self.seconds).floor();
+        let side = if turn < 0.0 { 0.0 } else { [1.0, 0.0, -1.0, 0.0][turn as usize % 4] };
+        Some(Command {
+            position: self.centre + side * self.height,
+            velocity: 0.0,
+            kp: between(self.from.kp, self.gains.kp),
+            kd: between(self.from.kd, self.gains.kd),
+        })
+    }
+
+    /// Returns whether a joint that was at `start`, rad, and is at `position`, rad, has left the
+    /// range of a joint that swings.
+    #[must_use]
+    pub fn is_left(&self, start: f64, position: f64) -> bool {
+        let reach = SWING * self.height + (start - self.centre).abs();
+        !(0.0..=reach).contains(&(position - self.centre).abs())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits { position: [-1.0, 1.0], velocity: 6.0, torque: 5.0, kp: 50.0, kd: 2.0 };
+    const STEPS: Steps = Steps {
+        centre: 0.2,
+        height: 0.05,
+        seconds: 0.5,
+        repetitions: 2,
+        from: Gains { kp: 1.0, kd: 0.1 },
+        gains: Gains { kp: 20.0, kd: 0.5 },
+    };
+
+    #[test]
+    fn steps_go_to_both_sides_and_return() {
+        let position = |time| STEPS.command(time).map(|command| command.position);
+        assert_eq!(STEPS.duration(), 5.5);
+        let found: Vec<_> = (0..12).map(|at| position(0.75 + 0.5 * f64::from(at))).collect();
+        let cycle = [Some(0.25), Some(0.2), Some(0.2 - 0.05), Some(0.2)];
+        let wanted = [&[Some(0.2), Some(0.2)], &cycle[..], &cycle[..], &[None, None]].concat();
+        assert_eq!(found, wanted);
+    }
+
+    #[test]
+    fn gains_change_without_jump() {
+        let mut before = STEPS.command(0.0).unwrap();
+        assert_eq!((before.kp, before.kd), (1.0, 0.1));
+        for at in 1..1500 {
+            let now = STEPS.command(1e-3 * f64::from(at)).unwrap();
+            assert!((now.kp - before.kp).abs() < 0.03, "{now:?}");
+            before = now;
+        }
+        assert_eq!((before.kp, before.kd), (20.0, 0.5));
+    }
+
+    #[test]
+    fn steps_beyond_limits_are_refused_with_numbers() {
+        let refused = |steps: Steps, inertia| steps.check(&LIMITS, inertia).unwrap_err().to_string();
+        assert_eq!(STEPS.check(&LIMITS, Some(0.02)), Ok(()));
+        let narrow = refused(Steps { centre: 0.95, ..STEPS }, None);
+        assert!(narrow.contains("0.95 rad") && narrow.contains("--step-rad 0.025"), "{narrow}");
+        let strong = refused(Steps { height: 0.2, ..STEPS }, None);
+        assert!(strong.contains("4.00 N·m") && strong.contains("--step-rad 0.175"), "{strong}");
+        let fast = refused(Steps { height: 0.15, ..STEPS }, Some(0.01));
+        assert!(fast.contains("6.71 rad/s") && fast.contains("--step-rad 0.094"), "{fast}");
+        assert!(STEPS.check(&Limits { position: [f64::NAN; 2], ..LIMITS }, None).is_err());
+    }
+
+    #[test]
+    fn joint_beyond_a_whole_overshoot_has_left() {
+        assert!(!STEPS.is_left(0.2, 0.29) && STEPS.is_left(0.2, 0.31));
+        assert!(!STEPS.is_left(0.1, 0.11), "a joint that hangs begins below its setpoint");
+        assert!(STEPS.is_left(0.2, f64::NAN));
+    }
+}
