@@ -26,6 +26,7 @@ pub use failure::RecorderFailure;
 pub use flight::{FlightArguments, run as flight};
 pub use marks::{concerns, is_mark};
 pub use motord_mcap::{Event, Events};
+pub use picture::{Curve, Layout, Mark, Panel, Row, png, svg};
 pub use plot::{PlotArguments, run as plot};
 pub use record::{RecordArguments, run as record};
 pub use recording::Recording;

@@ -10,11 +10,10 @@ use plotters::prelude::{
     LineSeries, PathElement, RGBColor, SVGBackend, Text, WHITE,
 };
 use plotters::style::{Color, FontTransform, IntoFont};
+use std::borrow::Cow;
 use std::ops::Range;
 
-/// The size of a panel.
-const PANEL: (u32, u32) = (480, 260);
-/// Height of the names of the curves above a panel.
+/// Height of a line of names of curves above a panel.
 const LEGEND: u32 = 18;
 /// Limit on the steps of a curve: more than a panel has pixels.
 const STEPS_MAX: usize = 1024;
@@ -38,11 +37,38 @@ struct Step {
     follows_gap: bool,
 }
 
+/// Sizes and texts that the panels of a picture share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    /// Width and height of a panel, pixels.
+    pub panel: (u32, u32),
+    /// The text at the axis of the time.
+    pub time: &'static str,
+    /// Each curve has a line of the legend, for names that contain numbers.
+    pub has_tall_legend: bool,
+    /// Width of a curve, pixels.
+    pub stroke: u32,
+}
+
+impl Layout {
+    /// Panels side by side, with short names of curves.
+    pub(crate) const WIDE: Self = Self { panel: (480, 260), time: "s", has_tall_legend: false, stroke: 1 };
+
+    /// Height of the legend, pixels, which all panels of a row of short names keep free.
+    fn legend(&self, is_drawn: bool) -> u32 {
+        match self.has_tall_legend {
+            true if is_drawn => STYLES.len() as u32 * LEGEND,
+            true => 0,
+            false => LEGEND,
+        }
+    }
+}
+
 /// A curve. Each step keeps the lowest and the highest value, so no peak is lost. When the limit is
 /// reached, pairs of steps are merged.
 #[derive(Debug)]
-pub(crate) struct Curve {
-    name: &'static str,
+pub struct Curve {
+    name: Cow<'static, str>,
     steps: Vec<Step>,
     /// Values per step.
     length: u32,
@@ -53,12 +79,14 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    pub(crate) fn new(name: &'static str) -> Self {
-        Self { name, steps: Vec::with_capacity(STEPS_MAX), length: 1, filled: 1, is_gap: true }
+    /// Creates a curve without values. Without a name, the legend omits it.
+    #[must_use]
+    pub fn new(name: impl Into<Cow<'static, str>>) -> Self {
+        Self { name: name.into(), steps: Vec::with_capacity(STEPS_MAX), length: 1, filled: 1, is_gap: true }
     }
 
     /// Adds the value at a time, s. A missing value leaves a gap.
-    pub(crate) fn take(&mut self, time: f64, value: Option<f32>) {
+    pub fn take(&mut self, time: f64, value: Option<f32>) {
         let Some(value) = value.filter(|value| value.is_finite()) else {
             self.is_gap = true;
             return;
@@ -123,25 +151,29 @@ impl Step {
 
 /// A stop or a fault.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Mark {
+pub struct Mark {
     /// Its time, s.
-    pub(crate) time: f64,
+    pub time: f64,
     /// Its name.
-    pub(crate) name: String,
+    pub name: String,
 }
 
 /// The panels of a joint or an IMU in one recording.
 #[derive(Debug)]
-pub(crate) struct Row {
-    pub(crate) panels: Vec<Panel>,
-    pub(crate) marks: Vec<Mark>,
+pub struct Row {
+    /// From left to right.
+    pub panels: Vec<Panel>,
+    /// Lines over the height of every panel.
+    pub marks: Vec<Mark>,
 }
 
 /// A quantity with its three curves.
 #[derive(Debug)]
-pub(crate) struct Panel {
-    pub(crate) title: String,
-    pub(crate) curves: [Curve; 3],
+pub struct Panel {
+    /// The quantity and its unit.
+    pub title: String,
+    /// The first is dotted, the second dashed.
+    pub curves: [Curve; 3],
 }
 
 impl Panel {
@@ -173,9 +205,9 @@ fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 /// # Errors
 ///
 /// The error of the drawing library.
-pub(crate) fn svg(rows: &[Row]) -> Result<String, String> {
+pub fn svg(rows: &[Row], layout: Layout) -> Result<String, String> {
     let mut svg = String::new();
-    draw(SVGBackend::with_string(&mut svg, size(rows, 1)), rows, 1)?;
+    draw(SVGBackend::with_string(&mut svg, size(rows, layout, 1)), rows, layout, 1)?;
     Ok(dashed(svg))
 }
 
@@ -184,8 +216,8 @@ pub(crate) fn svg(rows: &[Row]) -> Result<String, String> {
 /// # Errors
 ///
 /// The picture would be too large, or the error of the encoder.
-pub(crate) fn png(rows: &[Row]) -> Result<Vec<u8>, String> {
-    let size = size(rows, PNG_SCALE);
+pub fn png(rows: &[Row], layout: Layout) -> Result<Vec<u8>, String> {
+    let size = size(rows, layout, PNG_SCALE);
     let count = u64::from(size.0) * u64::from(size.1);
     if count > PNG_PIXELS_MAX {
         return Err(format!(
@@ -194,15 +226,15 @@ pub(crate) fn png(rows: &[Row]) -> Result<Vec<u8>, String> {
         ));
     }
     let mut pixels = vec![255; 3 * count as usize];
-    draw(Bitmap::new(&mut pixels, size, dashes, PNG_SCALE), rows, PNG_SCALE)?;
+    draw(Bitmap::new(&mut pixels, size, dashes, PNG_SCALE), rows, layout, PNG_SCALE)?;
     bitmap::encode(&pixels, size)
 }
 
-fn size(rows: &[Row], scale: u32) -> (u32, u32) {
+fn size(rows: &[Row], layout: Layout, scale: u32) -> (u32, u32) {
     let columns = rows.iter().map(|row| row.panels.len()).max().unwrap_or(0);
     let pixels =
         |panels: usize, size: u32| u32::try_from(panels).unwrap_or(u32::MAX).saturating_mul(size * scale);
-    (pixels(columns, PANEL.0), pixels(rows.len(), PANEL.1))
+    (pixels(columns, layout.panel.0), pixels(rows.len(), layout.panel.1))
 }
 
 fn styles() -> impl Iterator<Item = (RGBColor, &'static [u32])> {
@@ -224,7 +256,7 @@ fn dashed(svg: String) -> String {
     })
 }
 
-fn draw<B: DrawingBackend>(backend: B, rows: &[Row], scale: u32) -> Result<(), String> {
+fn draw<B: DrawingBackend>(backend: B, rows: &[Row], layout: Layout, scale: u32) -> Result<(), String> {
     let all = rows.iter().flat_map(|row| &row.panels);
     let (begin, end) = extremes(all.flat_map(Panel::points).map(|(time, _)| time)).unwrap_or((0.0, 1.0));
     // A stop at the end of the recording is visible beside the curves.
@@ -235,8 +267,10 @@ fn draw<B: DrawingBackend>(backend: B, rows: &[Row], scale: u32) -> Result<(), S
     let panels = rows.iter().flat_map(|row| row.panels.iter().map(|panel| (panel, &row.marks[..])));
     let mut named = None;
     for ((panel, marks), area) in panels.zip(area.split_evenly((rows.len(), columns))) {
-        let names = panel.curves.each_ref().map(|curve| curve.name);
-        let style = Style { scale, times: times.clone(), has_legend: named.replace(names) != Some(names) };
+        let names = panel.curves.each_ref().map(|curve| curve.name.clone());
+        let has_legend = named.as_ref() != Some(&names);
+        named = Some(names);
+        let style = Style { layout, scale, times: times.clone(), has_legend };
         style.draw_panel(&area, panel, marks)?;
     }
     area.present().map_err(text_of)
@@ -251,6 +285,7 @@ type Chart<'b, B> = ChartContext<'b, B, Cartesian2d<RangedCoordf64, RangedCoordf
 
 /// The look of a panel.
 struct Style {
+    layout: Layout,
     scale: u32,
     times: Range<f64>,
     has_legend: bool,
@@ -267,7 +302,7 @@ impl Style {
         panel: &Panel,
         marks: &[Mark],
     ) -> Result<(), String> {
-        let (strip, area) = area.split_vertically(LEGEND * self.scale);
+        let (strip, area) = area.split_vertically(self.layout.legend(self.has_legend) * self.scale);
         if self.has_legend {
             self.draw_legend(&strip, panel)?;
         }
@@ -282,7 +317,7 @@ impl Style {
         let mesh = mesh
             .x_labels(6)
             .y_labels(6)
-            .x_desc("s")
+            .x_desc(self.layout.time)
             .label_style(self.font(11))
             .axis_desc_style(self.font(11));
         mesh.draw().map_err(text_of)?;
@@ -298,14 +333,17 @@ impl Style {
     /// Draws the names of the curves above a panel, where they cover no curve.
     fn draw_legend<B: DrawingBackend>(&self, strip: &Area<B>, panel: &Panel) -> Result<(), String> {
         let scale = self.scale as i32;
-        let middle = LEGEND as i32 * scale / 2;
-        let mut x = 60 * scale;
-        for (curve, (colour, _)) in panel.curves.iter().zip(STYLES) {
+        let (mut x, mut middle) = (60 * scale, LEGEND as i32 * scale / 2);
+        let styled = panel.curves.iter().zip(STYLES);
+        for (curve, (colour, _)) in styled.filter(|(curve, _)| !curve.name.is_empty()) {
             let sample = [(x, middle), (x + 28 * scale, middle)];
             strip.draw(&PathElement::new(sample, colour.stroke_width(2 * self.scale))).map_err(text_of)?;
-            let name = Text::new(curve.name, (x + 34 * scale, middle - 6 * scale), self.font(11));
+            let name = Text::new(&*curve.name, (x + 34 * scale, middle - 6 * scale), self.font(11));
             strip.draw(&name).map_err(text_of)?;
-            x += (54 + 7 * curve.name.len() as i32) * scale;
+            match self.layout.has_tall_legend {
+                true => middle += LEGEND as i32 * scale,
+                false => x += (54 + 7 * curve.name.len() as i32) * scale,
+            }
         }
         Ok(())
     }
@@ -317,11 +355,11 @@ impl Style {
         curve: &Curve,
         colour: RGBColor,
     ) -> Result<(), String> {
-        let scale = self.scale;
+        let width = self.layout.stroke * self.scale;
         for part in curve.parts() {
             match part[..] {
-                [point] => chart.draw_series([Circle::new(point, scale, colour.filled())]),
-                _ => chart.draw_series(LineSeries::new(part, colour.stroke_width(scale))),
+                [point] => chart.draw_series([Circle::new(point, width, colour.filled())]),
+                _ => chart.draw_series(LineSeries::new(part, colour.stroke_width(width))),
             }
             .map_err(text_of)?;
         }
@@ -403,7 +441,7 @@ mod tests {
             curve.take(1.0, Some(1.0));
         }
         let marks = vec![Mark { time: 0.5, name: "stop".to_owned() }];
-        let svg = svg(&[Row { panels: vec![panel], marks }]).unwrap();
+        let svg = svg(&[Row { panels: vec![panel], marks }], Layout::WIDE).unwrap();
         for dashes in ["2 2", "7 3", "1 3"] {
             assert!(svg.contains(&format!("stroke-dasharray=\"{dashes}\"")), "{dashes}");
         }
@@ -419,7 +457,7 @@ mod tests {
             panel[0].curves[2].take(time, Some(1.0));
         }
         let marks = vec![Mark { time: 0.6, name: "legs is stopped: motor-lost (knee)".to_owned() }];
-        let svg = svg(&[Row { panels: panel.into(), marks }]).unwrap();
+        let svg = svg(&[Row { panels: panel.into(), marks }], Layout::WIDE).unwrap();
         for text in [
             "<svg",
             "knee &lt;b&gt;: velocity, rad/s",

@@ -2,7 +2,7 @@
 
 use crate::failure::RecorderFailure;
 use crate::marks::{concerns, is_mark};
-use crate::picture::{self, Curve, Mark, Panel, Row};
+use crate::picture::{self, Curve, Layout, Mark, Panel, Row};
 use crate::recording::Recording;
 use motord_client::{
     CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
@@ -58,8 +58,11 @@ pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
         return Err(RecorderFailure::Empty);
     }
     let (file, picture) = match &arguments.png {
-        Some(file) => (file, picture::png(&rows).map_err(RecorderFailure::Picture)?),
-        None => (&arguments.svg, picture::svg(&rows).map_err(RecorderFailure::Picture)?.into_bytes()),
+        Some(file) => (file, picture::png(&rows, Layout::WIDE).map_err(RecorderFailure::Picture)?),
+        None => (
+            &arguments.svg,
+            picture::svg(&rows, Layout::WIDE).map_err(RecorderFailure::Picture)?.into_bytes(),
+        ),
     };
     match file.as_os_str() == "-" {
         true => Ok(io::stdout().lock().write_all(&picture)?),
