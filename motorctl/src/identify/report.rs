@@ -54,6 +54,9 @@ pub(crate) struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     torque_scale: Option<Entry>,
     reply_latency_us: Option<Entry>,
+    /// Time by which the torque acts later than the stamps explain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lag_us: Option<f64>,
     /// Bounds of the time from a command to its torque.
     action_us: Option<[f64; 2]>,
     /// Shortest, median and longest time from a command to its answer.
@@ -97,6 +100,7 @@ impl Report {
             spring_nm_per_rad: found.spring.as_ref().map(entry),
             torque_scale: known.map(|known| entry(&known.scale(&found.inertia))),
             reply_latency_us: delay.map(|delay| Entry::new(&delay.motor, 1e6)),
+            lag_us: found.lag().map(micros),
             action_us: delay.map(|delay| delay.action.map(micros)),
             answer_us: delay.map(|delay| delay.answers.map(micros)),
             range_rad: found.range,
