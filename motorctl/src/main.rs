@@ -30,6 +30,7 @@ mod refusal;
 mod report;
 mod sim;
 mod status;
+mod tune;
 mod watch;
 mod words;
 
@@ -230,6 +231,25 @@ enum Command {
         after_help = "Examples:\n  motorctl identify fl-knee --yes --seconds 10\n  motorctl identify fl-knee --amplitude-rad 0.2 --seconds 10 --yes --json | jq .inertia_kg_m2"
     )]
     Identify(identify::Arguments),
+    /// Measure how a joint answers small steps, and propose stiffness and damping for a bandwidth.
+    ///
+    /// The command claims the group of the joint and starts its motors. It identifies the joint for 12 s as `identify` does,
+    /// or takes its inertia from --identified. Then it steps the joint up, back, down and back by --step-rad. It prints rise,
+    /// overshoot, settling, ring, damping ratio, error and torque of the mean response. The other joints of the group are only
+    /// damped. Ctrl-C, an emergency stop and the end damp and stop the motors.
+    ///
+    /// The proposal is kp = inertia · ω², kd = 2 · damping ratio · inertia · ω - friction, with ω = 2π · bandwidth. Where the
+    /// limits of the gains, the codes of the velocity, or the delay of the loop forbid that, the bandwidth is lower: every
+    /// proposal has a phase margin of at least 45°. --try steps with the gains of half the bandwidth, then with the proposal.
+    ///
+    /// Steps that do not fit the limits of position, torque and velocity are refused, and nothing moves. A joint that moves
+    /// further than twice the step ends the motion. Hang the robot up, or free the joint.
+    ///
+    /// Exit status: 0 gains were proposed; 1 they were not; 64 the steps do not fit; 130 interrupted, and the group is stopped.
+    #[command(
+        after_help = "Examples:\n  motorctl tune fl-knee --yes\n  motorctl tune fl-knee --bandwidth 8 --kp 20 --kd 0.2 --try --yes --svg tune.svg\n  motorctl tune fl-knee --bandwidth 5 --yes --json | jq .proposed"
+    )]
+    Tune(tune::Arguments),
     #[command(flatten)]
     Operate(operate::Operate),
     /// List the faults that motors have reported, or handle them.
@@ -378,6 +398,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
         Command::Hold(arguments) => hold::run(instance, &arguments),
         Command::Identify(arguments) => identify::run(instance, &arguments),
+        Command::Tune(arguments) => tune::run(instance, &arguments),
         Command::Operate(command) => operate::run(instance, command),
         Command::Fault(FaultArguments { command: None, json }) => fault::list(instance, json),
         Command::Fault(FaultArguments { command: Some(FaultCommand::Get { name, reading }), .. }) => {

@@ -8,7 +8,7 @@ pub(crate) mod failure;
 mod known;
 mod losses;
 mod report;
-mod session;
+pub(crate) mod session;
 
 use crate::failure::Failure;
 use crate::hold::{Printer, SILENCE, Target, refuse_latched};
@@ -139,7 +139,7 @@ fn warning(joint: &JointDescription, plan: &Plan) -> String {
 }
 
 /// The wire of the joint's motor. An interface has a name, a serial line a path.
-fn wire(robot: &RobotDescription, joint: &JointDescription) -> BusTiming {
+pub(crate) fn wire(robot: &RobotDescription, joint: &JointDescription) -> BusTiming {
     let bus = robot.buses.iter().position(|bus| *bus == joint.bus);
     let frame = bus.and_then(|bus| robot.frame_times.get(bus).copied()).unwrap_or(0.0);
     let device = bus.and_then(|bus| robot.devices.get(bus)).map_or("", String::as_str);

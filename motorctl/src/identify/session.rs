@@ -15,7 +15,7 @@ const PROGRESS: f64 = 5.0;
 const DAMPING: f32 = 0.5;
 /// Share of the gains before the motor follows. With a stiffness of 0 the daemon would not check
 /// the pose.
-const FIRST_SHARE: f64 = 0.05;
+pub(crate) const FIRST_SHARE: f64 = 0.05;
 
 /// Plans the motion of a joint that is at `position`, rad.
 ///
@@ -36,7 +36,7 @@ fn refused(joint: &JointDescription, reason: PlanError) -> IdentifyFailure {
 }
 
 /// The bounds of the joint's setpoints.
-fn limits(joint: &JointDescription) -> Limits {
+pub(crate) fn limits(joint: &JointDescription) -> Limits {
     let of = &joint.limits;
     Limits {
         position: of.position.map(f64::from),
@@ -85,22 +85,9 @@ impl Session {
         let counter = Counter::default();
         let mut session =
             Self { client, instance, claim, slot, joint, plan, samples, counter, plant_lost_us };
-        session.rest()?;
+        damp_others(&session.client, &mut session.claim, name)?;
         session.hold(position)?;
         Ok(session)
-    }
-
-    /// Damps the other joints.
-    fn rest(&mut self) -> Result<(), Error> {
-        let state = self.client.wait(SILENCE)?;
-        let names: Vec<String> = self.claim.names().map(str::to_owned).collect();
-        for name in names.iter().filter(|name| **name != self.joint.name) {
-            let excluded = state.of(&self.claim)?.joint(name.as_str())?.is_excluded();
-            let kd = DAMPING.min(self.claim.limits(name.as_str())?.kd);
-            let setpoint = if excluded { Setpoint::torque(0.0) } else { Setpoint::damping(kd) };
-            self.claim.set(name.as_str(), setpoint)?;
-        }
-        Ok(())
     }
 
     /// Holds the joint softly until its motor follows.
@@ -191,7 +178,25 @@ impl Session {
     }
 }
 
-fn sample(joint: &Joint) -> Sample {
+/// Damps all joints of a claimed group but `joint`, from the next commit on.
+///
+/// # Errors
+///
+/// The daemon is silent, or does not report them.
+pub(crate) fn damp_others(client: &Client, claim: &mut Claim, joint: &str) -> Result<(), Error> {
+    let state = client.wait(SILENCE)?;
+    let names: Vec<String> = claim.names().map(str::to_owned).collect();
+    for name in names.iter().filter(|name| *name != joint) {
+        let excluded = state.of(claim)?.joint(name.as_str())?.is_excluded();
+        let kd = DAMPING.min(claim.limits(name.as_str())?.kd);
+        let setpoint = if excluded { Setpoint::torque(0.0) } else { Setpoint::damping(kd) };
+        claim.set(name.as_str(), setpoint)?;
+    }
+    Ok(())
+}
+
+/// Returns the record of a cycle.
+pub(crate) fn sample(joint: &Joint) -> Sample {
     let latency = joint.reply_latency.as_secs_f64();
     let of = &joint.applied;
     Sample {

@@ -350,7 +350,7 @@ fn every_example_of_a_controller_works() {
 }
 
 /// Commands that need a group without an owner.
-const CONTROLLERS: [&str; 2] = ["hold", "identify"];
+const CONTROLLERS: [&str; 3] = ["hold", "identify", "tune"];
 /// Commands whose examples need the files of others.
 const TOGETHER: [&[&str]; 2] = [&["record", "replay", "plot"], &["dump", "apply"]];
 

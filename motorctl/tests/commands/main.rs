@@ -28,5 +28,6 @@ mod recording;
 mod robots;
 mod schemas;
 mod setup;
+mod tune;
 mod wire;
 mod wire_terminal;

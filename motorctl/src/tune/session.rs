@@ -1,0 +1,214 @@
+//! The motion of `motorctl tune`: a claimed group of which one joint moves.
+
+use crate::failure::Failure;
+use crate::hold::{SILENCE, START, Target, disable, owned, refuse_latched};
+use crate::identify::session::{FIRST_SHARE, damp_others, sample};
+use crate::tune::failure::TuneFailure;
+use crate::tune::timing::Timing;
+use motord_client::{Claim, Client, Joint, JointDescription, Limit, Phase, Setpoint, Slot};
+use motord_identify::{Command, Gains, Plan, Sample, Steps};
+use motord_terminal::Interrupt;
+use std::collections::BTreeSet;
+use std::thread::JoinHandle;
+
+/// Limits whose action makes a response that of the limit.
+const SHAPING: [Limit; 6] = [
+    Limit::Position,
+    Limit::PositionSlew,
+    Limit::TotalTorque,
+    Limit::Temperature,
+    Limit::Overload,
+    Limit::StartRamp,
+];
+
+/// Largest share of the turns without a state. A late state is one.
+const LOST_MAX: f64 = 0.1;
+
+/// The states of a motion.
+#[derive(Debug, Default)]
+pub(crate) struct Recording {
+    /// Every answered command.
+    pub(crate) samples: Vec<Sample>,
+    /// Names of the limits that acted during steps.
+    pub(crate) limits: BTreeSet<&'static str>,
+    /// Times of the replies.
+    pub(crate) timing: Timing,
+    /// Reported velocities, rad/s.
+    velocities: Vec<f64>,
+    /// Times of the first and the last record, s.
+    begin: Option<f64>,
+    end: f64,
+}
+
+impl Recording {
+    fn with_capacity(seconds: f64, rate: f64) -> Self {
+        let states = ((seconds + 1.0) * rate) as usize;
+        Self {
+            samples: Vec::with_capacity(states),
+            velocities: Vec::with_capacity(states),
+            ..Self::default()
+        }
+    }
+
+    /// Records a state, if it is a new one.
+    fn record(&mut self, time: f64, joint: &Joint) {
+        self.begin.get_or_insert(time);
+        self.end = time;
+        if self.timing.record(joint) {
+            self.samples.push(sample(joint));
+            self.velocities.extend(joint.velocity().map(f64::from));
+        }
+    }
+
+    /// Returns whether enough of the turns have a state.
+    pub(crate) fn is_complete(&self) -> bool {
+        let turns = self.timing.turn().map(|turn| (self.end - self.begin.unwrap_or(0.0)) / turn);
+        turns.is_some_and(|turns| self.samples.len() as f64 >= (1.0 - LOST_MAX) * turns)
+    }
+
+    /// Distance of two codes of the velocity, rad/s; 0 where it does not change.
+    pub(crate) fn velocity_code(&self) -> f64 {
+        let mut velocities = self.velocities.clone();
+        velocities.sort_by(f64::total_cmp);
+        let steps = velocities.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 1e-5);
+        let code = steps.fold(f64::INFINITY, f64::min);
+        if code.is_finite() { code } else { 0.0 }
+    }
+}
+
+/// A claimed group of which one joint moves.
+pub(crate) struct Session<'a> {
+    client: Client,
+    instance: &'a str,
+    claim: Claim,
+    slot: Slot,
+    joint: &'a JointDescription,
+    interrupt: &'a Interrupt,
+    rate: f64,
+    /// Where the joint was when its motor began to follow, rad.
+    pub(crate) centre: f64,
+}
+
+impl<'a> Session<'a> {
+    /// Claims the group of `joint`. Nothing moves.
+    pub(crate) fn claim(
+        client: Client,
+        instance: &'a str,
+        target: &Target,
+        joint: &'a JointDescription,
+        interrupt: &'a Interrupt,
+    ) -> Result<Self, Failure> {
+        let claim = client.claim(&target.group);
+        let mut claim = claim.map_err(|error| owned(error, &client, instance, &target.group))?;
+        damp_others(&client, &mut claim, &joint.name)?;
+        let (slot, rate) = (claim.slot(&joint.name)?, client.description().rate_hz);
+        Ok(Self { client, instance, claim, slot, joint, interrupt, rate, centre: 0.0 })
+    }
+
+    fn position(&self) -> Result<f32, Failure> {
+        Ok(self.client.wait(SILENCE)?.of(&self.claim)?.position(self.slot)?)
+    }
+
+    /// Starts the motors. The joint is held softly where it is, with a share of `gains`.
+    pub(crate) fn start(&mut self, gains: Gains) -> Result<(), Failure> {
+        let (kp, kd) = (FIRST_SHARE * gains.kp, FIRST_SHARE * gains.kd);
+        let soft = Setpoint::hold(self.position()?, kp as f32, kd as f32);
+        self.claim.set(self.slot, soft)?;
+        self.claim.commit()?;
+        self.claim.enable()?;
+        self.claim.wait_for(Phase::Active, START)?;
+        self.centre = self.position()?.into();
+        Ok(())
+    }
+
+    /// Answers each state with the setpoint that `next` returns for it, until there is none.
+    fn follow(
+        &mut self,
+        recording: &mut Recording,
+        mut next: impl FnMut(f64, &Joint, &mut Recording) -> Result<Option<Command>, Failure>,
+    ) -> Result<(), Failure> {
+        let mut begun = None;
+        loop {
+            if self.interrupt.is_raised() {
+                return Err(TuneFailure::Interrupted(self.joint.name.clone()).into());
+            }
+            let state = self.client.wait(SILENCE)?;
+            let view = state.of(&self.claim)?;
+            view.must_be_active()?;
+            let joint = view.joint(self.slot)?;
+            let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
+            let Some(command) = next(time, &joint, recording)? else { return Ok(()) };
+            let [position, velocity, kp, kd] =
+                [command.position, command.velocity, command.kp, command.kd].map(|value| value as f32);
+            self.claim.set(self.slot, Setpoint::impedance(position, velocity, kp, kd, 0.0))?;
+            self.claim.commit()?;
+        }
+    }
+
+    /// Moves the joint along the excitation of `plan`, from where it is.
+    pub(crate) fn excite(&mut self, plan: &Plan) -> Result<Recording, Failure> {
+        let name = &self.joint.name;
+        let ended = |reason| TuneFailure::identification(name, reason);
+        let plan = plan.around(self.centre).map_err(ended)?;
+        let mut recording = Recording::with_capacity(plan.seconds(), self.rate);
+        self.follow(&mut recording, |time, joint, recording| {
+            let [position, velocity] = measured(joint);
+            plan.check(position, velocity).map_err(ended)?;
+            recording.record(time, joint);
+            Ok(plan.command(time, position, velocity))
+        })?;
+        Ok(recording)
+    }
+
+    /// Holds the joint until a thread has its result; `None` if it panicked.
+    pub(crate) fn hold<T>(&mut self, gains: Gains, thread: JoinHandle<T>) -> Result<Option<T>, Failure> {
+        let held = Command { position: self.centre, velocity: 0.0, kp: gains.kp, kd: gains.kd };
+        self.follow(&mut Recording::default(), |_, _, _| Ok((!thread.is_finished()).then_some(held)))?;
+        Ok(thread.join().ok())
+    }
+
+    /// Moves the joint in `steps`. With `is_strict`, a limit of the torque ends the motion.
+    pub(crate) fn step(&mut self, steps: &Steps, is_strict: bool) -> Result<Recording, Failure> {
+        let mut recording = Recording::with_capacity(steps.duration(), self.rate);
+        let name = &self.joint.name;
+        let (mut start, Gains { kp, kd }) = (None, steps.gains);
+        self.follow(&mut recording, |time, joint, recording| {
+            let [position, _] = measured(joint);
+            if steps.is_left(*start.get_or_insert(position), position) {
+                return Err(TuneFailure::Swung {
+                    joint: name.clone(),
+                    position,
+                    centre: steps.centre,
+                    kp,
+                    kd,
+                }
+                .into());
+            }
+            if is_strict && joint.limits.contains(Limit::TotalTorque) {
+                return Err(TuneFailure::Torque { joint: name.clone(), kp, kd }.into());
+            }
+            // The hold before the first step belongs to it.
+            if time >= steps.begin() - 0.5 * steps.seconds {
+                recording.record(time, joint);
+                recording.limits.extend(
+                    SHAPING.iter().filter(|limit| joint.limits.contains(**limit)).map(|limit| limit.name()),
+                );
+            }
+            Ok(steps.command(time))
+        })?;
+        Ok(recording)
+    }
+
+    /// Damps and stops the motors. A group that the daemon has stopped is refused with its cause.
+    pub(crate) fn stop(&mut self, is_stopped: bool) -> Result<(), Failure> {
+        if is_stopped {
+            return refuse_latched(&self.client, self.instance, self.claim.group());
+        }
+        disable(&mut self.claim, self.interrupt)
+    }
+}
+
+/// Position and velocity; NaN where they are not reported.
+fn measured(joint: &Joint) -> [f64; 2] {
+    [joint.position(), joint.velocity()].map(|value| value.unwrap_or(f32::NAN).into())
+}

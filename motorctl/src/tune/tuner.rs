@@ -1,0 +1,236 @@
+//! The order of the motions of `motorctl tune`, and what is computed between them.
+
+use crate::failure::Failure;
+use crate::hold::Printer;
+use crate::identify::session::limits;
+use crate::tune::arguments::Arguments;
+use crate::tune::failure::TuneFailure;
+use crate::tune::known::Known;
+use crate::tune::report::{Loop, Measured, Report};
+use crate::tune::session::{Recording, Session};
+use crate::tune::timing::{Site, Timing};
+use motord_client::JointDescription;
+use motord_identify::{
+    Applied, Bounds, BusTiming, Gains, Limits, Plan, Plant, Proposal, Response, Sample, Shape, Steps, Wanted,
+    identify, propose,
+};
+use std::thread;
+
+/// Duration of the identification, s.
+const IDENTIFY: f64 = 12.0;
+/// Gains of the identification, as those of `motorctl identify`.
+const SOFT: Gains = Gains { kp: 20.0, kd: 0.3 };
+/// Highest bandwidth of the gains for a rotor alone, Hz.
+const ROTOR_BANDWIDTH: f64 = 100.0;
+/// Least phase margin of given gains, degrees.
+const GIVEN_MARGIN: f64 = 10.0;
+
+/// A joint to tune, and what is known of it before it moves.
+pub(crate) struct Tuner<'a> {
+    arguments: &'a Arguments,
+    joint: &'a JointDescription,
+    limits: Limits,
+    site: Site,
+    wire: BusTiming,
+    timing: Timing,
+    known: Option<Known>,
+    /// Gains of the identification.
+    soft: Gains,
+    /// The identification, where the mechanics are not known.
+    plan: Option<Plan>,
+}
+
+impl<'a> Tuner<'a> {
+    /// Plans the motion of a joint at `position`, rad, whose replies had this `timing`, and checks
+    /// that it fits.
+    ///
+    /// # Errors
+    ///
+    /// The limits of the joint leave too little, or its mechanics cannot be read.
+    pub(crate) fn new(
+        arguments: &'a Arguments,
+        joint: &'a JointDescription,
+        wire: BusTiming,
+        position: f64,
+        timing: Timing,
+    ) -> Result<Self, TuneFailure> {
+        let known = arguments.identified.as_deref().map(|path| Known::read(path, &joint.name)).transpose()?;
+        let site = if joint.protocol == "mit" { Site::Drive } else { Site::Cycle };
+        let limits = limits(joint);
+        let mut tuner = Self { arguments, joint, limits, site, wire, timing, known, soft: SOFT, plan: None };
+        tuner.soft = tuner.soft_gains()?;
+        let first = match &known {
+            Some(known) => tuner.first(known)?,
+            None => arguments.given(&limits).unwrap_or(tuner.soft),
+        };
+        tuner.check(&arguments.steps(position, tuner.soft, first))?;
+        if known.is_none() {
+            let Gains { kp, kd } = tuner.soft;
+            let plan = Plan::new(limits, position, Shape { amplitude: None, seconds: IDENTIFY, kp, kd });
+            tuner.plan = Some(plan.map_err(|reason| TuneFailure::identification(&joint.name, reason))?);
+        }
+        Ok(tuner)
+    }
+
+    /// Gains of the first motion.
+    pub(crate) fn soft(&self) -> Gains {
+        self.soft
+    }
+
+    /// The question before the motion.
+    pub(crate) fn warning(&self) -> String {
+        let Arguments { step_rad, seconds, repetitions, .. } = self.arguments;
+        let runs = if self.arguments.is_tried { 3.0 } else { 1.0 };
+        let steps = runs * (1.0 + (1.0 + 4.0 * f64::from(*repetitions)) * seconds);
+        let (motion, identification) = self.plan.as_ref().map_or((String::new(), 0.0), |plan| {
+            (format!("by ±{:.2} rad for {:.0} s, then ", plan.amplitude(), plan.seconds()), plan.seconds())
+        });
+        format!(
+            "This moves {} {motion}in steps of ±{step_rad} rad, {:.0} s in all; the other joints of its group are damped. Hang the robot up \
+             or free the joint, keep people away, and keep a hand on the switch that cuts the power.",
+            self.joint.name,
+            steps + identification
+        )
+    }
+
+    /// Moves the joint, and computes the proposal.
+    ///
+    /// # Errors
+    ///
+    /// A signal, a limit or the daemon ended the motion, or the joint is not one that can be tuned.
+    pub(crate) fn tune(&mut self, session: &mut Session<'_>, printer: &Printer) -> Result<Report, Failure> {
+        let name = &self.joint.name;
+        let progress = |text: String| printer.print_text(vec![format!("{name}: {text}")]);
+        if let Some(plan) = self.plan.take() {
+            progress(format!("moves for {:.0} s to be identified", plan.seconds()));
+            self.known = Some(self.identified(session, &plan)?);
+        }
+        let known = self.known.ok_or_else(|| self.unknown(String::new()))?;
+        let gains = self.first(&known)?;
+        progress(format!("steps with kp {}, kd {}", gains.kp, gains.kd));
+        let (recording, before) = self.stepped(session, self.soft, gains, false)?;
+        self.timing = recording.timing;
+        let plant = self.plant(&known)?;
+        let bounds = Bounds { velocity_code: recording.velocity_code, ..self.bounds() };
+        let proposal = self.propose(&plant, 1.0, &bounds)?;
+        let mut after = None;
+        if self.arguments.is_tried {
+            let half = self.propose(&plant, 0.5, &bounds)?.gains;
+            progress(format!("steps with kp {}, kd {}", half.kp, half.kd));
+            self.stepped(session, gains, half, true)?;
+            progress(format!("steps with kp {}, kd {}", proposal.gains.kp, proposal.gains.kd));
+            after = Some(self.stepped(session, half, proposal.gains, true)?.1);
+        }
+        let found = Loop { site: self.site, known, plant, bounds };
+        Ok(Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after))
+    }
+
+    /// Steps the joint with `gains`.
+    fn stepped(
+        &self,
+        session: &mut Session<'_>,
+        from: Gains,
+        gains: Gains,
+        is_strict: bool,
+    ) -> Result<(Recorded, Measured), Failure> {
+        let steps = self.arguments.steps(session.centre, from, gains);
+        self.check(&steps)?;
+        let recording = session.step(&steps, is_strict)?;
+        self.must_be_complete(&recording)?;
+        let turn = recording.timing.turn().unwrap_or(0.0);
+        let response = Response::of(&recording.samples, turn);
+        let response = response.ok_or_else(|| TuneFailure::Lost(self.joint.name.clone()))?;
+        let measured = Measured::new(gains, response, &recording.limits);
+        let velocity_code = recording.velocity_code();
+        Ok((Recorded { timing: recording.timing, velocity_code }, measured))
+    }
+
+    /// Moves the joint along `plan`, and holds it while another thread computes.
+    fn identified(&self, session: &mut Session<'_>, plan: &Plan) -> Result<Known, Failure> {
+        let recording = session.excite(plan)?;
+        self.must_be_complete(&recording)?;
+        let (samples, wire) = (self.by_torque(recording), self.wire);
+        let fit = thread::spawn(move || identify(&samples, wire));
+        let found = session.hold(self.soft, fit)?.ok_or_else(|| self.unknown(String::new()))?;
+        Ok(Known::found(&found, &self.joint.name)?)
+    }
+
+    /// The samples for the fit. A native motor applies a torque that the cycle computed, and has no
+    /// gains.
+    fn by_torque(&self, recording: Recording) -> Vec<Sample> {
+        let mut samples = recording.samples;
+        if self.site == Site::Cycle {
+            samples
+                .iter_mut()
+                .for_each(|sample| sample.applied = Applied { torque: sample.torque, ..Applied::default() });
+        }
+        samples
+    }
+
+    /// The gains of the first steps: the given ones, or those of half the bandwidth.
+    fn first(&self, known: &Known) -> Result<Gains, TuneFailure> {
+        let plant = self.plant(known)?;
+        let Some(given) = self.arguments.given(&self.limits) else {
+            return Ok(self.propose(&plant, 0.5, &self.bounds())?.gains);
+        };
+        let degrees = plant.margins(given).phase.to_degrees();
+        let Gains { kp, kd } = given;
+        let (joint, least) = (self.joint.name.clone(), GIVEN_MARGIN);
+        if degrees < least { Err(TuneFailure::Margin { joint, kp, kd, degrees, least }) } else { Ok(given) }
+    }
+
+    /// Gains that suit the joint whatever its load: for a loop in the cycle those of its rotor alone.
+    fn soft_gains(&self) -> Result<Gains, TuneFailure> {
+        let Gains { kp, kd } = self.bounds().gains;
+        if self.site == Site::Drive {
+            return Ok(Gains { kp: kp.min(SOFT.kp), kd: kd.min(SOFT.kd) });
+        }
+        let least =
+            self.known.map(|known| known.inertia).or_else(|| motord_twin::armature(&self.joint.model));
+        let inertia = least.ok_or_else(|| self.unknown(String::new()))?;
+        let plant = self.plant(&Known { inertia, viscous: 0.0, lag: 0.0, is_read: false })?;
+        let bounds = Bounds { gains: Gains { kp: kp.min(SOFT.kp), kd }, ..self.bounds() };
+        let wanted = Wanted { bandwidth: ROTOR_BANDWIDTH, damping_ratio: 1.0 };
+        let soft = propose(&plant, wanted, &bounds);
+        Ok(soft.ok_or_else(|| self.unknown(String::new()))?.gains)
+    }
+
+    /// The proposal for a share of the wanted bandwidth.
+    fn propose(&self, plant: &Plant, share: f64, bounds: &Bounds) -> Result<Proposal, TuneFailure> {
+        let Wanted { bandwidth, damping_ratio } = self.arguments.wanted();
+        let wanted = Wanted { bandwidth: share * bandwidth, damping_ratio };
+        propose(plant, wanted, bounds).ok_or_else(|| self.unknown(String::new()))
+    }
+
+    fn plant(&self, known: &Known) -> Result<Plant, TuneFailure> {
+        let delay = self.timing.delay(self.site);
+        let delay = delay.ok_or_else(|| TuneFailure::Lost(self.joint.name.clone()))? + known.lag;
+        Ok(Plant { inertia: known.inertia, viscous: known.viscous, delay })
+    }
+
+    fn bounds(&self) -> Bounds {
+        let Limits { torque, kp, kd, .. } = self.limits;
+        Bounds { gains: Gains { kp, kd }, torque, velocity_code: 0.0 }
+    }
+
+    fn check(&self, steps: &Steps) -> Result<(), TuneFailure> {
+        let inertia = self.known.map(|known| known.inertia);
+        let refused = |reason| TuneFailure::Steps { joint: self.joint.name.clone(), reason };
+        steps.check(&self.limits, inertia).map_err(refused)
+    }
+
+    fn must_be_complete(&self, recording: &Recording) -> Result<(), TuneFailure> {
+        let lost = || TuneFailure::Lost(self.joint.name.clone());
+        recording.is_complete().then_some(()).ok_or_else(lost)
+    }
+
+    fn unknown(&self, why: String) -> TuneFailure {
+        TuneFailure::Inertia { joint: self.joint.name.clone(), why }
+    }
+}
+
+/// Properties of the loop that the steps show.
+struct Recorded {
+    timing: Timing,
+    velocity_code: f64,
+}
