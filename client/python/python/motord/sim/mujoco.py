@@ -1,8 +1,10 @@
 """MuJoCo as the plant of a twin."""
 
+import atexit
 import importlib
 import json
 import sys
+import threading
 import warnings
 from os import PathLike, fspath
 from typing import Any
@@ -20,6 +22,9 @@ STEP_S = 250e-6
 
 PICTURE_S = 1.0 / 30.0
 """From one picture of a window to the next."""
+
+CLOSE_S = 5.0
+"""Longest wait for the end of a window's thread."""
 
 
 class Mujoco:
@@ -105,7 +110,11 @@ class ViewedMujoco(Mujoco):
         viewer: Any = importlib.import_module("mujoco.viewer")
         if sys.platform != "darwin" and not _has_display(viewer.glfw):
             raise ValueError("a window needs a display: set DISPLAY, or leave out --view")
+        others = set(threading.enumerate())
         self._viewer = viewer.launch_passive(self.model, self.data)
+        drawing = set(threading.enumerate()) - others
+        # Before the exit handler of the viewer, which ends GLFW beneath a thread that draws.
+        atexit.register(_close, self._viewer, drawing)
         self._shown = 0.0
         return begin
 
@@ -114,7 +123,16 @@ class ViewedMujoco(Mujoco):
         super().step(torques, seconds, q, dq)
         if self.data.time - self._shown >= PICTURE_S and self._viewer.is_running():
             self._shown = self.data.time
-            self._viewer.sync()
+            # An exception within leaves the viewer locked.
+            with deferred():
+                self._viewer.sync()
+
+
+def _close(viewer: Any, drawing: set[threading.Thread]) -> None:
+    """Closes a window, and waits until its thread draws no more."""
+    viewer.close()
+    for thread in drawing:
+        thread.join(CLOSE_S)
 
 
 def _has_display(glfw: Any) -> bool:

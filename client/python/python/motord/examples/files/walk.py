@@ -106,7 +106,9 @@ def main() -> None:
     parser.add_argument("--compute-us", type=float, default=300.0, help="of a twin's controller")
     arguments = parser.parse_args()
     if arguments.world not in ("ideal", "twin"):
-        return walk(motord.connect(arguments.world), arguments.seconds, arguments.speed, arguments.turn)
+        walk(motord.connect(arguments.world), arguments.seconds, arguments.speed, arguments.turn)
+        print(f"{arguments.world}: walked for {arguments.seconds:g} s, then released the legs")
+        return
 
     from motord.sim import Ideal, Mujoco, Twin
 
