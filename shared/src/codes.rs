@@ -140,7 +140,7 @@ impl Cause {
                 "Find the faults in `motorctl status`, remove their cause, and run `motorctl fault clear JOINT`"
             }
             Self::TimeBase | Self::Overload => {
-                "Reduce the other load of the computer, or give the cycle a separate processor"
+                "Reduce the other load of the computer, or give the cycle a separate processor: `motorctl doctor` prints the commands"
             }
             Self::BusOff => "Check the wiring, the termination and the bit rate of the bus",
             Self::BusGone => "Plug in the adapter, and bring the interface up",
