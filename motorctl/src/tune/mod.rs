@@ -58,11 +58,10 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     stopped?;
     let report = tuned?;
     printed?;
-    write_picture(&report, arguments)?;
-    match arguments.draws_on_stdout() {
-        true => Ok(()),
-        false => Ok(report.print(&mut io::stdout().lock(), arguments.json)?),
+    if !arguments.draws_on_stdout() {
+        report.print(&mut io::stdout().lock(), arguments.json)?;
     }
+    write_picture(&report, arguments)
 }
 
 fn write_picture(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
