@@ -373,6 +373,11 @@ pub enum Wrong {
          give max-velocity-rad-s as it is at your supply voltage"
     )]
     FasterThanMotor { value: f64, fastest: f64 },
+    #[error(
+        "{value} rad/s is {:.1} times the {known} rad/s that a {model} reaches without load; check unit, model and supply voltage: the \
+         default of velocity-rad-s and the check for jumps of the position follow it", value / known
+    )]
+    FasterThanModel { value: f64, model: &'static str, known: f64 },
     #[error("{value} N·m is more than the motor's peak of {peak} N·m; lower it, or correct peak-torque-nm")]
     BeyondPeak { value: f64, peak: f64 },
     #[error(

@@ -6,9 +6,13 @@ use motord_configuration::{Problem, Wrong};
 
 /// The warnings of this file's kinds.
 pub(crate) fn implausible(warnings: &[Problem]) -> Vec<String> {
-    use Wrong::{FasterThanMotor, NoPositionLimits, SlowMotors};
-    let is_implausible =
-        |wrong: &Wrong| matches!(wrong, FasterThanMotor { .. } | NoPositionLimits { .. } | SlowMotors { .. });
+    use Wrong::{FasterThanModel, FasterThanMotor, NoPositionLimits, SlowMotors};
+    let is_implausible = |wrong: &Wrong| {
+        matches!(
+            wrong,
+            FasterThanModel { .. } | FasterThanMotor { .. } | NoPositionLimits { .. } | SlowMotors { .. }
+        )
+    };
     warnings.iter().filter(|problem| is_implausible(&problem.wrong)).map(ToString::to_string).collect()
 }
 
@@ -64,4 +68,19 @@ fn velocity_beyond_the_motor_is_warned() {
             .warnings
             .is_empty()
     );
+}
+
+/// A native motor has no velocity codes that would end below the written velocity.
+#[test]
+fn velocity_far_beyond_the_model_is_warned() {
+    let written = |velocity: &str| {
+        let faster = format!("model = 'GIM8108-8'\nmax-velocity-rad-s = {velocity}");
+        warnings(&with_serial().replacen("model = 'GIM3505-8'", &faster, 1))
+    };
+    let [warning] = &written("300.0")[..] else { panic!("{:?}", written("300.0")) };
+    assert!(
+        warning.contains("motor.max-velocity-rad-s: 300 rad/s is 9.0 times the 33.5 rad/s that a GIM8108-8"),
+        "{warning}"
+    );
+    assert_eq!(written("48.0"), [""; 0]);
 }

@@ -114,7 +114,18 @@ pub(super) fn check_reach(
             false => beyond(value, end, &["rad/s", "velocity-end-rad-s"]),
         };
         findings.error(entry.at, wrong);
+    } else if let Some(value) = entry.value.filter(|value| *value > FASTER_MAX * known_velocity(model)) {
+        let wrong = Wrong::FasterThanModel { value, model: model.name, known: known_velocity(model) };
+        findings.warn(entry.at, wrong);
     }
+}
+
+/// Velocity without load that a motor may have at another supply voltage, by that of its model.
+const FASTER_MAX: f64 = 1.5;
+
+/// Velocity without load of a model, rad/s, as its data sheet has it.
+fn known_velocity(model: &Model) -> f64 {
+    (f64::from(model.max_velocity) * 1e3).round() / 1e3
 }
 
 /// Registers hold single precision, and ends are written with few digits, such as 12.566 for 12.57.
