@@ -323,7 +323,7 @@ fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDe
         let bus = robot.buses.iter().position(|bus| *bus == joint.bus);
         let device = bus.and_then(|bus| robot.devices.get(bus)).filter(|device| !device.is_empty());
         let scan = device.map_or_else(String::new, |device| {
-            format!("To find it, stop the daemon and run `motorctl scan --bus {device}`.")
+            format!(" To find it, stop the daemon and run `motorctl scan --bus {device}`.")
         });
         let protocol = &description.protocol;
         return Some(format!(
@@ -577,4 +577,19 @@ fn bus_table(buses: &[BusReport]) -> Table {
         table.row(row);
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_for_silent_joint_separates_its_sentences() {
+        let joint = JointReport { mode: MotorMode::Offline.name(), bus: "left".into(), ..Default::default() };
+        let description = JointDescription { protocol: "mit".into(), ..Default::default() };
+        let (buses, devices) = (vec!["left".into()], vec!["can0".into()]);
+        let robot = RobotDescription { buses, devices, ..Default::default() };
+        let advice = obstacle(&joint, &description, &robot).unwrap();
+        assert!(advice.contains("protocol, mit. To find it, stop the daemon"), "{advice}");
+    }
 }
