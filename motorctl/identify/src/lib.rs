@@ -43,7 +43,7 @@ pub use interval::{Value, Why};
 pub use load::{KnownLoad, torque_scale};
 pub use response::{Point, Response, Ring};
 pub use sample::{Applied, Sample};
-pub use steps::{StepError, Steps};
+pub use steps::{Guard, StepError, Steps, Swing};
 pub use terms::By;
 pub use tuning::{
     Bound, Bounds, DAMPING_RATIO_MIN, Gains, Margins, PHASE_MARGIN_MIN, Plant, Proposal, Wanted, propose,

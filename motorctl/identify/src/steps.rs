@@ -12,6 +12,8 @@ use core::fmt;
 const RAMP: f64 = 1.0;
 /// Largest way of an undamped joint, by the step.
 const SWING: f64 = 2.0;
+/// Share of the time between two steps after which a joint swings less than a step.
+const SWUNG: f64 = 0.6;
 /// Shares of the limits that a step uses at most.
 const TORQUE_SHARE: f64 = 0.7;
 const VELOCITY_SHARE: f64 = 0.7;
@@ -146,7 +148,7 @@ impl Steps {
         }
         let [share, _] = smooth(time / RAMP);
         let between = |from: f64, to: f64| from + share * (to - from);
-        let turn = ((time - self.begin()) / self.seconds).floor();
+        let (turn, _) = self.turn(time);
         let side = if turn < 0.0 { 0.0 } else { [1.0, 0.0, -1.0, 0.0][turn as usize % 4] };
         Some(Command {
             position: self.centre + side * self.height,
@@ -156,12 +158,82 @@ impl Steps {
         })
     }
 
-    /// Returns whether a joint that was at `start`, rad, and is at `position`, rad, has left the
-    /// range of a joint that swings.
+    /// Number of the step at `time`, s, and the share of the time to the next one that has passed.
+    /// -1 is the hold before the first.
+    fn turn(&self, time: f64) -> (f64, f64) {
+        let turns = (time - self.begin()) / self.seconds;
+        (turns.floor(), turns - turns.floor())
+    }
+}
+
+/// A joint that does not come to rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Swing {
+    /// It left the range of an undamped joint.
+    Far {
+        /// rad.
+        position: f64,
+        /// Setpoints are around this position, rad.
+        centre: f64,
+    },
+    /// It still swings at the end of a step by this distance, rad.
+    Long(f64),
+}
+
+impl fmt::Display for Swing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Far { position, centre } => {
+                write!(f, "it reached {position:.3} rad, more than twice the step from {centre:.3} rad")
+            }
+            Self::Long(range) => {
+                write!(f, "it still swings by {range:.3} rad at the end of a step, more than the step")
+            }
+        }
+    }
+}
+
+/// Watches a joint that is stepped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guard {
+    steps: Steps,
+    /// Where the joint was at first, rad.
+    start: Option<f64>,
+    turn: f64,
+    /// Lowest and highest position at the end of this turn, rad.
+    range: [f64; 2],
+}
+
+impl Guard {
+    /// Watches a joint in `steps`.
     #[must_use]
-    pub fn is_left(&self, start: f64, position: f64) -> bool {
-        let reach = SWING * self.height + (start - self.centre).abs();
-        !(0.0..=reach).contains(&(position - self.centre).abs())
+    pub fn new(steps: Steps) -> Self {
+        Self { steps, start: None, turn: f64::NAN, range: [f64::INFINITY, f64::NEG_INFINITY] }
+    }
+
+    /// Checks the position of the joint, rad, at `time`, s.
+    ///
+    /// # Errors
+    ///
+    /// [`Swing`]: the caller stops the joint.
+    pub fn check(&mut self, time: f64, position: f64) -> Result<(), Swing> {
+        let Steps { centre, height, .. } = self.steps;
+        // A joint that hangs begins below its setpoint.
+        let start = *self.start.get_or_insert(position);
+        let reach = SWING * height + (start - centre).abs();
+        if !(0.0..=reach).contains(&(position - centre).abs()) {
+            return Err(Swing::Far { position, centre });
+        }
+        let (turn, passed) = self.steps.turn(time);
+        if turn != self.turn {
+            (self.turn, self.range) = (turn, [f64::INFINITY, f64::NEG_INFINITY]);
+        }
+        if turn >= -1.0 && passed > SWUNG {
+            let [low, high] = self.range;
+            self.range = [low.min(position), high.max(position)];
+        }
+        let range = self.range[1] - self.range[0];
+        if range > height { Err(Swing::Long(range)) } else { Ok(()) }
     }
 }
 
@@ -216,8 +288,28 @@ mod tests {
 
     #[test]
     fn joint_beyond_a_whole_overshoot_has_left() {
-        assert!(!STEPS.is_left(0.2, 0.29) && STEPS.is_left(0.2, 0.31));
-        assert!(!STEPS.is_left(0.1, 0.11), "a joint that hangs begins below its setpoint");
-        assert!(STEPS.is_left(0.2, f64::NAN));
+        let far = |start, position| {
+            let mut guard = Guard::new(STEPS);
+            guard.check(0.0, start).and_then(|()| guard.check(0.1, position)).is_err()
+        };
+        assert!(!far(0.2, 0.29) && far(0.2, 0.31));
+        assert!(!far(0.1, 0.11), "a joint that hangs");
+        assert!(far(0.2, f64::NAN));
+    }
+
+    #[test]
+    fn joint_that_swings_on_is_found() {
+        let swings = |decay: f64| {
+            let mut guard = Guard::new(STEPS);
+            let mut times = (0..5500).map(|at| 1e-3 * f64::from(at));
+            times.find_map(|time| {
+                let target = STEPS.command(time).unwrap().position;
+                let (_, passed) = STEPS.turn(time);
+                let away = 0.05 * (-decay * passed).exp() * (90.0 * time).cos();
+                guard.check(time, target + away).err()
+            })
+        };
+        assert_eq!(swings(3.0), None);
+        assert!(matches!(swings(0.2), Some(Swing::Long(_))), "{:?}", swings(0.2));
     }
 }

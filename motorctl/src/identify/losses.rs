@@ -29,6 +29,12 @@ impl Losses {
     ///
     /// A share of the motion is lost that no interval accounts for.
     pub(crate) fn check(&self, joint: &str, seconds: f64) -> Result<(), IdentifyFailure> {
+        let failure = |reason| IdentifyFailure::Losses { joint: joint.to_owned(), reason };
+        self.excess(seconds).map_or(Ok(()), |reason| Err(failure(reason)))
+    }
+
+    /// Returns what is lost of a motion of `seconds`, and the cure, if it is too much.
+    pub(crate) fn excess(&self, seconds: f64) -> Option<String> {
         const BUS: &str = "check the bus: `motorctl status` counts its errors";
         const LOAD: &str = "reduce the other load of the computer: `motorctl doctor` checks it";
         let share = |lost: f64, all: f64| if all > 0.0 { lost / all } else { 0.0 };
@@ -39,14 +45,9 @@ impl Losses {
             (share(self.plant_lost_s, seconds), "the time was lost by the plant", LOAD),
         ];
         let worst = losses.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        let (share, lost, cure) = worst.unwrap_or((0.0, "", ""));
-        if share <= SHARE_MAX {
-            return Ok(());
-        }
+        let (share, lost, cure) = worst.filter(|(share, ..)| *share > SHARE_MAX)?;
         let (percent, most) = (100.0 * share, 100.0 * SHARE_MAX);
-        let reason =
-            format!("{percent:.0} % of {lost}, and {most:.0} % are the most that a fit bears; {cure}");
-        Err(IdentifyFailure::Losses { joint: joint.to_owned(), reason })
+        Some(format!("{percent:.0} % of {lost}, and {most:.0} % are the most that a fit bears; {cure}"))
     }
 }
 

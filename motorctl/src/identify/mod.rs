@@ -6,7 +6,7 @@
 
 pub(crate) mod failure;
 mod known;
-mod losses;
+pub(crate) mod losses;
 mod report;
 pub(crate) mod session;
 

@@ -2,7 +2,7 @@
 
 use crate::exit_status::{DATA, INTERRUPTED, IO, USAGE};
 use crate::failure::CommandFailure;
-use motord_identify::{PlanError, StepError};
+use motord_identify::{PlanError, StepError, Swing};
 use std::io;
 use std::path::PathBuf;
 
@@ -17,18 +17,16 @@ pub(crate) enum TuneFailure {
         /// The limit.
         reason: StepError,
     },
-    /// The joint moved too far. Its group is stopped.
+    /// The joint does not come to rest. Its group is stopped.
     #[error(
-        "{joint} is not tuned: it reached {position:.3} rad, more than twice the step from {centre:.3} rad, with kp {kp:.1}, kd {kd:.2}. \
-         Its group is stopped, after damping what moves: check that the joint is free, and choose a lower --bandwidth or --kp, or a larger --kd"
+        "{joint} is not tuned: {reason}, with kp {kp:.1}, kd {kd:.2}. Its group is stopped, after damping what moves: check that the joint \
+         is free, and choose a lower --bandwidth or --kp, a larger --kd, or a longer --seconds"
     )]
     Swung {
         /// The joint.
         joint: String,
-        /// Where it is, rad.
-        position: f64,
-        /// Where its setpoints are around, rad.
-        centre: f64,
+        /// Its motion.
+        reason: Swing,
         /// N·m/rad.
         kp: f64,
         /// N·m·s/rad.
@@ -85,11 +83,14 @@ pub(crate) enum TuneFailure {
         /// The reason, after a colon.
         why: String,
     },
-    /// The steps show nothing.
-    #[error(
-        "{0} is not tuned: more than a tenth of its states did not arrive. `motorctl status` counts missed ticks and the errors of its bus"
-    )]
-    Lost(String),
+    /// Too much of the motion is missing.
+    #[error("{joint} is not tuned: {reason}")]
+    Lost {
+        /// The joint.
+        joint: String,
+        /// The loss, and what to do.
+        reason: String,
+    },
     /// The file of the identification cannot be used.
     #[error("{path}: {reason}. Write it with `motorctl identify {joint} --json >{path}`")]
     Identified {
@@ -117,6 +118,12 @@ pub(crate) enum TuneFailure {
 }
 
 impl TuneFailure {
+    /// The motor of a joint does not answer.
+    pub(crate) fn silent(joint: &str) -> Self {
+        let reason = "it does not answer: `motorctl status` shows its motor".to_owned();
+        Self::Lost { joint: joint.to_owned(), reason }
+    }
+
     /// The identification of a joint does not fit, or ended.
     pub(crate) fn identification(joint: &str, reason: PlanError) -> Self {
         let reason = match reason {
@@ -147,7 +154,7 @@ impl CommandFailure for TuneFailure {
             | Self::Torque { .. }
             | Self::Identification { .. }
             | Self::Inertia { .. }
-            | Self::Lost(_)
+            | Self::Lost { .. }
             | Self::Picture(_) => 1,
         }
     }

@@ -92,6 +92,6 @@ fn watch(client: &Client, instance: &str, joint: &JointDescription) -> Result<(f
         position = found.position();
         timing.record(&found);
     }
-    let position = position.ok_or_else(|| TuneFailure::Lost(joint.name.clone()))?;
+    let position = position.ok_or_else(|| TuneFailure::silent(&joint.name))?;
     Ok((position.into(), timing))
 }

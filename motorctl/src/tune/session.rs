@@ -2,11 +2,12 @@
 
 use crate::failure::Failure;
 use crate::hold::{SILENCE, START, Target, disable, owned, refuse_latched};
+use crate::identify::losses::Counter;
 use crate::identify::session::{FIRST_SHARE, damp_others, sample};
 use crate::tune::failure::TuneFailure;
 use crate::tune::timing::Timing;
 use motord_client::{Claim, Client, Joint, JointDescription, Limit, Phase, Setpoint, Slot};
-use motord_identify::{Command, Gains, Plan, Sample, Steps};
+use motord_identify::{Command, Gains, Guard, Plan, Sample, Steps};
 use motord_terminal::Interrupt;
 use std::collections::BTreeSet;
 use std::thread::JoinHandle;
@@ -21,9 +22,6 @@ const SHAPING: [Limit; 6] = [
     Limit::StartRamp,
 ];
 
-/// Largest share of the turns without a state. A late state is one.
-const LOST_MAX: f64 = 0.1;
-
 /// The states of a motion.
 #[derive(Debug, Default)]
 pub(crate) struct Recording {
@@ -35,9 +33,7 @@ pub(crate) struct Recording {
     pub(crate) timing: Timing,
     /// Reported velocities, rad/s.
     velocities: Vec<f64>,
-    /// Times of the first and the last record, s.
-    begin: Option<f64>,
-    end: f64,
+    counter: Counter,
 }
 
 impl Recording {
@@ -51,19 +47,16 @@ impl Recording {
     }
 
     /// Records a state, if it is a new one.
-    fn record(&mut self, time: f64, joint: &Joint) {
-        self.begin.get_or_insert(time);
-        self.end = time;
+    fn record(&mut self, joint: &Joint) {
         if self.timing.record(joint) {
             self.samples.push(sample(joint));
             self.velocities.extend(joint.velocity().map(f64::from));
         }
     }
 
-    /// Returns whether enough of the turns have a state.
-    pub(crate) fn is_complete(&self) -> bool {
-        let turns = self.timing.turn().map(|turn| (self.end - self.begin.unwrap_or(0.0)) / turn);
-        turns.is_some_and(|turns| self.samples.len() as f64 >= (1.0 - LOST_MAX) * turns)
+    /// Returns what is lost of a motion of `seconds`, if it is too much.
+    pub(crate) fn excess(&self, seconds: f64) -> Option<String> {
+        self.counter.losses(0.0).excess(seconds)
     }
 
     /// Distance of two codes of the velocity, rad/s; 0 where it does not change.
@@ -137,6 +130,7 @@ impl<'a> Session<'a> {
             view.must_be_active()?;
             let joint = view.joint(self.slot)?;
             let time = (state.time() - *begun.get_or_insert(state.time())).as_secs_f64();
+            recording.counter.record(&state, &joint);
             let Some(command) = next(time, &joint, recording)? else { return Ok(()) };
             let [position, velocity, kp, kd] =
                 [command.position, command.velocity, command.kp, command.kd].map(|value| value as f32);
@@ -154,7 +148,7 @@ impl<'a> Session<'a> {
         self.follow(&mut recording, |time, joint, recording| {
             let [position, velocity] = measured(joint);
             plan.check(position, velocity).map_err(ended)?;
-            recording.record(time, joint);
+            recording.record(joint);
             Ok(plan.command(time, position, velocity))
         })?;
         Ok(recording)
@@ -171,25 +165,17 @@ impl<'a> Session<'a> {
     pub(crate) fn step(&mut self, steps: &Steps, is_strict: bool) -> Result<Recording, Failure> {
         let mut recording = Recording::with_capacity(steps.duration(), self.rate);
         let name = &self.joint.name;
-        let (mut start, Gains { kp, kd }) = (None, steps.gains);
+        let (mut guard, Gains { kp, kd }) = (Guard::new(*steps), steps.gains);
         self.follow(&mut recording, |time, joint, recording| {
             let [position, _] = measured(joint);
-            if steps.is_left(*start.get_or_insert(position), position) {
-                return Err(TuneFailure::Swung {
-                    joint: name.clone(),
-                    position,
-                    centre: steps.centre,
-                    kp,
-                    kd,
-                }
-                .into());
-            }
+            let swung = |reason| TuneFailure::Swung { joint: name.clone(), reason, kp, kd };
+            guard.check(time, position).map_err(swung)?;
             if is_strict && joint.limits.contains(Limit::TotalTorque) {
                 return Err(TuneFailure::Torque { joint: name.clone(), kp, kd }.into());
             }
             // The hold before the first step belongs to it.
             if time >= steps.begin() - 0.5 * steps.seconds {
-                recording.record(time, joint);
+                recording.record(joint);
                 recording.limits.extend(
                     SHAPING.iter().filter(|limit| joint.limits.contains(**limit)).map(|limit| limit.name()),
                 );

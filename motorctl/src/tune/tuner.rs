@@ -136,10 +136,10 @@ impl<'a> Tuner<'a> {
         let steps = self.arguments.steps(session.centre, from, gains);
         self.check(&steps)?;
         let recording = session.step(&steps, is_strict)?;
-        self.must_be_complete(&recording)?;
+        self.must_be_complete(&recording, steps.duration())?;
         let turn = recording.timing.turn().unwrap_or(0.0);
         let response = Response::of(&recording.samples, turn);
-        let response = response.ok_or_else(|| TuneFailure::Lost(self.joint.name.clone()))?;
+        let response = response.ok_or_else(|| self.lost("its states show no whole step"))?;
         let measured = Measured::new(gains, response, &recording.limits);
         let velocity_code = recording.velocity_code();
         Ok((Recorded { timing: recording.timing, velocity_code }, measured))
@@ -148,7 +148,7 @@ impl<'a> Tuner<'a> {
     /// Moves the joint along `plan`, and holds it while another thread computes.
     fn identified(&self, session: &mut Session<'_>, plan: &Plan) -> Result<Known, Failure> {
         let recording = session.excite(plan)?;
-        self.must_be_complete(&recording)?;
+        self.must_be_complete(&recording, plan.seconds())?;
         let (samples, wire) = (self.by_torque(recording), self.wire);
         let fit = thread::spawn(move || identify(&samples, wire));
         let found = session.hold(self.soft, fit)?.ok_or_else(|| self.unknown(String::new()))?;
@@ -204,7 +204,7 @@ impl<'a> Tuner<'a> {
 
     fn plant(&self, known: &Known) -> Result<Plant, TuneFailure> {
         let delay = self.timing.delay(self.site);
-        let delay = delay.ok_or_else(|| TuneFailure::Lost(self.joint.name.clone()))? + known.lag;
+        let delay = delay.ok_or_else(|| TuneFailure::silent(&self.joint.name))? + known.lag;
         Ok(Plant { inertia: known.inertia, viscous: known.viscous, delay })
     }
 
@@ -219,9 +219,12 @@ impl<'a> Tuner<'a> {
         steps.check(&self.limits, inertia).map_err(refused)
     }
 
-    fn must_be_complete(&self, recording: &Recording) -> Result<(), TuneFailure> {
-        let lost = || TuneFailure::Lost(self.joint.name.clone());
-        recording.is_complete().then_some(()).ok_or_else(lost)
+    fn must_be_complete(&self, recording: &Recording, seconds: f64) -> Result<(), TuneFailure> {
+        recording.excess(seconds).map_or(Ok(()), |reason| Err(self.lost(&reason)))
+    }
+
+    fn lost(&self, reason: &str) -> TuneFailure {
+        TuneFailure::Lost { joint: self.joint.name.clone(), reason: reason.to_owned() }
     }
 
     fn unknown(&self, why: String) -> TuneFailure {

@@ -108,21 +108,41 @@ fn steps_that_do_not_fit_move_nothing() {
     assert_unmoved(&daemon);
 }
 
-#[test]
-fn given_gains_without_margin_move_nothing() {
-    let daemon = started(&robot(100, "gim"));
+/// Writes the output of an identification that found this inertia, kg·m².
+fn identified(daemon: &Daemon, inertia: f64) -> String {
     let file = daemon.directory.path().join("arm.json");
     let entry = |value: f64| format!(r#"{{ "value": {value}, "is_identified": true }}"#);
-    let [inertia, viscous] = [INERTIA, VISCOUS].map(entry);
+    let [inertia, viscous] = [inertia, VISCOUS].map(entry);
     let known = format!(
         r#"{{ "joint": "arm", "inertia_kg_m2": {inertia}, "viscous_friction_nm_s_per_rad": {viscous} }}"#
     );
     std::fs::write(&file, known).unwrap();
-    let options = ["tune", "arm", "--yes", "--kp", "60", "--kd", "0.5", "--identified"];
-    let output = daemon.motorctl(&[&options[..], &[file.to_str().unwrap()]].concat());
+    file.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn given_gains_without_margin_move_nothing() {
+    let daemon = started(&robot(100, "gim"));
+    let file = identified(&daemon, INERTIA);
+    let options = ["tune", "arm", "--yes", "--kp", "60", "--kd", "0.5", "--identified", &file];
+    let output = daemon.motorctl(&options);
     assert_eq!(output.status.code(), Some(64), "{output:?}");
     assert!(text(&output.stderr).contains("kp 60.0 and kd 0.50 leave a phase margin of -"), "{output:?}");
     assert_unmoved(&daemon);
+}
+
+/// The file has ten times the inertia: its gains make the joint oscillate.
+#[test]
+fn joint_that_oscillates_is_damped_and_named() {
+    let free = robot(100, "gim").replace("velocity-rad-s = 6.0", "velocity-rad-s = 30.0");
+    let daemon = started(&free);
+    let file = identified(&daemon, 10.0 * INERTIA);
+    let output = daemon.motorctl(&["tune", "arm", "--yes", "--bandwidth", "2.5", "--identified", &file]);
+    let complaint = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{complaint}");
+    assert!(complaint.contains("arm is not tuned: it "), "{complaint}");
+    assert!(complaint.contains("Its group is stopped"), "{complaint}");
+    assert_free(&daemon);
 }
 
 #[test]
