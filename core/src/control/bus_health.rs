@@ -19,6 +19,8 @@ pub(super) struct BusHealth {
     pub(super) joints: Vec<usize>,
     /// Index in `joints` of the next to be asked for its faults.
     pub(super) poll_next: usize,
+    /// No motor is due to be asked for its faults before this time.
+    pub(super) poll_at: Instant,
     /// The turn of questions for faults and indicators; only on a line that has one.
     pub(super) question_turn: Option<Turn>,
 }
@@ -32,6 +34,7 @@ impl BusHealth {
             losses_reported: None,
             joints,
             poll_next: 0,
+            poll_at: Instant::ZERO,
             question_turn,
         }
     }

@@ -265,8 +265,16 @@ impl Control {
     }
 
     /// Returns the question that a motor of `bus` should be asked now, if any: for its faults or an
-    /// indicator. Bounded by the motors of the bus.
+    /// indicator. Bounded by the motors of the bus; constant time in most cycles.
+    #[inline]
     pub fn question(&mut self, bus: usize) -> Option<(usize, Command)> {
+        // In most cycles no motor of the bus is due.
+        let is_due = self.context.wake.begun >= self.buses[bus].poll_at || !self.indicators.is_empty();
+        if is_due { self.due_question(bus) } else { None }
+    }
+
+    #[cold]
+    fn due_question(&mut self, bus: usize) -> Option<(usize, Command)> {
         if let Some(joint) = self.fault_poll(bus) {
             return Some((joint, Command::GetFault));
         }
@@ -286,16 +294,27 @@ impl Control {
         if !self.polls_faults() {
             return None;
         }
+        let Wake { cycle, begun, .. } = self.context.wake;
         let health = &self.buses[bus];
         let count = health.joints.len();
         let is_due = |&turn: &usize| {
             let motor = self.motor(health.joints[turn]);
-            motor.poll_at(self.context.wake.cycle).is_some_and(|at| at <= self.context.wake.begun)
+            motor.poll_at(cycle).is_some_and(|at| at <= begun)
         };
-        let turn = (health.poll_next..count).chain(0..health.poll_next).find(is_due)?;
+        let Some(turn) = (health.poll_next..count).chain(0..health.poll_next).find(is_due) else {
+            self.buses[bus].poll_at = self.first_poll(bus);
+            return None;
+        };
         let joint = health.joints[turn];
         self.buses[bus].poll_next = (turn + 1) % count;
         Some(joint)
+    }
+
+    /// Returns a time before which no motor of `bus` is due to be asked for its faults: the time of
+    /// a motor only rises. Bounded by the motors of the bus.
+    fn first_poll(&self, bus: usize) -> Instant {
+        let motors = self.buses[bus].joints.iter().map(|&joint| self.motor(joint));
+        motors.filter_map(Motor::poll_after).min().unwrap_or(Instant::FAR_FUTURE)
     }
 
     /// Records the condition of a bus. Returns whether it has just become unable to receive frames.

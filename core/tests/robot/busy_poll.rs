@@ -106,6 +106,26 @@ fn absent_motor_delays_states_once_per_hundred_cycles() {
     assert!((9..=11).contains(&questions), "the others are asked for their faults: {questions}");
 }
 
+/// Three motors on one bus, at rest and moving.
+#[test]
+fn each_motor_is_asked_for_faults_at_rate() {
+    for hz in [1.0, 10.0, 40.0] {
+        let mut settings = robot::three_motors();
+        settings.safety.fault_poll_hz = hz;
+        let mut robot = Robot::new(settings, 1);
+        let joints = robot.activate();
+        robot.take_sent();
+        (0..CYCLES).for_each(|_| robot.follow(&joints));
+        let sent = robot.take_sent();
+        for id in 1..=3 {
+            let asked = sent.iter().filter(|sent| sent.id == id && sent.meaning == Meaning::GetFault).count();
+            // The next cycle after the interval asks.
+            let least = f64::from(CYCLES) / (f64::from(CYCLES) / hz + 1.0) - 1.0;
+            assert!((least..=hz + 1.0).contains(&f64::from(asked as u32)), "motor {id} at {hz} Hz: {asked}");
+        }
+    }
+}
+
 /// Returns the polling of the next cycle.
 fn polled(robot: &mut Robot) -> Polled {
     robot.cycle_only();

@@ -21,8 +21,9 @@ pub(super) struct FaultWatch {
 }
 
 impl FaultWatch {
-    /// Sets the time of the next question, after an answer at `at`.
+    /// Sets the time of the next question, after an answer at `at`. The time only rises.
     pub(super) fn postpone(&mut self, at: Instant, cx: &Context) {
-        self.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        let next = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        self.poll_at = self.poll_at.max(next);
     }
 }

@@ -547,7 +547,12 @@ impl Motor {
     /// Returns when it should be asked for its faults next, if it may be asked now: no service
     /// request is open, its state has arrived, and no late reply can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
-        let answers = self.settings.capabilities.answers_fault_question;
-        (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)
+        self.poll_after().filter(|_| self.request.is_none() && self.replies.is_settled(cycle))
+    }
+
+    /// Returns the time before which it is not asked for its faults. It only rises. `None` for a
+    /// motor that is never asked.
+    pub(super) fn poll_after(&self) -> Option<Instant> {
+        self.settings.capabilities.answers_fault_question.then_some(self.faults.poll_at)
     }
 }
