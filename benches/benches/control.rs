@@ -61,11 +61,10 @@ impl Robot {
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);
-            self.control.receive(motor, &Reported::State(still, latency, Status::default()), now + latency);
+            self.control.receive_state(motor, (still, latency, Status::default()), now + latency);
         }
         self.control.end_cycle();
-        let joints = self.state.joints.iter_mut();
-        joints.zip(self.control.joint_states()).for_each(|(joint, state)| *joint = state);
+        self.control.report_joints(&mut self.state.joints);
         let groups = self.state.groups.iter_mut();
         groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {

@@ -46,7 +46,7 @@ use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, FrameId, Instant};
-use motord_protocol::drive::{Command, Reported};
+use motord_protocol::drive::{Command, JointSide, Measured, Reported, Status};
 use motord_settings::settings::Settings;
 use motord_shared::{
     AdminReply, BusCondition, Cause, GroupState, ImuState, JointIndicators, JointState, Lease, Phase,
@@ -206,10 +206,31 @@ impl Control {
 
     /// Takes a reply of the motor of `joint` that arrived at `at`. Does not use an implausible
     /// state. Does not allocate; bounded by motors.
-    #[inline(always)]
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
         let GroupSlot { group, slot } = self.slots[joint];
         let consequence = self.groups[group].receive(slot, reported, at, &mut self.context);
+        self.follow(joint, consequence);
+    }
+
+    /// As [`receive`](Self::receive), for a state that arrived at `at`, the time since its command,
+    /// and the status in it.
+    #[inline(always)]
+    pub fn receive_state(
+        &mut self,
+        joint: usize,
+        (state, latency, status): (Measured<JointSide>, Duration, Status),
+        at: Instant,
+    ) {
+        let GroupSlot { group, slot } = self.slots[joint];
+        let context = &mut self.context;
+        let consequence = self.groups[group].receive_state(slot, state, (at, latency), status, context);
+        if consequence != Consequence::None {
+            self.follow(joint, consequence);
+        }
+    }
+
+    #[cold]
+    fn follow(&mut self, joint: usize, consequence: Consequence) {
         match consequence {
             Consequence::None => {}
             Consequence::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
@@ -427,9 +448,16 @@ impl Control {
         active.filter_map(|group| group.setpoint_age(self.context.wake.begun)).max()
     }
 
-    /// Returns the state of every joint after this cycle, by joint.
-    pub fn joint_states(&self) -> impl Iterator<Item = JointState> + '_ {
-        self.motors().map(|motor| motor.report(self.context.publications))
+    /// Writes the state of every joint after this cycle into `states`, by joint. Returns the number
+    /// of joints.
+    pub fn report_joints(&self, states: &mut [JointState]) -> usize {
+        // By group: a joint would have to be looked up.
+        for motor in self.groups.iter().flat_map(|group| &group.motors) {
+            if let Some(state) = states.get_mut(motor.joint) {
+                *state = motor.report(self.context.publications);
+            }
+        }
+        self.slots.len().min(states.len())
     }
 
     /// Returns the indicators of the joints that have some, by joint.
@@ -457,11 +485,6 @@ impl Control {
     #[must_use]
     pub const fn is_shutting_down(&self) -> bool {
         self.shutting_down
-    }
-
-    /// By joint.
-    fn motors(&self) -> impl Iterator<Item = &Motor> {
-        (0..self.slots.len()).map(|joint| self.motor(joint))
     }
 
     fn motor(&self, joint: usize) -> &Motor {

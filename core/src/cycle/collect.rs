@@ -1,10 +1,11 @@
 //! Waits for replies and reads them.
 
 use super::Cycle;
-use super::channel::{Batch, CanChannel};
+use super::channel::{Batch, CanChannel, Role};
 use super::link::Polled;
 use super::pass_condition;
-use crate::drive::Received;
+use crate::control::Control;
+use crate::drive::{Drive, Received};
 use motord_bus::{Duration, Frame, Instant, Readiness, Ready};
 use motord_protocol::drive::Reported;
 use motord_shared::limits::BUSES_MAX;
@@ -212,23 +213,11 @@ impl Cycle {
         let channel = &mut channels[bus];
         let classify = |motor: usize, frame: Option<&Frame>, at| {
             let drive = &mut drives[motor];
-            let received = match frame {
-                Some(frame) => drive.receive(frame, at),
-                None => drive.refuse(),
-            };
-            match &received {
-                Received::Reply(reported) => {
-                    control.receive(motor, reported, at);
-                    if let Reported::Register(..) | Reported::LateRegister(..) = reported
-                        && let Some(ends) = control.reported_ends(motor)
-                    {
-                        drive.use_ends(ends);
-                    }
-                }
-                Received::Duplicate => control.receive_duplicate(motor),
-                Received::UnexpectedId | Received::Malformed => {}
+            if let Some(state) = frame.and_then(|frame| drive.receive_state(frame, at)) {
+                control.receive_state(motor, state, at);
+                return Role::Answer;
             }
-            received
+            receive_other(control, drive, motor, frame, at)
         };
         let arrivals = channel.receive(now, classify);
         if let Some(can) = channel.can_mut()
@@ -275,5 +264,41 @@ impl Cycle {
             // No client waits for these replies, so the cycle does not poll for them.
             self.collect(now, end, false);
         }
+    }
+}
+
+/// Reads a frame of a motor, or `None` for a request that it refused, and passes a reply to control.
+/// Returns its role. Uses the ends of the codes that a motor reports.
+#[inline(never)]
+fn receive_other(
+    control: &mut Control,
+    drive: &mut Drive,
+    motor: usize,
+    frame: Option<&Frame>,
+    at: Instant,
+) -> Role {
+    let was_open = drive.is_open();
+    let received = match frame {
+        Some(frame) => drive.receive(frame, at),
+        None => drive.refuse(),
+    };
+    match received {
+        Received::Reply(reported) => {
+            control.receive(motor, &reported, at);
+            if let Reported::Register(..) | Reported::LateRegister(..) = reported
+                && let Some(ends) = control.reported_ends(motor)
+            {
+                drive.use_ends(ends);
+            }
+            let is_late = matches!(reported, Reported::Late | Reported::LateRegister(..));
+            // A reply that did not close the open request answers an earlier one.
+            if is_late || !was_open || drive.is_open() { Role::Late } else { Role::Answer }
+        }
+        Received::Duplicate => {
+            control.receive_duplicate(motor);
+            Role::Duplicate
+        }
+        Received::UnexpectedId => Role::UnexpectedId,
+        Received::Malformed => Role::Malformed,
     }
 }

@@ -16,7 +16,7 @@ impl Cycle {
         let Self { link, control, channels, .. } = self;
         let (state, counters) = link.state();
         let StateMessage { joints, groups, buses, indicators, imus, .. } = state;
-        state.joint_count = fill(joints, control.joint_states());
+        state.joint_count = control.report_joints(joints) as u32;
         state.group_count = fill(groups, control.group_states());
         state.indicator_count = fill(indicators, control.joint_indicators());
         state.imu_count = fill(imus, control.imu_states());

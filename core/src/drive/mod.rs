@@ -11,7 +11,9 @@ pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Role};
 use motord_bus::{Duration, Frame, Instant};
 use motord_protocol::AnyDialect;
-use motord_protocol::drive::{Arrived, Command, Dialect, Impedance, Question, Reported, Setpoint};
+use motord_protocol::drive::{
+    Arrived, Command, Dialect, Impedance, JointSide, Measured, Question, Reported, Setpoint, Status,
+};
 use motord_settings::settings::MotorSettings;
 
 /// The meaning of a received frame.
@@ -103,8 +105,23 @@ impl Drive {
         self.correlator.is_open()
     }
 
-    /// Classifies `frame`, which arrived at `at` with an id of this motor. Constant time.
+    /// Takes `frame`, which arrived at `at` with an id of this motor, if it is a state that answers
+    /// the open request. Returns the state, the time since the request, and the status. `None`,
+    /// without a change, for any other frame, and for a few such states:
+    /// [`receive`](Self::receive) takes them. Nearly all frames are such states. Constant time.
     #[inline(always)]
+    pub fn receive_state(
+        &mut self,
+        frame: &Frame,
+        at: Instant,
+    ) -> Option<(Measured<JointSide>, Duration, Status)> {
+        let latency = self.correlator.state_latency(at)?;
+        let (state, status) = self.dialect.accept_state(Arrived::new(frame, at))?;
+        self.correlator = self.correlator.withdraw();
+        Some((state, latency, status))
+    }
+
+    /// Classifies `frame`, which arrived at `at` with an id of this motor. Constant time.
     pub fn receive(&mut self, frame: &Frame, at: Instant) -> Received {
         let Self { dialect, correlator } = self;
         let arrived = Arrived::new(frame, at);

@@ -91,7 +91,6 @@ impl Group {
 
     /// Takes a reply of the motor at `slot` that arrived at `at`. Does not allocate; bounded by
     /// the motors of the group.
-    #[inline(always)]
     pub(crate) fn receive(
         &mut self,
         slot: usize,
@@ -99,13 +98,11 @@ impl Group {
         at: Instant,
         cx: &mut Context,
     ) -> Consequence {
-        // Nearly all replies are states, so they are checked first.
-        if let Reported::State(state, latency, status) = *reported {
-            return self.receive_state(slot, state, (at, latency), status, cx);
-        }
         let motor = &mut self.motors[slot];
         match *reported {
-            Reported::State(..) => {}
+            Reported::State(state, latency, status) => {
+                return self.receive_state(slot, state, (at, latency), status, cx);
+            }
             Reported::Fault(bits) => return self.receive_fault(slot, bits, at, cx),
             Reported::Ambiguous(bits) => motor.record_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
@@ -124,7 +121,7 @@ impl Group {
 
     /// Takes a state of the motor at `slot` that arrived `latency` after its command.
     #[inline(always)]
-    fn receive_state(
+    pub(crate) fn receive_state(
         &mut self,
         slot: usize,
         state: Measured<JointSide>,
@@ -211,12 +208,18 @@ impl Group {
     /// Ends the turn of the motor at `slot`.
     #[inline(always)]
     fn end_turn(&mut self, slot: usize, cx: &mut Context) {
-        let motor = &mut self.motors[slot];
-        if motor.end_turn(cx) {
-            motor.changed(cx);
-            let (joint, loses_frames) = (motor.joint, cx.loses_frames(motor.settings.bus));
-            let cause = if loses_frames { Cause::FramesLost } else { Cause::MotorLost };
-            self.stop(cause, Some(joint), cx);
+        if self.motors[slot].end_turn(cx) {
+            self.lose(slot, cx);
         }
+    }
+
+    /// Stops the group, because the motor at `slot` is lost.
+    #[cold]
+    fn lose(&mut self, slot: usize, cx: &mut Context) {
+        let motor = &self.motors[slot];
+        motor.changed(cx);
+        let (joint, loses_frames) = (motor.joint, cx.loses_frames(motor.settings.bus));
+        let cause = if loses_frames { Cause::FramesLost } else { Cause::MotorLost };
+        self.stop(cause, Some(joint), cx);
     }
 }

@@ -15,13 +15,14 @@ const LATE_TURNS: f32 = 1.5;
 
 impl Motor {
     pub(super) fn command_by_mode(&mut self, group_command: &GroupCommand, cx: &Context) -> Command {
-        let applied = match self.mode {
-            Mode::Active => self.follow(group_command, cx),
-            Mode::Damping { held } => self.damp(held.filter(|_| group_command.held), group_command, cx),
-            _ => {
-                self.applied = Applied::NEUTRAL;
-                return self.mode.command(cx.now);
-            }
+        // Nearly all motors are active.
+        let applied = if matches!(self.mode, Mode::Active) {
+            self.follow(group_command, cx)
+        } else if let Mode::Damping { held } = self.mode {
+            self.damp(held.filter(|_| group_command.held), group_command, cx)
+        } else {
+            self.applied = Applied::NEUTRAL;
+            return self.mode.command(cx.now);
         };
         self.applied = applied;
         let sent = self.executable(applied.setpoint, cx);

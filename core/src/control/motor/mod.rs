@@ -392,6 +392,18 @@ impl Motor {
         self.measured_at = at;
         self.confirm_stop(runs);
         self.replies.state(latency, cx.publications);
+        if matches!(self.mode, Mode::Active) {
+            let is_off = runs == Some(false);
+            self.off_states = if is_off { self.off_states.saturating_add(1) } else { 0 };
+        } else {
+            self.advance_mode(runs, cx);
+        }
+        self.confirm_zero(cx);
+    }
+
+    /// Records that a motor which is not active reported its state.
+    #[cold]
+    fn advance_mode(&mut self, runs: Option<bool>, cx: &mut Context) {
         match &mut self.mode {
             Mode::Offline(_) => {
                 self.mode = if self.faults.reported.is_none() { Mode::Idle } else { Mode::FAULT };
@@ -400,16 +412,15 @@ impl Motor {
             Mode::Starting(start) => start.answered(runs != Some(false)),
             _ => {}
         }
-        let is_off = matches!(self.mode, Mode::Active) && runs == Some(false);
-        self.off_states = if is_off { self.off_states.saturating_add(1) } else { 0 };
-        self.confirm_zero(cx);
+        self.off_states = 0;
     }
 
     /// Takes a state as the confirmation of a stop, if it answers a stop and does not report that
     /// the motor `runs`.
     fn confirm_stop(&mut self, runs: Option<bool>) {
-        let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
-        self.may_run &= !(self.replies.asked_stop && confirms);
+        if self.replies.asked_stop {
+            self.may_run &= !self.settings.capabilities.state_confirms_stop || runs == Some(true);
+        }
     }
 
     /// Records an answer without a state. An offline motor is probed in the next cycle.
@@ -438,9 +449,13 @@ impl Motor {
     /// in the next turn, until it answers.
     pub(super) const fn record_unnamed_fault(&mut self, is_unnamed: bool) {
         let faults = &mut self.faults;
-        faults.is_answered &= faults.is_unnamed && is_unnamed;
+        if is_unnamed {
+            faults.is_answered &= faults.is_unnamed;
+            faults.is_urgent |= !faults.is_answered;
+        } else {
+            faults.is_answered = false;
+        }
         faults.is_unnamed = is_unnamed;
-        faults.is_urgent |= is_unnamed && !faults.is_answered;
     }
 
     /// Counts a late answer.

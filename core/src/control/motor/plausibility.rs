@@ -173,7 +173,8 @@ impl Plausibility {
             before.is_some_and(|(before, _)| before.position.to_bits() == reported.position.to_bits());
         let stuck = still && reported.velocity.abs() > STUCK_VELOCITY;
         let fast = reported.velocity.abs() > overspeed(limits.velocity, settings.capabilities.velocity_end);
-        let far = active && applied.pulls() && is_far(reported, applied, limits);
+        let pulled = applied.pulls();
+        let far = active && pulled && is_far(reported, applied, limits);
         let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
         let strong = reported.torque.abs() > TORQUE_FACTOR * settings.winding.peak_torque;
         let hold = [stuck, fast, far, hot, has_impossible_temperature, strong];
@@ -183,7 +184,7 @@ impl Plausibility {
         } else if let Some(cause) = self.lasting(hold, at) {
             return Some(cause);
         }
-        (active && is_at_range_end(reported, applied.pulls(), settings)).then_some(Cause::RangeEnd)
+        (active && is_at_range_end(reported, pulled, settings)).then_some(Cause::RangeEnd)
     }
 
     /// Returns the first cause whose condition has held long enough. `hold`: which of the

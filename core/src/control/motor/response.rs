@@ -156,11 +156,10 @@ impl Response {
 /// decides.
 #[inline]
 fn known_torque(command: &Setpoint, state: &Measured<JointSide>) -> f32 {
-    match command.mode {
-        SetpointMode::Impedance => command.values.predicted_torque(state.position, state.velocity),
-        SetpointMode::Torque => command.values.torque,
-        SetpointMode::Speed | SetpointMode::Position => 0.0,
+    if command.mode == SetpointMode::Impedance {
+        return command.values.predicted_torque(state.position, state.velocity);
     }
+    if command.mode == SetpointMode::Torque { command.values.torque } else { 0.0 }
 }
 
 #[cfg(test)]

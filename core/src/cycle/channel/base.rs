@@ -3,11 +3,9 @@
 use super::foreign::ForeignCommands;
 use super::routes::Routes;
 use crate::control::Losses;
-use crate::drive::Received;
 use crate::sensor::Sensors;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, ErrorFrame, Frame, Inbox, Instant, Readiness, Refusal, Sent};
-use motord_protocol::drive::Reported;
+use motord_bus::{Bus, Content, ErrorFrame, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
@@ -34,6 +32,21 @@ pub(super) struct Accepted {
     pub(super) awaited: usize,
     /// Those were all.
     pub(super) accepted_all: bool,
+}
+
+/// The role of a frame from a motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// Answers the open request.
+    Answer,
+    /// Answers a request of an earlier cycle.
+    Late,
+    /// Answers no request.
+    Duplicate,
+    /// It has the id of another motor.
+    UnexpectedId,
+    /// It does not decode, or cannot be an answer to the open request.
+    Malformed,
 }
 
 /// The outcome of a read.
@@ -205,7 +218,7 @@ impl ChannelBase {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        mut classify: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
+        mut classify: impl FnMut(usize, Option<&Frame>, Instant) -> Role,
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -214,23 +227,18 @@ impl ChannelBase {
         counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
         let (mut answers, mut unasked) = (0, 0);
         for arrival in inbox.arrivals() {
-            let (id, frame) = match &arrival.content {
-                Content::Frame(frame) => (frame.id(), Some(frame)),
-                Content::Refused(id) => (*id, None),
-                Content::Unsupported(_) => {
-                    count(&mut counters.malformed);
-                    continue;
-                }
-                Content::Error(error) => {
-                    note_error(error, counters, losses);
-                    *condition = error.state().map_or(*condition, condition_of);
-                    continue;
-                }
+            // Nearly all arrivals are frames.
+            let (id, frame) = if let Content::Frame(frame) = &arrival.content {
+                (frame.id(), Some(frame))
+            } else if let Some(id) = refused(&arrival.content, condition, counters, losses) {
+                (id, None)
+            } else {
+                continue;
             };
-            let received = match (routes.motor(id), frame) {
+            let role = match (routes.motor(id), frame) {
                 (Some(motor), _) => classify(motor, frame, arrival.at),
                 (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
-                    None => Received::UnexpectedId,
+                    None => Role::UnexpectedId,
                     Some(true) => {
                         (self.replied_at, answers) = (arrival.at, answers + 1);
                         continue;
@@ -240,13 +248,12 @@ impl ChannelBase {
                         continue;
                     }
                 },
-                (None, None) => Received::UnexpectedId,
+                (None, None) => Role::UnexpectedId,
             };
-            if let Received::Reply(reported) = &received {
-                self.replied_at = arrival.at;
-                answers += usize::from(!matches!(reported, Reported::Late | Reported::LateRegister(..)));
-            } else {
-                count_useless(counters, &received);
+            match role {
+                Role::Answer => (self.replied_at, answers) = (arrival.at, answers + 1),
+                Role::Late => self.replied_at = arrival.at,
+                useless => count_useless(counters, useless),
             }
         }
         Arrivals { all: inbox.arrivals().len() - unasked, answers }
@@ -333,8 +340,27 @@ fn unrouted(
     received
 }
 
-/// Counts an error report, and the frame that the controller lost at least with it.
+/// Counts an arrival that is no frame. Returns the id of a request that the motor refused.
 #[cold]
+fn refused(
+    content: &Content,
+    condition: &mut BusCondition,
+    counters: &mut BusState,
+    losses: &mut Losses,
+) -> Option<FrameId> {
+    match content {
+        Content::Frame(_) => {}
+        Content::Refused(id) => return Some(*id),
+        Content::Unsupported(_) => count(&mut counters.malformed),
+        Content::Error(error) => {
+            note_error(error, counters, losses);
+            *condition = error.state().map_or(*condition, condition_of);
+        }
+    }
+    None
+}
+
+/// Counts an error report, and the frame that the controller lost at least with it.
 fn note_error(error: &ErrorFrame, counters: &mut BusState, losses: &mut Losses) {
     count(&mut counters.errors);
     if error.receive_overflow() {
@@ -344,12 +370,13 @@ fn note_error(error: &ErrorFrame, counters: &mut BusState, losses: &mut Losses) 
 }
 
 /// Counts a frame that is no reply.
-fn count_useless(counters: &mut BusState, received: &Received) {
-    match received {
-        Received::Duplicate => count(&mut counters.duplicate),
-        Received::UnexpectedId => count(&mut counters.unexpected_id),
-        Received::Malformed => count(&mut counters.malformed),
-        Received::Reply(_) => {}
+#[cold]
+fn count_useless(counters: &mut BusState, role: Role) {
+    match role {
+        Role::Duplicate => count(&mut counters.duplicate),
+        Role::UnexpectedId => count(&mut counters.unexpected_id),
+        Role::Malformed => count(&mut counters.malformed),
+        Role::Answer | Role::Late => {}
     }
 }
 

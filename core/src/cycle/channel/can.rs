@@ -161,14 +161,15 @@ impl CanChannel {
         self.base.clear_inbox_for(self.space());
     }
 
-    /// Checks what a read at `now` took. Returns whether the `arrivals` are the awaited replies and
+    /// Checks what a read at `now` took. Returns whether the `arrivals` are awaited replies and
     /// nothing else; if not, [`settle`](Self::settle) follows.
     #[inline]
     pub(crate) fn record_read(&mut self, arrivals: Arrivals, now: Instant) -> bool {
         if arrivals.answers < arrivals.all {
             self.unsettle(now);
-        } else if arrivals.answers == self.awaited && !self.may_be_late && self.is_settled() {
-            (self.awaited, self.is_cut_short) = (0, false);
+        } else if arrivals.answers <= self.awaited && !self.may_be_late && self.is_settled() {
+            self.awaited -= arrivals.answers;
+            self.is_cut_short = self.awaited > 0 && self.base.is_read_full();
             return true;
         }
         false

@@ -10,13 +10,12 @@ mod line;
 mod routes;
 
 use base::Arrivals;
-pub(super) use base::ChannelBase;
+pub(super) use base::{ChannelBase, Role};
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
 use routes::Routes;
 
-use crate::drive::Received;
 use crate::sensor::Sensors;
 use crate::stopper::Outlet;
 use motord_bus::{Bus, Frame, IdFilter, Instant, Refusal};
@@ -79,7 +78,7 @@ impl BusChannel {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        classify: impl FnMut(usize, Option<&Frame>, Instant) -> Received,
+        classify: impl FnMut(usize, Option<&Frame>, Instant) -> Role,
     ) -> Arrivals {
         match self {
             Self::Can(channel) => channel.begin_read(),

@@ -152,8 +152,16 @@ impl Correlator {
         self
     }
 
-    /// Classifies a payload that arrived at `at`.
+    /// Returns the time from the open request to `at`, if a plain payload that arrived at `at`
+    /// answers it, and if it asks for a state.
     #[inline(always)]
+    pub(super) fn state_latency(&self, at: Instant) -> Option<Duration> {
+        let asks_for_state = |open: &Request| open.question == Question::State;
+        let open = self.open.filter(|open| asks_for_state(open) && self.may_answer(*open, at))?;
+        (at >= self.distrusted_until).then(|| at.since(open.sent_at))
+    }
+
+    /// Classifies a payload that arrived at `at`.
     pub(super) fn receive(&mut self, shape: Shape, at: Instant) -> Role {
         let awaits_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match shape {
@@ -191,7 +199,6 @@ impl Correlator {
     }
 
     /// Classifies a payload that may answer the open request.
-    #[inline(always)]
     fn classify(&mut self, open: Request, shape: Shape, at: Instant) -> Role {
         match (open.question, shape) {
             (Question::State, Shape::Report) if self.pending > 0 => self.late_report(),

@@ -1,6 +1,6 @@
 //! The interface between a family and the drive of one motor.
 
-use super::{Command, Question, Reported, Shape, Transmission};
+use super::{Command, JointSide, Measured, Question, Reported, Shape, Status, Transmission};
 use crate::execution_time::ExecutionTime;
 use crate::profile::Profile;
 use crate::scale::Scales;
@@ -63,6 +63,14 @@ pub trait Dialect {
     /// Takes a frame of a known shape as the answer to `question`, `latency` after that was sent.
     fn accept(&mut self, arrived: Arrived<'_>, question: Question, latency: Duration) -> Reported;
 
+    /// Takes a frame whose shape is [`Plain`](Shape::Plain) as the state that was asked for. `None`,
+    /// without a change, for any other frame, and from a dialect whose states [`accept`] takes.
+    ///
+    /// [`accept`]: Self::accept
+    fn accept_state(&mut self, _arrived: Arrived<'_>) -> Option<(Measured<JointSide>, Status)> {
+        None
+    }
+
     /// Takes a frame that may be a fault report or a late state.
     fn accept_ambiguous(&mut self, _arrived: Arrived<'_>) -> Reported {
         Reported::Alive
@@ -110,6 +118,14 @@ macro_rules! dispatch {
             latency: motord_bus::Duration,
         ) -> $crate::drive::Reported {
             match self { $($any::$family(dialect) => dialect.accept(arrived, question, latency)),+ }
+        }
+
+        #[inline(always)]
+        fn accept_state(
+            &mut self,
+            arrived: $crate::drive::Arrived<'_>,
+        ) -> Option<($crate::drive::Measured<$crate::drive::JointSide>, $crate::drive::Status)> {
+            match self { $($any::$family(dialect) => dialect.accept_state(arrived)),+ }
         }
 
         #[cold]

@@ -5,8 +5,8 @@
 use super::feedback::Feedback;
 use super::{Asked, ControlCodes, Reply, State};
 use crate::drive::{
-    Arrived, Command, Dialect, DriveSettings, Impedance, Measured, MotorSide, Question, Reported, Shape,
-    Status, Transmission,
+    Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
+    Shape, Status, Transmission,
 };
 use crate::{Faults, Field, Profile, Scales, register};
 use motord_bus::{Duration, Frame, FrameId, Instant};
@@ -133,6 +133,38 @@ impl MitDialect {
         }
     }
 
+    /// Writes the frame of a command other than a setpoint.
+    #[inline(never)]
+    fn encode_other(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
+        let (command, question) = match command {
+            Command::Nothing => {
+                self.forget_turns();
+                // It may return with another firmware.
+                self.has_status = false;
+                return None;
+            }
+            Command::Wait | Command::GetIndicator(_) => return None,
+            Command::GetRegister(number) => return self.read_register(*number, frame),
+            Command::Stop => (super::Command::Stop, Question::State),
+            Command::Start => (super::Command::Start, Question::State),
+            Command::SetZero => {
+                self.forget_turns();
+                (super::Command::SetZero, Question::State)
+            }
+            Command::GetFault if self.answers_fault_question() => (super::Command::GetFault, Question::Fault),
+            // Such a motor may take the question for a control frame of full stiffness (protocol
+            // note M17).
+            Command::GetFault => (super::Command::Stop, Question::State),
+            Command::ClearFault => (super::Command::ClearFault, Question::Clear),
+            Command::Neutral | Command::Control(_) => return self.encode_impedance(command, frame),
+        };
+        if let Some(feedback) = &mut self.feedback {
+            feedback.forget();
+        }
+        frame.set(self.command_id, command.encode(&self.scales).ok()?);
+        Some(question)
+    }
+
     /// The impedance of a command that has one; neutral for any other command.
     #[inline(always)]
     fn wanted(&self, command: &Command) -> Impedance<MotorSide> {
@@ -140,6 +172,15 @@ impl MitDialect {
             Command::Control(setpoint) => self.transmission.to_motor(&setpoint.values),
             _ => Impedance::NEUTRAL,
         }
+    }
+
+    /// Writes the control frame for the impedance of a command. `None` where a value is not finite.
+    #[inline(always)]
+    fn encode_impedance(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
+        let wanted = self.wanted(command);
+        let codes = self.codes(&wanted)?;
+        frame.set(self.command_id, codes.pack());
+        Some(Question::State)
     }
 
     /// The control codes for an impedance, clamped to the ranges of the codes.
@@ -177,7 +218,7 @@ impl MitDialect {
 
     /// Stores `state` as the newest, and returns it joint side.
     #[inline(always)]
-    fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
+    fn state(&mut self, state: &State, at: Instant) -> (Measured<JointSide>, Status) {
         let last = Last::of(state, at);
         self.last = Some(last);
         if self.ambiguous.is_some() {
@@ -190,7 +231,7 @@ impl MitDialect {
             has_unnamed_fault: self.profile.has_unnamed_fault(state),
             runs: self.runs(state),
         };
-        Reported::State(self.transmission.to_joint(&motor), latency, status)
+        (self.transmission.to_joint(&motor), status)
     }
 
     /// Returns whether the motor reports that it is enabled; `None` where its states have no
@@ -225,38 +266,11 @@ impl MitDialect {
 impl Dialect for MitDialect {
     #[inline(always)]
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
-        let (command, question) = match command {
-            Command::Nothing => {
-                self.forget_turns();
-                // It may return with another firmware.
-                self.has_status = false;
-                return None;
-            }
-            Command::Wait | Command::GetIndicator(_) => return None,
-            Command::GetRegister(number) => return self.read_register(*number, frame),
-            Command::Stop => (super::Command::Stop, Question::State),
-            Command::Start => (super::Command::Start, Question::State),
-            Command::SetZero => {
-                self.forget_turns();
-                (super::Command::SetZero, Question::State)
-            }
-            Command::GetFault if self.answers_fault_question() => (super::Command::GetFault, Question::Fault),
-            // Such a motor may take the question for a control frame of full stiffness (protocol
-            // note M17).
-            Command::GetFault => (super::Command::Stop, Question::State),
-            Command::ClearFault => (super::Command::ClearFault, Question::Clear),
-            Command::Neutral | Command::Control(_) => {
-                let wanted = self.wanted(command);
-                let codes = self.codes(&wanted)?;
-                frame.set(self.command_id, codes.pack());
-                return Some(Question::State);
-            }
-        };
-        if let Some(feedback) = &mut self.feedback {
-            feedback.forget();
+        // Nearly all commands are setpoints.
+        match command {
+            Command::Control(_) => self.encode_impedance(command, frame),
+            _ => self.encode_other(command, frame),
         }
-        frame.set(self.command_id, command.encode(&self.scales).ok()?);
-        Some(question)
     }
 
     #[inline(always)]
@@ -281,11 +295,21 @@ impl Dialect for MitDialect {
     }
 
     #[inline(always)]
+    fn accept_state(&mut self, arrived: Arrived<'_>) -> Option<(Measured<JointSide>, Status)> {
+        let Arrived { payload, at, .. } = arrived;
+        let is_plain = self.classify(arrived, Some(Question::State)) == Shape::Plain;
+        let state = self.profile.decode_state(payload, &self.scales).ok().filter(|_| is_plain)?;
+        Some(self.state(&state, at))
+    }
+
     fn accept(&mut self, arrived: Arrived<'_>, question: Question, latency: Duration) -> Reported {
         let Arrived { payload, at, .. } = arrived;
         match question {
             Question::State => match self.profile.decode_state(payload, &self.scales) {
-                Ok(state) => self.state(&state, at, latency),
+                Ok(state) => {
+                    let (measured, status) = self.state(&state, at);
+                    Reported::State(measured, latency, status)
+                }
                 Err(_) => Reported::Alive,
             },
             Question::Fault => {

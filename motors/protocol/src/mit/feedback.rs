@@ -8,6 +8,7 @@
 //! Real-time: nothing here allocates, blocks or loops.
 
 use super::Impedance;
+use crate::field::TWELVE_BITS;
 use crate::{Field, Scales};
 
 /// Carries the rounding errors of velocity and torque from frame to frame.
@@ -70,8 +71,9 @@ impl Carry {
         let rounded = wanted + 0.5;
         let rounded = if rounded > low { rounded } else { low };
         let rounded = if rounded < top { rounded } else { top };
-        // The cast rounds down.
-        let code = rounded as u16;
+        // The cast rounds down. The mask changes nothing: both fields have 12 bits. It lets the
+        // compiler remove the saturation when the codes are packed.
+        let code = rounded as u16 & TWELVE_BITS;
         self.error = (f64::from(code) - wanted).clamp(-0.5, 0.5);
         code
     }
