@@ -46,7 +46,9 @@
 //!
 //! A joint without a reply has no position: [`Joint::position`] is `None`, and
 //! [`GroupView::position`] an error. [`Claim::limits`] returns the limits of a joint.
-//! [`Joint::limits`] contains the limits that changed its last setpoint.
+//! The library sends each value as it is, and the daemon clamps one that is beyond a limit, such as
+//! a stiffness above `kp-max`. [`Joint::limits`] contains the limits that changed the last setpoint,
+//! [`Joint::applied`] the command, and [`Joint::clamped`] the number of cycles with a clamped value.
 //!
 //! A controller with another order of joints queries each joint once, and uses [slots](Slot)
 //! instead of names:

@@ -509,6 +509,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
         "late",
         "implausible",
         "foreign",
+        "clamped",
         "faults",
         "limits",
     ]);
@@ -526,6 +527,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
             Cell::counter(joint.late),
             Cell::counter(joint.implausible),
             Cell::counter(joint.foreign_commands),
+            Cell::counter(joint.clamped),
             Cell::new(joint.faults.join(","), Colour::Red),
             Cell::new(joint.limits.join(","), Colour::Magenta),
         ]);

@@ -491,6 +491,10 @@ codes! {
 }
 
 impl Limit {
+    /// The bits of the limits that clamp a value of a setpoint to the range of its joint.
+    pub const CLAMPS: u32 =
+        Self::Position.bit() | Self::Velocity.bit() | Self::Kp.bit() | Self::Kd.bit() | Self::Torque.bit();
+
     /// Returns the bit of this limit in `JointState::limits`.
     #[must_use]
     pub const fn bit(self) -> u32 {

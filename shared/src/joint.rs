@@ -7,9 +7,9 @@ use crate::plain::plain;
 
 /// Name and version of the message with the states of all joints. Each change of the table or of
 /// the meaning of a field raises the version, here and in [`RECORD_TYPE`].
-pub(crate) const STATE_TYPE: &str = "motord.State.v9";
+pub(crate) const STATE_TYPE: &str = "motord.State.v10";
 /// Name and version of the message for recorders, which contains the state.
-pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v5";
+pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v6";
 
 /// [`JointState::flags`]: position, velocity and torque were received since the previous states
 /// were published, in answer to the command of their turn.
@@ -81,8 +81,8 @@ macro_rules! joint_state {
                 implausible: u32, [Count], view implausible, json implausible, proto implausible = 15;
                 /// Frames with a command to the motor that motord did not send, of another master.
                 foreign_commands: u32, [Count], view foreign_commands, json foreign_commands, proto foreign_commands = 18;
-                /// Keeps the layout free of implicit padding.
-                reserved: u32, [Reserved];
+                /// Cycles in which a value of the setpoint was beyond the limits of the joint, such as `kp-max`, and was clamped. A position without stiffness does not count.
+                clamped: u32, [Count], view clamped, json clamped, proto clamped = 19;
                 /// Time of the last reply, on `CLOCK_MONOTONIC`, less the lateness of a motor whose answers are constantly late; 0 before the first.
                 receive_ns: u64, [Time], unit "ns", view receive_ns, proto receive_ns = 17;
             }
@@ -230,7 +230,7 @@ mod tests {
             ("late", 64, "u32"),
             ("implausible", 68, "u32"),
             ("foreign_commands", 72, "u32"),
-            ("reserved", 76, "u32"),
+            ("clamped", 76, "u32"),
             ("receive_ns", 80, "u64"),
             ("fresh", 48, "u32"),
             ("valid", 48, "u32"),
@@ -239,7 +239,7 @@ mod tests {
         let fields = JointState::FIELDS.iter();
         let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();
         assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 88));
-        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v9", "motord.CycleRecord.v5"));
+        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v10", "motord.CycleRecord.v6"));
     }
 
     #[test]

@@ -136,7 +136,7 @@ fn daemon_without_records_is_reported_as_other_version() {
 #[test]
 fn another_layout_is_told_as_another_version() {
     #[derive(Debug, Clone, Copy, ZeroCopySend)]
-    #[type_name("motord.State.v9")]
+    #[type_name("motord.State.v10")]
     #[repr(C)]
     struct Newer(u64);
 
@@ -150,7 +150,7 @@ fn another_layout_is_told_as_another_version() {
     let name = ServiceName::new("motord/robot/state").unwrap();
     let _newer = node.service_builder(&name).publish_subscribe::<Newer>().create().unwrap();
     let error = Client::connect_in(directory.path(), INSTANCE).unwrap_err();
-    assert!(matches!(&error, Error::Version { daemon, .. } if daemon == "motord.State.v9"), "{error}");
+    assert!(matches!(&error, Error::Version { daemon, .. } if daemon == "motord.State.v10"), "{error}");
     let error = DaemonPorts::open(&lock).unwrap_err();
     assert_eq!(error.obstacle, Obstacle::Version, "{error}");
 }

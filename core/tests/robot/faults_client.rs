@@ -7,7 +7,7 @@ use motord_harness::robot::{Meaning, Robot};
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::FLAG_EMERGENCY_STOP;
 use motord_shared::{
-    AdminRequest, Cause, JointSetpoint, Lease, MotorMode, Operation, Phase, Refusal, Rejection,
+    AdminRequest, Cause, JointSetpoint, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
     SetpointMessage,
 };
 
@@ -213,6 +213,30 @@ fn the_smallest_numbers_and_negative_zero_are_numbers() {
         assert_eq!(robot.phase(), Phase::Active, "{odd} in field {field}");
         assert!(robot.take_sent().iter().all(|sent| sent.bytes != [0; 8]));
     }
+}
+
+/// A slew and the ramp of the start are no clamp.
+#[test]
+fn cycles_with_clamped_values_are_counted_by_joint() {
+    let (mut robot, joints) = active();
+    (0..100).for_each(|_| robot.follow(&joints));
+    let counts = |robot: &mut Robot| [0, 1, 2].map(|joint| robot.joint(joint).clamped);
+    assert_eq!(counts(&mut robot), [0; 3]);
+    let limits = robot.settings.motors[1].limits.clone();
+    for (field, end) in [limits.position[1], limits.velocity, limits.kp, limits.kd].into_iter().enumerate() {
+        let before = counts(&mut robot);
+        let mut far = joints.clone();
+        *value(&mut far[1], field) = 1.01 * end;
+        (0..5).for_each(|_| robot.follow(&far));
+        assert_eq!(counts(&mut robot), [0, before[1] + 5, 0], "field {field}");
+    }
+    // A position without stiffness has no effect.
+    let before = counts(&mut robot);
+    let limp = JointSetpoint { position: 2.0 * limits.position[1], kp: 0.0, ..joints[1] };
+    (0..100).for_each(|_| robot.follow(&[joints[0], limp, joints[2]]));
+    assert!(robot.joint(1).limits & Limit::Position.bit() != 0 && robot.phase() == Phase::Active);
+    let after = counts(&mut robot);
+    assert!(after[1] - before[1] < 100, "only until the stiffness has fallen: {before:?}, {after:?}");
 }
 
 #[test]

@@ -102,6 +102,10 @@ pub struct Joint {
     /// Frames with a command to the motor that motord did not send, of another master.
     #[prost(uint32, tag = "18")]
     pub foreign_commands: u32,
+    /// Cycles in which a value of the setpoint was beyond the limits of the joint, such as `kp-max`,
+    /// and was clamped. A position without stiffness does not count.
+    #[prost(uint32, tag = "19")]
+    pub clamped: u32,
 }
 /// A unit quaternion.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

@@ -50,6 +50,7 @@ macro_rules! define {
             // The quantities of a joint without a reply are absent.
             let mut flags = if joint.position.is_some() { JOINT_VALID } else { 0 };
             $(flags |= if joint.$flag { $bits } else { 0 };)+
+            #[allow(clippy::needless_update, reason = "a layout may have reserved fields")]
             let state = JointState { $($name: decoded!($kind, joint.$proto),)+ flags, ..JointState::default() };
             (state, joint.setpoint.as_ref().map(setpoint))
         }

@@ -6,7 +6,7 @@ use super::limit::{self, Applied, Circumstances, limit};
 use super::mode::Mode;
 use crate::control::context::Context;
 use motord_protocol::drive::{Command, Impedance, JointSide, Setpoint};
-use motord_shared::SetpointMode;
+use motord_shared::{Limit, SetpointMode};
 
 /// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.
 const OVER_VOLTAGE_DAMPING: f32 = 0.25;
@@ -17,7 +17,12 @@ impl Motor {
     pub(super) fn command_by_mode(&mut self, group_command: &GroupCommand, cx: &Context) -> Command {
         // Nearly all motors are active.
         let applied = if matches!(self.mode, Mode::Active) {
-            self.follow(group_command, cx)
+            let applied = self.follow(group_command, cx);
+            // Without a pull the position has no effect: a torque alone has position 0.
+            let position = if applied.setpoint.pulls() { 0 } else { Limit::Position.bit() };
+            let is_clamped = applied.limits & Limit::CLAMPS & !position != 0;
+            self.clamped = self.clamped.wrapping_add(u32::from(is_clamped));
+            applied
         } else if let Mode::Damping { held } = self.mode {
             self.damp(held.filter(|_| group_command.held), group_command, cx)
         } else {

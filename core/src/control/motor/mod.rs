@@ -72,6 +72,9 @@ pub(super) struct Motor {
     measured_at: Instant,
     /// The command of this cycle; the slew limits start from it in the next.
     applied: Applied,
+    /// Cycles in which a value of the setpoint with an effect was clamped to a limit of the joint,
+    /// modulo 2³².
+    clamped: u32,
     /// A request of an operator that is under way.
     pub(super) request: Option<ServiceRequest>,
     /// When the last request to set its zero was accepted.
@@ -102,6 +105,7 @@ impl Motor {
             measured: None,
             measured_at: Instant::ZERO,
             applied: Applied::NEUTRAL,
+            clamped: 0,
             request: None,
             zero_requested: None,
             heat: Heat::of(settings),

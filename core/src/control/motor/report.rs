@@ -28,7 +28,7 @@ impl Motor {
             late: self.replies.late,
             implausible: self.replies.implausible,
             foreign_commands: self.foreign.total(),
-            reserved: 0,
+            clamped: self.clamped,
             receive_ns: self.measured_at.as_nanos(),
         }
     }

@@ -211,6 +211,7 @@ fn notes(joint: &JointReport, is_wide: bool) -> Vec<Span<'static>> {
         ("late", joint.late),
         ("implausible", joint.implausible),
         ("foreign", joint.foreign_commands),
+        ("clamped", joint.clamped),
     ];
     let counted = counters.into_iter().filter(|(_, count)| *count > 0);
     notes.extend(counted.map(|(name, count)| (format!("{count} {name}"), Style::new().dim())));

@@ -93,6 +93,7 @@ fn fields_of_a_recorded_joint_keep_their_numbers() {
         ("reply_latency_ns", "uint32", 16),
         ("receive_ns", "uint64", 17),
         ("foreign_commands", "uint32", 18),
+        ("clamped", "uint32", 19),
     ];
     for (name, kind, number) in numbers {
         assert!(committed("Joint").contains(&format!("  {kind} {name} = {number};\n")), "{name}");
