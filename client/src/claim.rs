@@ -106,6 +106,17 @@ impl Claim {
         names.into_iter().map(|name| self.slot(name.as_ref())).collect()
     }
 
+    /// Returns the slots of all joints, in the order of `names`, such as that of a URDF or of a
+    /// policy. Call it once, before the loop: it allocates.
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`]; [`Error::JointOrder`] naming a joint that `names` lacks or has
+    /// twice.
+    pub fn order<N: AsRef<str>>(&self, names: impl IntoIterator<Item = N>) -> Result<Vec<Slot>, Error> {
+        let names: Vec<N> = names.into_iter().collect();
+        self.members.order(names.iter().map(AsRef::as_ref))
+    }
+
     /// Returns the limits of a joint.
     ///
     /// # Errors

@@ -89,6 +89,16 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
+    /// A list of names lacks a joint of the group, or names it twice.
+    #[error("{joint} is {} the names; there are {known}", if *is_doubled { "twice in" } else { "not in" })]
+    JointOrder {
+        /// The joint.
+        joint: String,
+        /// The list names it twice.
+        is_doubled: bool,
+        /// The joints of the group.
+        known: String,
+    },
     /// There is no IMU of this name.
     #[error("there is no IMU {name:?}; there are {known}")]
     UnknownImu {
@@ -331,6 +341,7 @@ impl Error {
         match self {
             Self::UnknownGroup { .. }
             | Self::UnknownJoint { .. }
+            | Self::JointOrder { .. }
             | Self::UnknownImu { .. }
             | Self::NotExternal { .. }
             | Self::BadSample { .. }
@@ -376,6 +387,7 @@ impl Error {
             | Self::Permission { .. }
             | Self::UnknownGroup { .. }
             | Self::UnknownJoint { .. }
+            | Self::JointOrder { .. }
             | Self::UnknownImu { .. }
             | Self::NotExternal { .. }
             | Self::BadSample { .. }

@@ -50,14 +50,14 @@
 //! a stiffness above `kp-max`. [`Joint::limits`] contains the limits that changed the last setpoint,
 //! [`Joint::applied`] the command, and [`Joint::clamped`] the number of cycles with a clamped value.
 //!
-//! A controller with another order of joints queries each joint once, and uses [slots](Slot)
-//! instead of names:
+//! A controller with another order of joints, such as that of a URDF, queries them once, and uses
+//! [slots](Slot) instead of names. [`Claim::order`] requires each joint of the group once:
 //!
 //! ```no_run
 //! # use motord_client::{Claim, Error, Setpoint, State};
 //! # fn policy(observed: &[f32]) -> Vec<f32> { observed.to_vec() }
 //! # fn turn(claim: &mut Claim, state: &State) -> Result<(), Error> {
-//! let order = claim.slots(["fl-knee", "fl-thigh", "fl-hip"])?; // Once after each claim.
+//! let order = claim.order(["fl-knee", "fl-thigh", "fl-hip"])?; // Once after each claim.
 //!
 //! let legs = state.of(claim)?;
 //! let observed = order.iter().map(|&joint| legs.position(joint)).collect::<Result<Vec<_>, _>>()?;

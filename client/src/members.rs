@@ -87,6 +87,23 @@ impl Members {
         Ok(Slot { lease: self.lease, index: self.joint_index(name)? })
     }
 
+    /// Returns the slots of all joints, in the order of `names`.
+    pub(crate) fn order<'n>(&self, names: impl Iterator<Item = &'n str>) -> Result<Vec<Slot>, Error> {
+        let bad = |index: usize, is_doubled| {
+            let (joint, known) = (self.names[index].clone(), self.names.join(", "));
+            Error::JointOrder { joint, is_doubled, known }
+        };
+        let (mut slots, mut is_named) = (Vec::new(), vec![false; self.names.len()]);
+        for name in names {
+            let slot = self.slot(name)?;
+            if std::mem::replace(&mut is_named[slot.index], true) {
+                return Err(bad(slot.index, true));
+            }
+            slots.push(slot);
+        }
+        is_named.iter().position(|is_named| !is_named).map_or(Ok(slots), |index| Err(bad(index, false)))
+    }
+
     /// Returns `setpoint`, for the joint at `index`, if the daemon would accept its values.
     pub(crate) fn checked(&self, index: usize, setpoint: Setpoint) -> Result<Setpoint, Error> {
         match setpoint.rejection() {
@@ -105,5 +122,37 @@ impl Members {
     fn joint_index(&self, name: &str) -> Result<usize, Error> {
         let unknown = || Error::UnknownJoint { name: name.to_owned(), known: self.names.join(", ") };
         self.names.iter().position(|known| known == name).ok_or_else(unknown)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_shared::description::{GroupDescription, JointDescription};
+
+    fn members() -> Members {
+        let joint = |name: &str| JointDescription { name: name.to_owned(), ..JointDescription::default() };
+        let group = GroupDescription { joints: vec![1, 2, 3], ..GroupDescription::default() };
+        let robot = RobotDescription {
+            joints: ["tail", "hip", "thigh", "knee"].map(joint).to_vec(),
+            groups: vec![group],
+            ..RobotDescription::default()
+        };
+        Members::new(&robot, 0, Lease::new(7, 1, 0).expect("it is a lease"), 0)
+    }
+
+    #[test]
+    fn order_of_names_is_that_of_slots() {
+        let slots = members().order(["knee", "hip", "thigh"].into_iter()).expect("each is named once");
+        assert_eq!(slots.iter().map(|slot| slot.index).collect::<Vec<_>>(), [2, 0, 1]);
+    }
+
+    #[test]
+    fn unfit_order_names_the_joint() {
+        let refused = |names: &[&str]| members().order(names.iter().copied()).unwrap_err().to_string();
+        let known = "there are hip, thigh, knee";
+        assert_eq!(refused(&["knee", "tail", "thigh"]), format!("there is no joint \"tail\"; {known}"));
+        assert_eq!(refused(&["knee", "hip", "knee"]), format!("knee is twice in the names; {known}"));
+        assert_eq!(refused(&["knee", "hip"]), format!("thigh is not in the names; {known}"));
     }
 }

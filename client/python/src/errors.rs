@@ -69,6 +69,7 @@ pub(crate) fn raised(error: &ClientError) -> PyErr {
         ClientError::Timeout { .. } | ClientError::NotReached { .. } => PyErr::new::<TimedOut, _>(text),
         ClientError::UnknownGroup { .. }
         | ClientError::UnknownJoint { .. }
+        | ClientError::JointOrder { .. }
         | ClientError::UnknownImu { .. }
         | ClientError::NotExternal { .. }
         | ClientError::SetpointCount { .. }
