@@ -10,11 +10,11 @@ usage() {
     exit 64
 }
 
-# provide COMMAND=PACKAGE...: installs the Debian packages of missing commands.
+# provide COMMAND=PACKAGE...: installs the Debian packages of missing commands, or files.
 provide() {
     local pair missing=()
     for pair; do
-        command -v "${pair%%=*}" >/dev/null || missing+=("${pair#*=}")
+        command -v "${pair%%=*}" >/dev/null || [ -f "${pair%%=*}" ] || missing+=("${pair#*=}")
     done
     [ ${#missing[@]} -eq 0 ] || apt install -y --no-install-recommends "${missing[@]}"
 }

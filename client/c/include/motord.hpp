@@ -1,5 +1,6 @@
 /// @file
-/// The client library of motord for C++17 and later, on top of motord.h. Header only; link libmotord.
+/// The client library of motord for C++17 and later, on top of motord.h. Header only; link libmotord. Arrays are also `std::span` where the
+/// program is compiled as C++20.
 ///
 /// An object frees its resources; a claim that ends releases its group, and the daemon damps an active one. Failures are exceptions with the
 /// sentences of the daemon. For a loop that may not throw, every call has a `try_` variant that returns a motord_status.
@@ -31,6 +32,15 @@
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#if defined(__has_include)
+#if __has_include(<version>)
+#include <version>
+#endif
+#endif
+#if defined(__cpp_lib_span)
+#include <span>
+#endif
 
 namespace motord {
 
@@ -193,6 +203,25 @@ public:
 
     /// Reads a quantity into `values`, whose size becomes the number of joints.
     void read(const Claim &claim, motord_quantity quantity, std::vector<double> &values) const;
+
+#if defined(__cpp_lib_span)
+    /// Reads a quantity into `values`, which has a number for each joint of `claim`. Does not allocate while it succeeds. C++20.
+    void read(const Claim &claim, motord_quantity quantity, std::span<double> values) const {
+        detail::check(try_read(claim, quantity, values));
+    }
+    /// As above, in single precision. C++20.
+    void read(const Claim &claim, motord_quantity quantity, std::span<float> values) const {
+        detail::check(try_read(claim, quantity, values));
+    }
+    /// As `read`, with a status instead of exceptions. C++20.
+    motord_status try_read(const Claim &claim, motord_quantity quantity, std::span<double> values) const noexcept {
+        return try_read(claim, quantity, values.data(), values.size());
+    }
+    /// As `read`, with a status instead of exceptions. C++20.
+    motord_status try_read(const Claim &claim, motord_quantity quantity, std::span<float> values) const noexcept {
+        return try_read(claim, quantity, values.data(), values.size());
+    }
+#endif
 
     /// The group of `claim`.
     motord_group group(const Claim &claim) const;
@@ -366,6 +395,36 @@ struct Setpoints {
     const double *torque = nullptr;   ///< N·m
 };
 
+#if defined(__cpp_lib_span)
+/// As Setpoints, with the size of each array, which is that of the claim. An empty one is 0 for every joint. `Number` is double or float.
+/// C++20.
+template <typename Number> struct BasicSetpointSpans {
+    std::span<const Number> position = {}; ///< rad
+    std::span<const Number> velocity = {}; ///< rad/s
+    std::span<const Number> kp = {};       ///< N·m/rad
+    std::span<const Number> kd = {};       ///< N·m·s/rad
+    std::span<const Number> torque = {};   ///< N·m
+};
+
+/// The setpoints of a group in double precision. C++20.
+using SetpointSpans = BasicSetpointSpans<double>;
+/// The setpoints of a group in single precision. C++20.
+using SetpointSpansF32 = BasicSetpointSpans<float>;
+
+namespace detail {
+
+/// The size of the arrays; that of one which differs from `count`, if one does.
+template <typename Number> std::size_t size_of(const BasicSetpointSpans<Number> &setpoints, std::size_t count) noexcept {
+    for (std::span<const Number> values :
+         {setpoints.position, setpoints.velocity, setpoints.kp, setpoints.kd, setpoints.torque})
+        if (!values.empty() && values.size() != count)
+            return values.size();
+    return count;
+}
+
+} // namespace detail
+#endif
+
 /// The ownership of a group. One thread uses it at a time. Its end releases the group; an active group is stopped.
 class Claim {
 public:
@@ -387,8 +446,9 @@ public:
     }
 
     /// The index in the arrays of this claim of each of `names`, in their order: `position[indices[0]]` is that of `names[0]`. For a
-    /// controller whose joints have an order of their own, such as a policy. `client` is that of the claim. Throws an Error unless
-    /// `names` has each joint of the claim once. Call it before the loop: it allocates.
+    /// controller whose joints have another order, such as that of a URDF, of Pinocchio, or of a policy. `client` is that of the claim.
+    /// Throws an Error that names the joint, and those of the claim, unless `names` has each joint of the claim once. Call it before the
+    /// loop: it allocates.
     std::vector<std::size_t> indices(const Client &client, const std::vector<std::string> &names) const;
 
     /// Stores the setpoints that hold the positions in `state`. Send them with `commit`.
@@ -414,6 +474,25 @@ public:
     motord_status try_send(const Setpoints &setpoints, std::size_t count) noexcept {
         return motord_send(get(), count, setpoints.position, setpoints.velocity, setpoints.kp, setpoints.kd, setpoints.torque);
     }
+
+#if defined(__cpp_lib_span)
+    /// Sends a setpoint for each joint. Does not wait. Throws as `commit`, and an Error where an array has another size than the claim:
+    /// then nothing is sent. C++20.
+    void send(const SetpointSpans &setpoints) { detail::check(try_send(setpoints)); }
+    /// As above, in single precision. C++20.
+    void send(const SetpointSpansF32 &setpoints) { detail::check(try_send(setpoints)); }
+    /// As `send`, with a status instead of exceptions. C++20.
+    motord_status try_send(const SetpointSpans &setpoints) noexcept {
+        // A size that differs is refused before an array is read.
+        return motord_send(get(), detail::size_of(setpoints, size()), data(setpoints.position), data(setpoints.velocity),
+                           data(setpoints.kp), data(setpoints.kd), data(setpoints.torque));
+    }
+    /// As `send`, with a status instead of exceptions. C++20.
+    motord_status try_send(const SetpointSpansF32 &setpoints) noexcept {
+        return motord_send_f32(get(), detail::size_of(setpoints, size()), data(setpoints.position), data(setpoints.velocity),
+                               data(setpoints.kp), data(setpoints.kd), data(setpoints.torque));
+    }
+#endif
 
     /// Starts the motors towards the last setpoints sent.
     void enable() { detail::check(motord_enable(get())); }
@@ -442,6 +521,13 @@ public:
     motord_claim *get() const noexcept { return handle_.get(); }
 
 private:
+#if defined(__cpp_lib_span)
+    /// Null for an empty array, which may have an address.
+    template <typename Number> static const Number *data(std::span<const Number> values) noexcept {
+        return values.empty() ? nullptr : values.data();
+    }
+#endif
+
     std::unique_ptr<motord_claim, detail::FreeClaim<motord_claim_free>> handle_;
 };
 
@@ -464,20 +550,25 @@ inline std::vector<std::size_t> Claim::indices(const Client &client, const std::
     std::vector<std::string> known;
     for (std::size_t joint : joints())
         known.push_back(detail::name_of(client.get(), joint));
+    const auto fail = [&known](motord_status status, std::string sentence) {
+        for (std::size_t index = 0; index < known.size(); ++index)
+            sentence += (index == 0 ? "; the claim has " : ", ") + known[index];
+        throw Error(status, sentence.c_str());
+    };
     std::vector<std::size_t> indices;
     std::vector<bool> is_named(known.size(), false);
     for (const std::string &name : names) {
         const std::size_t index = static_cast<std::size_t>(std::find(known.begin(), known.end(), name) - known.begin());
         if (index == known.size())
-            throw Error(MOTORD_STATUS_UNKNOWN, ("the claim has no joint " + name).c_str());
+            fail(MOTORD_STATUS_UNKNOWN, "there is no joint \"" + name + "\"");
         if (is_named[index])
-            throw Error(MOTORD_STATUS_BAD_ARGUMENT, ("names has " + name + " twice").c_str());
+            fail(MOTORD_STATUS_BAD_ARGUMENT, "names has " + name + " twice");
         is_named[index] = true;
         indices.push_back(index);
     }
     for (std::size_t index = 0; index < known.size(); ++index)
         if (!is_named[index])
-            throw Error(MOTORD_STATUS_BAD_ARGUMENT, ("names lacks " + known[index] + ": name each joint of the claim").c_str());
+            fail(MOTORD_STATUS_BAD_ARGUMENT, "names lacks " + known[index] + ": name each joint of the claim");
     return indices;
 }
 

@@ -82,17 +82,20 @@ void check_order(const motord::Client &client, const motord::Claim &claim) {
     for (std::size_t at = 0; at < indices.size(); ++at)
         require(all[joints[indices[at]]] == names[at] && indices[at] == (at + 5) % joints.size(), names[at] + " has another index");
 
+    std::string claimed = "the claim has " + all[joints[0]];
+    for (std::size_t at = 1; at < joints.size(); ++at)
+        claimed += ", " + all[joints[at]];
     const auto refused = [&](std::vector<std::string> given, motord_status status, const std::string &sentence) {
         try {
             claim.indices(client, given);
             require(false, "these names are taken, without: " + sentence);
         } catch (const motord::Error &error) {
-            require(error.status() == status && error.what() == sentence, error.what());
+            require(error.status() == status && error.what() == sentence + "; " + claimed, error.what());
         }
     };
     std::vector<std::string> given = names;
     given[3] = "tail";
-    refused(given, MOTORD_STATUS_UNKNOWN, "the claim has no joint tail");
+    refused(given, MOTORD_STATUS_UNKNOWN, "there is no joint \"tail\"");
     given[3] = names[4];
     refused(given, MOTORD_STATUS_BAD_ARGUMENT, "names has " + names[4] + " twice");
     given.assign(names.begin(), names.end() - 1);
