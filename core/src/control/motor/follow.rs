@@ -18,10 +18,9 @@ impl Motor {
         // Nearly all motors are active.
         let applied = if matches!(self.mode, Mode::Active) {
             let applied = self.follow(group_command, cx);
-            // Without a pull the position has no effect: a torque alone has position 0.
-            let position = if applied.setpoint.pulls() { 0 } else { Limit::Position.bit() };
-            let is_clamped = applied.limits & Limit::CLAMPS & !position != 0;
-            self.clamped = self.clamped.wrapping_add(u32::from(is_clamped));
+            if applied.limits & Limit::CLAMPS != 0 {
+                self.count_clamp(&applied);
+            }
             applied
         } else if let Mode::Damping { held } = self.mode {
             self.damp(held.filter(|_| group_command.held), group_command, cx)
@@ -33,6 +32,15 @@ impl Motor {
         let sent = self.executable(applied.setpoint, cx);
         self.response.command(&sent);
         Command::Control(sent)
+    }
+
+    /// Counts a cycle with a clamped value. Without a pull the position has no effect: a torque
+    /// alone has position 0.
+    #[cold]
+    fn count_clamp(&mut self, applied: &Applied) {
+        let position = if applied.setpoint.pulls() { 0 } else { Limit::Position.bit() };
+        let is_clamped = applied.limits & Limit::CLAMPS & !position != 0;
+        self.clamped = self.clamped.wrapping_add(u32::from(is_clamped));
     }
 
     /// Returns the `applied` setpoint as the motor can execute it. A motor without impedance
