@@ -47,8 +47,9 @@ struct Arguments {
     /// `/dev/ttyUSB0`. A configuration whose devices are in this directory finds the simulated motors by itself.
     #[arg(long, value_name = "DIR")]
     link: Option<PathBuf>,
-    /// The motors are as the vendor delivers them, whatever the configuration says: CAN id 1, host id 0, native protocol,
-    /// 1 Mbit/s. The vendor publishes no defaults but the protocol: the others are what motors in the field had.
+    /// The motors are as the vendor delivers them, whatever the configuration says: CAN id 1, host id 0, 1 Mbit/s,
+    /// SteadyWin's with the native protocol and others with MIT. SteadyWin publishes no default but the protocol, Damiao none: the
+    /// others are what motors in the field had.
     #[arg(long)]
     new: bool,
     /// All motors start without power. The line `MOTOR on` gives one power.

@@ -286,3 +286,40 @@ fn damiao_registers_answer_with_vendor_bytes() {
     assert_eq!(ask([2, 0, 0x33, 21, 0, 0, 0, 0]), None, "another motor");
     assert_eq!(ask([1, 0, 0x33, 99, 0, 0, 0, 0]), None, "a register that it lacks");
 }
+
+/// Goal: a Damiao motor begins with ESC_ID 1 and MST_ID 0 in MIT. Written ids take effect after their
+/// answer, and last without power once they are stored. Bytes of DM_CAN.py, as above.
+#[test]
+fn damiao_ids_last_once_stored() {
+    let new = MotorSettings { vendor: "damiao", is_new: true, id: 9, ..MotorSettings::default() };
+    let mut bench = Bench::new(MotorSettings { ends: Some([12.5, 8.0, 28.0]), ..new });
+    let ask = |bench: &mut Bench, to: u16, payload: [u8; 8]| {
+        let request = Frame::classic(FrameId::new(to).unwrap(), payload);
+        assert_eq!(bench.bus.send(bench.now, &[request]).accepted, 1);
+        let arrivals = bench.pass(Duration::from_millis(1));
+        arrivals.iter().find_map(|arrival| match arrival.content {
+            Content::Frame(frame) => Some((frame.id().raw(), frame.payload().to_vec())),
+            _ => None,
+        })
+    };
+    let write = |bench: &mut Bench| {
+        let host_id = [1, 0, 0x55, 7, 0x13, 0, 0, 0];
+        assert_eq!(ask(bench, 0x7FF, host_id), Some((0, host_id.to_vec())));
+        let id = [1, 0, 0x55, 8, 3, 0, 0, 0];
+        assert_eq!(ask(bench, 0x7FF, id), Some((0x13, id.to_vec())));
+        assert_eq!(ask(bench, 1, STOP), None);
+        assert_eq!(ask(bench, 3, STOP).map(|(id, state)| (id, state[0])), Some((0x13, 3)));
+    };
+    write(&mut bench);
+    bench.inject("power-cycle");
+    bench.pass(Duration::from_millis(300));
+    assert_eq!(ask(&mut bench, 1, STOP).map(|(id, state)| (id, state[0])), Some((0, 1)), "not stored");
+    write(&mut bench);
+    ask(&mut bench, 3, START);
+    assert_eq!(ask(&mut bench, 0x7FF, [3, 0, 0xAA, 1, 0, 0, 0, 0]), None, "an enabled motor stores nothing");
+    ask(&mut bench, 3, STOP);
+    assert!(ask(&mut bench, 0x7FF, [3, 0, 0xAA, 1, 0, 0, 0, 0]).is_some());
+    bench.inject("power-cycle");
+    bench.pass(Duration::from_millis(300));
+    assert_eq!(ask(&mut bench, 3, STOP).map(|(id, state)| (id, state[0])), Some((0x13, 3)));
+}

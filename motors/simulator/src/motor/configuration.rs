@@ -1,5 +1,6 @@
 //! The memory of a motor: configuration (GIM document, table 7) and parameters (table 8).
 
+use crate::dialect::Dialect;
 use crate::settings::{MotorSettings, Persistence};
 use crate::wire::result;
 use core::fmt::Write;
@@ -115,6 +116,13 @@ impl Configuration {
         self.items.ints.get(usize::from(id)).copied().unwrap_or(0)
     }
 
+    /// Writes an integer item, if it may have this value. It lasts until the power is lost.
+    pub(super) fn set_int(&mut self, id: u8, value: i32) {
+        if range(id).contains(&value) {
+            *self.items.int(id) = value;
+        }
+    }
+
     /// Writes and stores an item for the drive itself.
     pub(super) fn keep_int(&mut self, id: u8, value: i32) {
         *self.items.int(id) = value;
@@ -213,11 +221,14 @@ impl Configuration {
 impl Items {
     /// Returns the values after a reset of the configuration. The vendor prints no default except
     /// protocol 0. The id 1 was observed on real motors, the host id 0 on motors of the same
-    /// family.
+    /// family. Drives of other vendors know no native protocol: they begin in MIT, with the same
+    /// ids (Damiao: ESC_ID 1, MST_ID 0, mode 1).
     fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
-        let items: [(u8, i32); 14] = [
+        let speaks_gim = settings.vendor == MotorSettings::default().vendor;
+        let protocol = if speaks_gim { Dialect::Gim } else { Dialect::Mit };
+        let items: [(u8, i32); 15] = [
             (0x00, i32::from(settings.pole_pairs)),
             (0x01, rated_current as i32),
             (int::SPEED_MAX_RPM, rpm(settings.velocity_max).ceil() as i32),
@@ -228,6 +239,7 @@ impl Items {
             (0x0E, 100),
             (int::GEAR_RATIO, settings.gear_ratio.round() as i32),
             (int::CAN_ID, 1),
+            (int::PROTOCOL, protocol.number()),
             (int::OVER_VOLTAGE, 56),
             (int::UNDER_VOLTAGE, 12),
             (int::BAUD, 10),

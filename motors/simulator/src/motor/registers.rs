@@ -2,10 +2,12 @@
 //! the motor's id in two bytes, the kind, and the register; the answer repeats these four bytes.
 //!
 //! Of the drive's registers it has 7, 8 and 10 (master id, id, mode), 21 to 23 (ends of the codes)
-//! and 35 (bit rate). Only the ends can be written, and a written one is kept as if it were stored.
+//! and 35 (bit rate). The ids and the ends can be written. A written id takes effect after the
+//! answer, and lasts without power once the drive has stored it, which it does only while it is
+//! disabled. A written end is kept as if it were stored.
 
-use super::Motor;
 use super::configuration::int;
+use super::{Mode, Motor};
 use crate::drives::Asked;
 use motord_bus::{Frame, FrameId, Instant};
 
@@ -30,8 +32,11 @@ impl Motor {
         let &[low, high, kind, register, ref value @ ..] = frame.payload() else { return None };
         match kind {
             0x33 => {}
-            0x55 => self.write_end(register, f32::from_le_bytes(*value.first_chunk()?)),
-            0xAA => return Some(Frame::classic(host_id, [low, high, kind, 1, 0, 0, 0, 0])),
+            0x55 => self.write_register(register, *value.first_chunk()?),
+            0xAA if self.mode == Mode::Stopped => {
+                self.configuration.refresh();
+                return Some(Frame::classic(host_id, [low, high, kind, 1, 0, 0, 0, 0]));
+            }
             0xCC => {
                 let state = self.state(at);
                 return Some(self.answer(Asked::State, host_id, state));
@@ -57,6 +62,15 @@ impl Motor {
             35 => 4_u32.to_le_bytes(),
             _ => return None,
         })
+    }
+
+    /// Writes a register that can be written.
+    fn write_register(&mut self, register: u8, value: [u8; 4]) {
+        match register {
+            7 => self.configuration.set_int(int::HOST_ID, i32::from_le_bytes(value)),
+            8 => self.configuration.set_int(int::CAN_ID, i32::from_le_bytes(value)),
+            _ => self.write_end(register, f32::from_le_bytes(value)),
+        }
     }
 
     /// Changes the end of a code, if the register has one and the value is possible.
