@@ -38,7 +38,7 @@ mod survey;
 pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use crate::link::{Error, Formats, LASTING, Link, LinkEvent, MotorRefusal, Unprompted, Wire};
 pub use crate::mit::commissioning::Mit;
-pub use crate::mit::ends::ends;
+pub use crate::mit::registers::{Registers, ends};
 pub use crate::reported::{ReportedMotor, ReportedProtocol};
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};

@@ -194,10 +194,10 @@ impl Link {
     ) -> Result<Option<T>, Error> {
         self.drain();
         self.send(request, timeout)?;
-        let payload = request.payload();
+        let echo = (request.id(), request.payload());
         let (unprompted, mut is_ambiguous) = (self.unprompted.clone(), false);
         let answer = self.receive(timeout, |event| match event {
-            LinkEvent::Frame(frame) if frame.payload() == payload => None,
+            LinkEvent::Frame(frame) if (frame.id(), frame.payload()) == echo => None,
             LinkEvent::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
             event => {
                 is_ambiguous |= matches!(event, LinkEvent::Frame(frame) if Unprompted::may_be(&frame));

@@ -25,11 +25,11 @@ pub(crate) mod commissioning;
 mod decode;
 #[cfg(feature = "drive")]
 mod drive;
-#[cfg(feature = "commissioning")]
-pub(crate) mod ends;
 mod family;
 #[cfg(feature = "drive")]
 mod feedback;
+#[cfg(feature = "commissioning")]
+pub(crate) mod registers;
 mod reply;
 
 pub use crate::error::{DecodeError, EncodeError};

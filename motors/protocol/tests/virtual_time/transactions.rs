@@ -3,7 +3,7 @@
 use crate::{SECOND, bus, inject, link, mode, motor, on_both_wires};
 use motord_bus::{Duration, FrameId};
 use motord_protocol::commissioning::{
-    CALIBRATION_MAX, Confirmation, Error, Family, Mit, Native, ends, identify, is_taken,
+    CALIBRATION_MAX, Confirmation, Error, Family, Mit, Native, Registers, ends, identify, is_taken,
 };
 use motord_protocol::gim::{
     Access, CONFIGURATION, Calibration, ConfigurationItem, Finite, INDICATORS, PARAMETERS, Refusal, Value,
@@ -307,4 +307,34 @@ fn fault_of_motor_with_filled_reports_is_read() {
     inject(&bus, &link, "knee fault 0x40");
     let mut knee = Mit::new(&mut link, 3, None, Scales::WITHOUT_CONSTANTS);
     assert_eq!(knee.fault().map(|faults| faults.0), Ok(0x40));
+}
+
+/// Goal: a Damiao motor with factory settings gets an id and a reply id, which last without power.
+#[test]
+fn address_of_new_damiao_is_stored() {
+    let new = MotorSettings {
+        is_new: true,
+        vendor: "damiao",
+        ends: Some([12.5, 30.0, 10.0]),
+        ..motor("elbow", 9, Dialect::Mit)
+    };
+    let bus = bus(Medium::Can, vec![new]);
+    let mut link = link(&bus, Medium::Can);
+    let found = identify(&mut link, 1).unwrap().unwrap();
+    assert_eq!((found.family, found.host_id), (Family::OtherMit { length: 8 }, FrameId::new(0)));
+    let host_id = FrameId::new(0x13).unwrap();
+    Registers::new(&mut link, 1, FrameId::new(0).unwrap()).set_address(3, host_id).unwrap();
+    inject(&bus, &link, "elbow power-cycle");
+    link.pause(Duration::from_millis(400));
+    assert_eq!(Registers::new(&mut link, 3, host_id).read(8).unwrap(), Some(3));
+    assert_eq!(identify(&mut link, 1).unwrap(), None);
+}
+
+#[test]
+fn silent_registers_are_an_unconfirmed_address() {
+    let bus = bus(Medium::Can, vec![motor("knee", 3, Dialect::Mit)]);
+    let mut link = link(&bus, Medium::Can);
+    let [before, after] = [0x103, 0x13].map(|id| FrameId::new(id).unwrap());
+    let refused = Registers::new(&mut link, 3, before).set_address(4, after).unwrap_err();
+    assert_eq!(refused, Error::Unconfirmed { id: 3, item: "MST_ID", written: 19.0 });
 }
