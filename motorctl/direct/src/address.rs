@@ -12,10 +12,11 @@ use motord_terminal::json;
 use serde::Serialize;
 use std::io;
 
-const CAN_ID: &str = "can-id";
-const HOST_ID: &str = "host-id";
-const BAUD: &str = "can-baud-rate";
-const PROTOCOL: &str = "can-protocol";
+/// Names of the items of the address.
+pub(crate) const CAN_ID: &str = "can-id";
+pub(crate) const HOST_ID: &str = "host-id";
+pub(crate) const BAUD: &str = "can-baud-rate";
+pub(crate) const PROTOCOL: &str = "can-protocol";
 
 /// The options of `motorctl id`.
 #[derive(Debug, Clone, clap::Args)]
@@ -84,27 +85,36 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     write(&mut session, &changes(&present, &wanted), confirm)
 }
 
-type Values = Vec<(&'static ConfigurationItem, Value)>;
+/// Items of a motor and their values.
+pub(crate) type Values = Vec<(&'static ConfigurationItem, Value)>;
 
-fn read(session: &mut Session) -> Result<Values, Error> {
+/// Reads the items of the address: id, host id, protocol and bit rate.
+///
+/// # Errors
+///
+/// The motor does not answer, or refuses.
+pub(crate) fn read(session: &mut Session) -> Result<Values, Error> {
     let items = [CAN_ID, HOST_ID, PROTOCOL, BAUD].into_iter().filter_map(ConfigurationItem::by_name);
     let mut motor = session.gim();
     items.map(|item| Ok((item, motor.configuration(item.key())?))).collect()
 }
 
-fn integer(values: &Values, name: &str) -> i32 {
+/// Returns the integer of this name; 0 without one.
+pub(crate) fn integer(values: &Values, name: &str) -> i32 {
     let found = values.iter().find(|(item, _)| item.name == name);
     found.map_or(0, |(_, value)| if let Value::Integer(value) = value { *value } else { 0 })
 }
 
-fn with(values: &Values, name: &str, new: i32) -> Values {
+/// Returns `values` with another integer of this name.
+pub(crate) fn with(values: &Values, name: &str, new: i32) -> Values {
     let replaced = |&(item, value): &(&'static ConfigurationItem, Value)| {
         (item, if item.name == name { Value::Integer(new) } else { value })
     };
     values.iter().map(replaced).collect()
 }
 
-const fn protocol_number(protocol: Protocol) -> i32 {
+/// Returns the stored number of a protocol.
+pub(crate) const fn protocol_number(protocol: Protocol) -> i32 {
     match protocol {
         Protocol::Gim => 0,
         Protocol::Mit => 1,
@@ -131,7 +141,11 @@ fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<
 }
 
 /// Returns the stored number for `rate`, in the unit inferred from the present number.
-fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
+///
+/// # Errors
+///
+/// The reason for which it has none.
+pub(crate) fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
     let unit = bitrate_unit(present)
         .ok_or_else(|| format!("its bit rate is stored as {present}, whose unit cannot be inferred"))?;
     let present_rate = present.unsigned_abs() * unit;

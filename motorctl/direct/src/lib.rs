@@ -9,6 +9,7 @@ mod failure;
 mod file;
 mod find;
 mod guard;
+mod guide;
 mod imu;
 mod imu_bus;
 mod imu_sdo;
@@ -172,7 +173,7 @@ pub enum DirectCommand {
     /// cannot read are unknown: compare the label. Exit status 1: a motor differs or does not
     /// answer.
     #[command(
-        after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --json | jq .answered\n  motorctl setup --config motord.toml --write"
+        after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --json | jq .answered\n  motorctl setup --config motord.toml --write\n  motorctl setup --guide --config motord.toml"
     )]
     Setup(setup::Arguments),
     /// Change the protocol that a motor speaks over CAN.
@@ -387,7 +388,10 @@ pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
         DirectCommand::Pts => service::pts(),
         DirectCommand::Jog(arguments) => jog::run(&arguments),
         DirectCommand::Indicator(arguments) => status::indicators(&arguments),
-        DirectCommand::Setup(arguments) => setup::run(&arguments),
+        DirectCommand::Setup(arguments) => match arguments.guide() {
+            Some((config, joints)) => guide::run(config, joints),
+            None => setup::run(&arguments),
+        },
         DirectCommand::Parameter(command) => parameter(command),
         DirectCommand::Config(command) => config(command),
         DirectCommand::Protocol { to, change } => address::protocol(&change.target, to, change.confirm),

@@ -241,11 +241,7 @@ impl<'s> Jogged<'s> {
     pub(crate) fn follow(&mut self, velocity: f64) -> Result<[f64; 2], Error> {
         match self.session.protocol {
             Protocol::Mit => {
-                let scales = self.session.scales();
-                let wanted = Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() };
-                let sent = nearest(&wanted, &mut self.feedback, &scales);
-                let mit::State { position, velocity, .. } = self.session.mit().control(sent)?;
-                Ok([position, velocity].map(f64::from))
+                self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
             Protocol::Gim => {
                 let speed = Finite::new(velocity as f32 * RPM).unwrap_or_default();
@@ -253,6 +249,29 @@ impl<'s> Jogged<'s> {
                 Ok([position, velocity].map(f64::from))
             }
         }
+    }
+
+    /// Pulls to `position`, rad. A motor in MIT mode does so with the stiffness `kp`, N·m/rad, and
+    /// holds that position if no further command arrives. A GIM motor follows `velocity`, rad/s.
+    /// Returns position, rad, and velocity, rad/s.
+    pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 2], Error> {
+        match self.session.protocol {
+            Protocol::Mit => self.control(&Impedance {
+                position: position as f32,
+                kp,
+                kd: self.kd,
+                ..Impedance::default()
+            }),
+            Protocol::Gim => self.follow(velocity),
+        }
+    }
+
+    /// Commands a motor in MIT mode. Returns position, rad, and velocity, rad/s.
+    fn control(&mut self, wanted: &Impedance) -> Result<[f64; 2], Error> {
+        let scales = self.session.scales();
+        let sent = nearest(wanted, &mut self.feedback, &scales);
+        let mit::State { position, velocity, .. } = self.session.mit().control(sent)?;
+        Ok([position, velocity].map(f64::from))
     }
 
     /// The motor's id.

@@ -31,11 +31,22 @@ pub struct Arguments {
     /// connected.
     #[arg(long)]
     write: bool,
+    /// Set up new motors, one after the other, by questions at a terminal: id, bit rate, zero, direction, range, protocol and a first
+    /// motion by 2°. Give power to one motor at a time. The guide may be left and goes on where it was.
+    #[arg(long, conflicts_with_all = ["write", "yes", "json"])]
+    guide: bool,
     #[command(flatten)]
     confirm: Confirm,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
+}
+
+impl Arguments {
+    /// Returns the configuration and the joints of `--guide`; `None` without it.
+    pub(crate) fn guide(&self) -> Option<(&Path, &[String])> {
+        self.guide.then_some((&*self.config, &*self.joints))
+    }
 }
 
 /// `motorctl setup`. Fails with [`DirectFailure::Differs`] when a motor differs or does not answer.
@@ -90,13 +101,39 @@ impl ComparedMotor<'_> {
 }
 
 /// Returns the motors with these names, or all, in the order of the configuration.
-fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s MotorSettings>, DirectFailure> {
+///
+/// # Errors
+///
+/// A name that no motor has.
+pub(crate) fn chosen<'s>(
+    settings: &'s Settings,
+    joints: &[String],
+) -> Result<Vec<&'s MotorSettings>, DirectFailure> {
     let unknown = joints.iter().find(|joint| settings.motors.iter().all(|motor| motor.name != **joint));
     if let Some(joint) = unknown {
         return Err(DirectFailure::Usage(format!("the configuration has no motor {joint}")));
     }
     let is_chosen = |motor: &&MotorSettings| joints.is_empty() || joints.contains(&motor.name);
     Ok(settings.motors.iter().filter(is_chosen).collect())
+}
+
+/// Asks the motor of `joint`, and stores its report in the lock file. Returns the differences from
+/// the configuration.
+///
+/// # Errors
+///
+/// The bus accepts no frame, or the file cannot be written.
+pub(crate) fn record(
+    config: &Path,
+    settings: &Settings,
+    joint: &str,
+    line: &mut OpenLine,
+) -> Result<Vec<String>, DirectFailure> {
+    let Some(motor) = settings.motors.iter().find(|motor| motor.name == joint) else { return Ok(Vec::new()) };
+    let asked = ask(settings, motor, &settings.buses[motor.bus].name, line)?;
+    let differences = asked.open_findings().map(ToString::to_string).collect();
+    store(config, settings, &[asked])?;
+    Ok(differences)
 }
 
 /// Opens the bus, and listens for drivers that report without a request; `None` for a simulated bus and for one without chosen motors.

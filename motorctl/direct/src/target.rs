@@ -31,7 +31,7 @@ pub enum Protocol {
 
 impl Protocol {
     /// Returns its name in configurations.
-    const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Mit => mit::FAMILY.name,
             Self::Gim => gim::FAMILY.name,
@@ -113,7 +113,16 @@ pub struct OpenLine {
     pub link: Link,
     /// Bit rate of the CAN interface; `None` for a serial or virtual one.
     pub bitrate: Option<u32>,
-    _lock: BusLock,
+    /// `None` for a bus inside a test.
+    _lock: Option<BusLock>,
+}
+
+#[cfg(test)]
+impl OpenLine {
+    /// Returns the line of a simulated bus, whose interface has `bitrate`.
+    pub(crate) fn simulated(link: Link, bitrate: Option<u32>) -> Self {
+        Self { name: "can0".to_owned(), link, bitrate, _lock: None }
+    }
 }
 
 /// Opens and locks the bus `name`.
@@ -140,7 +149,7 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
         );
     }
     let wire = if kind.is_line() { Wire::Serial } else { Wire::Can };
-    Ok(OpenLine { name: name.to_owned(), link: Link::over(bus, Monotonic, wire), bitrate, _lock: lock })
+    Ok(OpenLine { name: name.to_owned(), link: Link::over(bus, Monotonic, wire), bitrate, _lock: Some(lock) })
 }
 
 /// Returns whether `bus` names a line. The bit rate does not matter.

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 /// Steps per turn of the shaft, in zero and power-off position (GIM document 3.2.3).
 const TURN: f64 = 65536.0;
 /// Largest error of the new position, rad.
-const TOLERANCE: f64 = 0.02;
+pub(crate) const TOLERANCE: f64 = 0.02;
 
 /// The options of `motorctl zero` on a bus.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -57,7 +57,7 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
 }
 
 /// Stops the motor. Returns the position that it reports, rad.
-fn position(session: &mut Session) -> Result<f64, DirectFailure> {
+pub(crate) fn position(session: &mut Session) -> Result<f64, DirectFailure> {
     let position = match session.protocol {
         Protocol::Mit => session.mit().stop()?.position,
         Protocol::Gim => {
@@ -85,7 +85,7 @@ fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, Direc
 }
 
 /// Stores a new zero, which is an encoder position within one turn.
-fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
+pub(crate) fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
     let id = session.id;
     let mut motor = session.gim();
     let key = ConfigurationItem::ZERO_POSITION;

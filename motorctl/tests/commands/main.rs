@@ -13,6 +13,7 @@ mod doctor;
 mod estop;
 mod frame;
 mod frame_logs;
+mod guide;
 mod help;
 mod hold;
 mod identify;

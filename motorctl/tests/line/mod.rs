@@ -3,6 +3,8 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+pub(crate) mod terminal;
+
 use motord_bus::transport::SocketCan;
 use motord_bus::{Duration, Instant, clock, wait};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};

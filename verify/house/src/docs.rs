@@ -24,6 +24,7 @@ const ELSEWHERE: &[&str] = &[
     "params/",
     // Files of a robot.
     "motord.lock.toml",
+    "motord.setup.toml",
     "motord.toml",
     "robot.toml",
     "arm.toml",

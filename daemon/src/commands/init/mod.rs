@@ -114,7 +114,7 @@ impl Configuration {
             String::new()
         } else {
             format!(
-                "\n  motorctl setup --config {file}  # new motors first get id and zero: docs/first-motor.md"
+                "\n  motorctl setup --config {file}  # new motors first, with --guide: docs/first-motor.md"
             )
         };
         format!(

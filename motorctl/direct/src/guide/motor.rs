@@ -1,0 +1,188 @@
+//! Reads and writes the values of one motor for the guide.
+
+use crate::address::{self, BAUD, CAN_ID, HOST_ID, PROTOCOL};
+use crate::failure::DirectFailure;
+use crate::target::{Protocol, Session};
+use motord_bus::FrameId;
+use motord_protocol::Faults;
+use motord_protocol::commissioning::{Apply, Error, Failed, Registers, changes, is_taken};
+use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
+use motord_shared::Fault;
+use std::convert::Infallible;
+use std::ops::RangeInclusive;
+
+/// Supplies that a motor may have, V. Beyond them the wiring is wrong, or the firmware has another
+/// unit.
+const VOLTAGES: RangeInclusive<f32> = 8.0..=70.0;
+/// Temperatures at which a motor may be set up, °C.
+const TEMPERATURES: RangeInclusive<f32> = -20.0..=70.0;
+
+/// The state that a motor reports.
+pub(super) struct Health {
+    pub(super) firmware: Option<u32>,
+    /// Supply, V, where the motor reports it.
+    pub(super) voltage: Option<f32>,
+    /// The highest temperature, °C, where the motor reports one.
+    pub(super) temperature: Option<f32>,
+    faults: Faults,
+}
+
+impl Health {
+    /// Stops the motor, and reads its state.
+    ///
+    /// # Errors
+    ///
+    /// The motor does not answer.
+    pub(super) fn read(session: &mut Session) -> Result<Self, Error> {
+        if session.protocol == Protocol::Gim {
+            let mut motor = session.gim();
+            let faults = motor.fault()?.faults();
+            if !faults.is_none() {
+                return Ok(Self { firmware: None, voltage: None, temperature: None, faults });
+            }
+            let firmware = Some(motor.version()?);
+            let mut value = |name| Indicator::by_name(name).map(|row| motor.indicator(row.id)).transpose();
+            let (voltage, board, winding) =
+                (value("bus-voltage")?, value("board-temperature")?, value("motor-temperature")?);
+            return Ok(Self { firmware, voltage, temperature: highest([board, winding]), faults });
+        }
+        let state = session.mit().stop()?;
+        let faults = session.mit().fault()?;
+        Ok(Self { firmware: None, voltage: None, temperature: highest(state.temperatures), faults })
+    }
+
+    /// Describes it in words.
+    pub(super) fn describe(&self) -> String {
+        let firmware =
+            self.firmware.map_or_else(String::new, |version| format!("firmware {version:#010X}, "));
+        let voltage = self.voltage.map_or("supply not reported".to_owned(), |volts| format!("{volts:.1} V"));
+        let temperature = self
+            .temperature
+            .map_or("temperature not reported".to_owned(), |celsius| format!("{celsius:.0} °C"));
+        format!("{firmware}{voltage}, {temperature}")
+    }
+
+    /// Returns what must be cured before the motor is set up, in words.
+    pub(super) fn problem(&self) -> Option<String> {
+        if !self.faults.is_none() {
+            let named =
+                Fault::of_bits(self.faults.0).map(|fault| format!("{}: {}", fault.name(), fault.sentence()));
+            return Some(format!("it reports a fault: {}", named.collect::<Vec<_>>().join("; ")));
+        }
+        let is_beyond = |value: &f32, range: &RangeInclusive<f32>| !range.contains(value);
+        if let Some(volts) = self.voltage.filter(|volts| is_beyond(volts, &VOLTAGES)) {
+            return Some(format!(
+                "its supply reads {volts:.1} V, not 8 V to 70 V: check the supply and its wires"
+            ));
+        }
+        let celsius = self.temperature.filter(|celsius| is_beyond(celsius, &TEMPERATURES))?;
+        Some(format!(
+            "its temperature reads {celsius:.0} °C, not -20 °C to 70 °C: let it cool, or check its sensor"
+        ))
+    }
+}
+
+fn highest(temperatures: [Option<f32>; 2]) -> Option<f32> {
+    temperatures.into_iter().flatten().reduce(f32::max)
+}
+
+/// Clears the fault of a motor. It returns while its cause remains.
+pub(super) fn clear_fault(session: &mut Session) -> Result<(), Error> {
+    match session.protocol {
+        Protocol::Gim => session.gim().acknowledge_fault(),
+        Protocol::Mit => session.mit().clear_fault(),
+    }
+}
+
+/// Gives the motor another id and host id, and reads them back. The session follows it.
+///
+/// # Errors
+///
+/// Another motor has the id, the motor does not keep it, or its protocol has no such command.
+pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
+    let has_registers = session.settings.as_ref().is_some_and(|motor| motor.profile.has_registers);
+    match (session.protocol, session.host_id) {
+        (Protocol::Gim, _) => {
+            let raw = i32::try_from(host_id.raw()).unwrap_or(i32::MAX);
+            write(session, &[(CAN_ID, id.into()), (HOST_ID, raw)])?;
+        }
+        (Protocol::Mit, Some(before)) if has_registers => {
+            session.mit().stop()?;
+            if session.id != id && is_taken(&mut session.line.link, id)? {
+                return Err(Error::Taken { id: session.id, taken: id }.into());
+            }
+            Registers::new(&mut session.line.link, session.id, before).set_address(id, host_id)?;
+        }
+        (Protocol::Mit, _) => {
+            let reason = format!(
+                "its id cannot be changed over CAN in MIT mode: set id {id} and host id {:#05X} with the vendor's tool",
+                host_id.raw()
+            );
+            return Err(session.unfit(&reason));
+        }
+    }
+    (session.id, session.host_id) = (id, Some(host_id));
+    Ok(())
+}
+
+/// Gives a motor in native mode another bit rate. It then leaves this bus.
+///
+/// # Errors
+///
+/// The stored number has no known unit, or the motor refuses.
+pub(super) fn set_bit_rate(session: &mut Session, rate: u32) -> Result<(), DirectFailure> {
+    let present = address::integer(&address::read(session)?, BAUD);
+    let code = address::rate_code(present, session.line.bitrate, rate).map_err(|why| session.unfit(&why))?;
+    write(session, &[(BAUD, code)])
+}
+
+/// Changes a motor in native mode to MIT.
+///
+/// # Errors
+///
+/// The motor refuses.
+pub(super) fn set_mit(session: &mut Session) -> Result<(), DirectFailure> {
+    write(session, &[(PROTOCOL, address::protocol_number(Protocol::Mit))])?;
+    session.protocol = Protocol::Mit;
+    Ok(())
+}
+
+/// Writes items of the address into a motor in native mode, and reads them back.
+fn write(session: &mut Session, items: &[(&str, i32)]) -> Result<(), DirectFailure> {
+    let present = address::read(session)?;
+    let wanted =
+        items.iter().fold(present.clone(), |wanted, (name, value)| address::with(&wanted, name, *value));
+    let changes = changes(&present, &wanted);
+    let apply = Apply { changes: &changes };
+    apply.check(&mut session.gim())?;
+    apply.run(&mut session.gim(), &mut |_| Ok::<(), Infallible>(())).map_err(|failed| match failed {
+        Failed::Motor { source, .. } => source.into(),
+        Failed::Journal(never) => match never {},
+    })
+}
+
+/// Returns the stored zero position of a motor in native mode.
+///
+/// # Errors
+///
+/// The motor does not answer.
+pub(super) fn stored_zero(session: &mut Session) -> Result<Option<i32>, Error> {
+    if session.protocol == Protocol::Mit {
+        return Ok(None);
+    }
+    match session.gim().configuration(ConfigurationItem::ZERO_POSITION)? {
+        Value::Integer(zero) => Ok(Some(zero)),
+        Value::Float(_) => Ok(None),
+    }
+}
+
+/// Restores the stored zero position of a motor in native mode.
+///
+/// # Errors
+///
+/// The motor does not keep it.
+pub(super) fn restore_zero(session: &mut Session, zero: i32) -> Result<(), Error> {
+    let key = ConfigurationItem::ZERO_POSITION;
+    let Some(item) = key.item() else { return Ok(()) };
+    session.gim().store_configuration(item, Value::Integer(zero)).map(drop)
+}

@@ -1,0 +1,175 @@
+//! The steps that are done, in a file beside the configuration: `motord.setup.toml` for
+//! `motord.toml`. It is written before a motor or the configuration changes, and after each step,
+//! so that the guide goes on after any interruption.
+
+use super::edit::replace;
+use crate::failure::DirectFailure;
+use motord_configuration::{self as config, Wrong};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+const HEAD: &str = "\
+# Written by `motorctl setup --guide`: the steps of each joint that are done, and what they replaced. The guide goes on from here.
+# To set up a joint again, delete its [[joint]].
+";
+
+/// A step of a joint, in the order in which they are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Step {
+    /// The motor has its id and host id.
+    Address,
+    /// The motor has the bit rate of its bus.
+    BitRate,
+    /// Torque constant and gear ratio of motor and configuration agree.
+    Constants,
+    /// The motor reports zero at the joint's mark.
+    Zero,
+    /// The configuration has the direction of the joint.
+    Direction,
+    /// The configuration has the range of the joint.
+    Range,
+    /// The motor speaks the configured protocol.
+    Protocol,
+    /// The joint has moved by itself. The last step.
+    Motion,
+}
+
+impl Step {
+    pub(super) const ALL: [Self; 8] = [
+        Self::Address,
+        Self::BitRate,
+        Self::Constants,
+        Self::Zero,
+        Self::Direction,
+        Self::Range,
+        Self::Protocol,
+        Self::Motion,
+    ];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Address => "id",
+            Self::BitRate => "bit rate",
+            Self::Constants => "torque constant and gear ratio",
+            Self::Zero => "zero",
+            Self::Direction => "direction",
+            Self::Range => "range",
+            Self::Protocol => "protocol",
+            Self::Motion => "first motion",
+        }
+    }
+}
+
+/// The values before the first change.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) struct Before {
+    pub(super) id: Option<u8>,
+    pub(super) host_id: Option<u16>,
+    /// Bit/s of the interface at which the motor was found.
+    pub(super) bit_rate: Option<u32>,
+    /// Stored zero position of a motor in native mode.
+    pub(super) zero: Option<i32>,
+    /// Position, rad, that a motor in MIT mode reported where its zero is now.
+    pub(super) zero_at: Option<f64>,
+    /// Values of the configuration, as TOML. A key that is not here was not written.
+    #[serde(default)]
+    pub(super) file: BTreeMap<String, String>,
+}
+
+/// The steps of a joint.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Record {
+    pub(super) name: String,
+    /// In the order in which they were done.
+    #[serde(default)]
+    pub(super) done: Vec<Step>,
+    #[serde(default)]
+    pub(super) before: Before,
+}
+
+impl Record {
+    pub(super) fn has(&self, step: Step) -> bool {
+        self.done.contains(&step)
+    }
+}
+
+/// The file.
+#[derive(Debug, PartialEq)]
+pub(super) struct Progress {
+    path: PathBuf,
+    joints: Vec<Record>,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    #[serde(default, rename = "joint")]
+    joints: Vec<Record>,
+}
+
+impl Progress {
+    /// Reads the file beside the configuration, if there is one.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or has mistakes.
+    pub(super) fn load(config: &Path) -> Result<Self, DirectFailure> {
+        let path = config.with_extension("setup.toml");
+        let malformed = |reason: String| DirectFailure::Malformed {
+            path: path.clone(),
+            reason: format!("{reason}; delete it to begin with the first joint"),
+        };
+        let text = match config::text(&path) {
+            Ok(text) => text,
+            Err(problem) => match problem.wrong {
+                Wrong::Unreadable(error) if error.kind() == ErrorKind::NotFound => String::new(),
+                wrong => return Err(malformed(wrong.to_string())),
+            },
+        };
+        let document: Document =
+            toml::from_str(&text).map_err(|error| malformed(error.message().to_owned()))?;
+        Ok(Self { path, joints: document.joints })
+    }
+
+    /// Returns the record of a joint, if the guide has begun with it.
+    pub(super) fn find(&self, joint: &str) -> Option<&Record> {
+        self.joints.iter().find(|record| record.name == joint)
+    }
+
+    pub(super) fn is_done(&self, joint: &str) -> bool {
+        self.find(joint).is_some_and(|record| record.has(Step::Motion))
+    }
+
+    /// Returns the joint whose step was done last.
+    pub(super) fn last(&self) -> Option<&Record> {
+        self.joints.last().filter(|record| !record.done.is_empty())
+    }
+
+    /// Changes the record of a joint, which then is the last one, and writes the file.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be written.
+    pub(super) fn change(
+        &mut self,
+        joint: &str,
+        change: impl FnOnce(&mut Record),
+    ) -> Result<(), DirectFailure> {
+        let at = self.joints.iter().position(|record| record.name == joint);
+        let new = || Record { name: joint.to_owned(), ..Record::default() };
+        let mut record = at.map_or_else(new, |at| self.joints.remove(at));
+        change(&mut record);
+        self.joints.push(record);
+        let document = Document { joints: self.joints.clone() };
+        let text = toml::to_string(&document).map_err(|error| DirectFailure::Malformed {
+            path: self.path.clone(),
+            reason: error.to_string(),
+        })?;
+        replace(&self.path, &format!("{HEAD}\n{text}"))
+    }
+}

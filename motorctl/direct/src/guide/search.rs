@@ -1,0 +1,235 @@
+//! Waits for the one motor that is set up next.
+
+use super::dialog::{Halt, Reading};
+use super::edit::Configuration;
+use super::progress::{Progress, Step};
+use crate::target::OpenLine;
+use motord_bus::Duration;
+use motord_protocol::commissioning::{Family, Found, LinkEvent, Native, Registers, Scan, scan};
+use motord_protocol::gim::{Command, Indicator};
+use motord_protocol::register;
+use motord_settings::settings::{BusSettings, MotorSettings};
+use std::collections::VecDeque;
+
+/// The id of a new motor. Not documented by the vendors.
+pub(super) const FACTORY_ID: u8 = 1;
+/// Ids of each bus that a round asks beyond the likely ones.
+const OTHERS: usize = 8;
+/// Rounds without a motor until the likely causes are named.
+const QUIET_ROUNDS: u32 = 4;
+
+const LOOKING: &str = "looking for a motor";
+
+/// The index of a bus, and a motor that answered there.
+type Answer = (usize, Found);
+
+/// The motor that is set up next.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Candidate {
+    /// Index of its bus.
+    pub(super) bus: usize,
+    pub(super) found: Found,
+    /// The joint whose address it has.
+    pub(super) joint: Option<String>,
+    /// The name of its vendor's profile, as far as its answers show it.
+    pub(super) vendor: &'static str,
+}
+
+/// Asks the ids of all buses, in rounds. A round asks the likely ids and some of the others.
+pub(super) struct Search<'s> {
+    file: &'s Configuration,
+    progress: &'s Progress,
+    skipped: &'s [String],
+    lines: &'s mut [Option<OpenLine>],
+    queue: VecDeque<(usize, u8)>,
+    answers: Vec<Answer>,
+    collisions: Vec<(usize, u8)>,
+    next_other: u8,
+    rounds: u32,
+    last: Option<Candidate>,
+    /// The line that is shown until the next round ends.
+    shown: String,
+}
+
+impl<'s> Search<'s> {
+    pub(super) fn new(
+        file: &'s Configuration,
+        progress: &'s Progress,
+        skipped: &'s [String],
+        lines: &'s mut [Option<OpenLine>],
+    ) -> Self {
+        Self {
+            file,
+            progress,
+            skipped,
+            lines,
+            queue: VecDeque::new(),
+            answers: Vec::new(),
+            collisions: Vec::new(),
+            next_other: 1,
+            rounds: 0,
+            last: None,
+            shown: LOOKING.to_owned(),
+        }
+    }
+
+    /// Asks one id. A motor counts when it is alone in two rounds.
+    ///
+    /// # Errors
+    ///
+    /// The bus accepts no frame.
+    pub(super) fn poll(&mut self) -> Result<Reading<Candidate>, Halt> {
+        let Some((bus, id)) = self.queue.pop_front() else {
+            self.fill();
+            return Ok(Reading::Shows(self.shown.clone()));
+        };
+        self.ask(bus, id)?;
+        if self.queue.is_empty()
+            && let Some(candidate) = self.end_round()?
+        {
+            return Ok(Reading::Ends(candidate));
+        }
+        Ok(Reading::Shows(self.shown.clone()))
+    }
+
+    fn ask(&mut self, bus: usize, id: u8) -> Result<(), Halt> {
+        let Some(line) = &mut self.lines[bus] else { return Ok(()) };
+        let only = Scan { ids: id..=id, listen: Duration::ZERO, ..Scan::default() };
+        let before = line.link.formats();
+        let report = scan(&mut line.link, &only, &mut |_| true)?;
+        self.answers.extend(report.found.iter().map(|found| (bus, *found)));
+        // The answers of two motors with one id are no frames on a serial line.
+        let is_damaged = report.found.is_empty() && line.link.formats().since(before).is_any();
+        let is_doubled = report.found.len() > 1 || !report.collisions.is_empty() || is_damaged;
+        self.collisions.extend(is_doubled.then_some((bus, id)));
+        Ok(())
+    }
+
+    /// Begins a round.
+    fn fill(&mut self) {
+        self.answers.clear();
+        self.collisions.clear();
+        let others: Vec<u8> = (self.next_other..=0xFE).take(OTHERS).collect();
+        self.next_other = others.last().filter(|last| **last < 0xFE).map_or(1, |last| last + 1);
+        for bus in (0..self.lines.len()).filter(|bus| self.lines[*bus].is_some()) {
+            let own = self.file.settings.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.id);
+            let mut ids: Vec<u8> = [FACTORY_ID].into_iter().chain(own).chain(others.clone()).collect();
+            ids.sort_unstable();
+            ids.dedup();
+            self.queue.extend(ids.into_iter().map(|id| (bus, id)));
+        }
+    }
+
+    /// Returns the motor that is alone in this round and was in the one before. Describes what else
+    /// answered.
+    fn end_round(&mut self) -> Result<Option<Candidate>, Halt> {
+        self.rounds += 1;
+        let last = self.last.take();
+        let answers = std::mem::take(&mut self.answers);
+        let (known, new): (Vec<Answer>, Vec<Answer>) =
+            answers.into_iter().partition(|(bus, found)| self.is_known(*bus, found));
+        self.shown = match (self.collisions.first().copied(), &new[..]) {
+            (Some((bus, id)), _) => self.describe_collision(bus, id),
+            (None, []) => self.describe_known(&known),
+            (None, [(bus, found)]) if !self.is_alone(*bus, found)? => self.describe_collision(*bus, found.id),
+            (None, [(bus, found)]) => {
+                let joint = self.joint_at(*bus, found).map(|joint| joint.name.clone());
+                let joint = joint.filter(|joint| self.has_address(joint));
+                let vendor = self.vendor(*bus, found)?;
+                let candidate = Candidate { bus: *bus, found: *found, joint, vendor };
+                if last.as_ref() == Some(&candidate) {
+                    return Ok(last);
+                }
+                self.last = Some(candidate);
+                format!("{}: a motor answers as id {}", self.bus(*bus).device(), found.id)
+            }
+            (None, several) => {
+                let names: Vec<_> = several.iter().map(|(bus, found)| self.name(*bus, found)).collect();
+                format!("{} answer: take the power from all but one of them", names.join(" and "))
+            }
+        };
+        Ok(None)
+    }
+
+    fn describe_collision(&self, bus: usize, id: u8) -> String {
+        let is_it =
+            |joint: &&MotorSettings| joint.bus == bus && joint.id == id && self.has_address(&joint.name);
+        let joint = self.file.settings.motors.iter().find(is_it);
+        let whose = joint.map_or_else(String::new, |joint| format!(", which is that of {}", joint.name));
+        let bus = self.bus(bus).device();
+        format!("{bus}: several motors answer as id {id}{whose}: take the power from all but one")
+    }
+
+    fn describe_known(&self, known: &[Answer]) -> String {
+        match known.first().and_then(|(bus, found)| self.joint_at(*bus, found)) {
+            Some(joint) => {
+                format!("the motor of {} answers and needs nothing: give power to the next motor", joint.name)
+            }
+            None if self.rounds < QUIET_ROUNDS => LOOKING.to_owned(),
+            None => {
+                "no motor answers: check its power, wires and bit rate; a motor with a fault may be silent"
+                    .to_owned()
+            }
+        }
+    }
+
+    fn bus(&self, bus: usize) -> &BusSettings {
+        &self.file.settings.buses[bus]
+    }
+
+    fn name(&self, bus: usize, found: &Found) -> String {
+        match self.joint_at(bus, found).filter(|joint| self.has_address(&joint.name)) {
+            Some(joint) => format!("the motor of {}", joint.name),
+            None => format!("motor {} on {}", found.id, self.bus(bus).device()),
+        }
+    }
+
+    /// Returns the joint that has this address in the configuration.
+    fn joint_at(&self, bus: usize, found: &Found) -> Option<&MotorSettings> {
+        self.file
+            .settings
+            .motors
+            .iter()
+            .find(|motor| motor.bus == bus && motor.id == found.id && Some(motor.host_id) == found.host_id)
+    }
+
+    fn has_address(&self, joint: &str) -> bool {
+        self.progress.find(joint).is_some_and(|record| record.has(Step::Address))
+    }
+
+    /// Returns whether the motor needs nothing: its joint is done, or was left out.
+    fn is_known(&self, bus: usize, found: &Found) -> bool {
+        self.joint_at(bus, found).is_some_and(|joint| {
+            self.progress.is_done(&joint.name)
+                || self.skipped.contains(&joint.name) && self.has_address(&joint.name)
+        })
+    }
+
+    /// Returns whether one motor answers. Several new ones send the same bytes, except for what they
+    /// measure: the scan has received the angle of motors in MIT mode, not of native ones.
+    fn is_alone(&mut self, bus: usize, found: &Found) -> Result<bool, Halt> {
+        let (Family::Native, Some(line)) = (found.family, &mut self.lines[bus]) else { return Ok(true) };
+        let request = Native::request(&Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE });
+        let (mut answers, window) = (0, line.link.timeout());
+        let _end = line.link.ask(found.id, request, window, |event| {
+            answers += match event {
+                LinkEvent::Frame(_) => 1,
+                LinkEvent::Collision => 2,
+                LinkEvent::NotRead => 0,
+            };
+            None::<()>
+        })?;
+        Ok(answers == 1)
+    }
+
+    /// Asks a motor in MIT mode for a register: Damiao's have registers.
+    fn vendor(&mut self, bus: usize, found: &Found) -> Result<&'static str, Halt> {
+        let (Family::OtherMit { .. }, Some(host_id), Some(line)) =
+            (found.family, found.host_id, &mut self.lines[bus])
+        else {
+            return Ok(if matches!(found.family, Family::Unknown { .. }) { "unknown" } else { "steadywin" });
+        };
+        let has_registers = Registers::new(&mut line.link, found.id, host_id).read(register::ID)?.is_some();
+        Ok(if has_registers { "damiao" } else { "robstride" })
+    }
+}

@@ -1,0 +1,95 @@
+//! Undoes the steps of a joint, the last one first.
+
+use super::{JointGuide, Seen, Taken, degrees};
+use crate::failure::DirectFailure;
+use crate::guide::dialog::Halt;
+use crate::guide::progress::{Before, Step};
+use crate::guide::{edit, motor};
+use crate::target::Protocol;
+use crate::zero;
+use motord_bus::FrameId;
+
+impl JointGuide<'_, '_> {
+    /// Undoes the last step that can be undone. `false` when there is none.
+    pub(super) fn undo(&mut self) -> Result<bool, Halt> {
+        let record = self.record();
+        for step in record.done.into_iter().rev() {
+            match step {
+                Step::Protocol => {
+                    self.say("the change to MIT stays: over CAN it cannot be undone")?;
+                    continue;
+                }
+                Step::Address if record.before.id.is_none() => {
+                    self.unmark(step)?;
+                    return Ok(false);
+                }
+                _ => {}
+            }
+            if self.revert(step, &record.before)? {
+                self.unmark(step)?;
+                self.say(&format!("{}: undone", step.name()))?;
+            }
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Restores what the step has replaced. `false`: the person left that to another time.
+    fn revert(&mut self, step: Step, before: &Before) -> Result<bool, Halt> {
+        match (step, before.zero.filter(|_| self.motor.protocol == Protocol::Gim)) {
+            (Step::Address, _) => {
+                let host_id = before.host_id.and_then(FrameId::new);
+                if let (Some(id), Some(host_id)) = (before.id, host_id) {
+                    motor::set_address(&mut self.motor, id, host_id)?;
+                }
+            }
+            (Step::BitRate, _) => {
+                if let Some(rate) = before.bit_rate {
+                    motor::set_bit_rate(&mut self.motor, rate)?;
+                    self.unmark(step)?;
+                    return self.leave_bus(rate).map(|_| true);
+                }
+            }
+            (Step::Constants, _) => self.restore(&[edit::TORQUE_CONSTANT, edit::GEAR_RATIO], before)?,
+            (Step::Direction, _) => self.restore(&[edit::DIRECTION], before)?,
+            (Step::Range, _) => self.restore(&[edit::POSITION], before)?,
+            (Step::Zero, Some(zero)) => motor::restore_zero(&mut self.motor, zero)?,
+            (Step::Zero, None) => return self.restore_zero_by_hand(before.zero_at),
+            (Step::Protocol | Step::Motion, _) => {}
+        }
+        self.differences = None;
+        Ok(true)
+    }
+
+    /// A motor in MIT mode can only make its present position zero: the joint has to go where its
+    /// zero was.
+    fn restore_zero_by_hand(&mut self, at: Option<f64>) -> Result<bool, Halt> {
+        let Some(at) = at else { return Ok(true) };
+        let question = format!(
+            "{}: in MIT mode only its present position can become zero. Turn the joint until it reads 0.0°, and press Enter; `s` keeps \
+             the new zero",
+            self.joint.name
+        );
+        let show = |seen: &Seen| degrees(seen.last + at);
+        let (taken, seen) = self.watch(&question, "The former zero of the motor is there.", show)?;
+        if !matches!(taken, Taken::Done) {
+            return Ok(false);
+        }
+        if (seen.last + at).abs() > zero::TOLERANCE {
+            self.say("the joint is not there yet")?;
+            return self.restore_zero_by_hand(Some(at));
+        }
+        self.set_zero()?;
+        Ok(true)
+    }
+
+    fn restore(&mut self, keys: &[&str], before: &Before) -> Result<(), Halt> {
+        let mut values = before.file.clone();
+        values.retain(|_, value| !value.is_empty());
+        Ok(self.file.set(&self.joint.name, keys, &values)?)
+    }
+
+    fn unmark(&mut self, step: Step) -> Result<(), DirectFailure> {
+        self.progress.change(&self.joint.name, |record| record.done.retain(|done| *done != step))
+    }
+}
