@@ -240,7 +240,7 @@ enum Command {
     ///
     /// The proposal is kp = inertia · ω², kd = 2 · damping ratio · inertia · ω - friction, with ω = 2π · bandwidth. Where the
     /// limits of the gains, the codes of the velocity, or the delay of the loop forbid that, the bandwidth is lower: every
-    /// proposal has a phase margin of at least 45°. --try steps with the gains of half the bandwidth, then with the proposal.
+    /// proposal has a phase margin of at least 45°. --try steps with the gains of half its bandwidth, then with the proposal.
     ///
     /// Steps that do not fit the limits of position, torque and velocity are refused, and nothing moves. A joint that moves
     /// further than twice the step, or goes on to swing, ends the motion. Hang the robot up, or free the joint.

@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
     /// Height of a step, rad, 0.005 to 0.5.
     #[arg(long, value_name = "RAD", default_value_t = 0.05, value_parser = |text: &str| within(text, 0.005, 0.5))]
     pub(super) step_rad: f64,
-    /// Stiffness of the first steps, N·m/rad, 0.1 to 500. The default is that of half the bandwidth.
+    /// Stiffness of the first steps, N·m/rad, 0.1 to 500. The default is that of half the possible bandwidth.
     #[arg(long, value_name = "KP", requires = "kd", value_parser = |text: &str| within(text, 0.1, 500.0))]
     pub(super) kp: Option<f64>,
     /// Damping of the first steps, N·m·s/rad, 0 to 100.
@@ -35,7 +35,7 @@ pub(crate) struct Arguments {
     /// Output of `motorctl identify --json` for this joint. Without it the joint is identified first, for 12 s.
     #[arg(long, value_name = "FILE")]
     pub(super) identified: Option<PathBuf>,
-    /// Repeat the steps with the gains of half the bandwidth, then with the proposed ones.
+    /// Repeat the steps with the gains of half the proposed bandwidth, then with the proposed ones.
     #[arg(long = "try")]
     pub(super) is_tried: bool,
     /// Draw the responses as an SVG into this file; `-` is the standard output.

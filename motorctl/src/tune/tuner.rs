@@ -112,10 +112,10 @@ impl<'a> Tuner<'a> {
         self.timing = recording.timing;
         let plant = self.plant(&known)?;
         let bounds = Bounds { velocity_code: recording.velocity_code, ..self.bounds() };
-        let proposal = self.propose(&plant, 1.0, &bounds)?;
+        let proposal = self.propose(&plant, self.arguments.bandwidth, &bounds)?;
         let mut after = None;
         if self.arguments.is_tried {
-            let half = self.propose(&plant, 0.5, &bounds)?.gains;
+            let half = self.half(&plant, &proposal, &bounds)?.gains;
             progress(format!("steps with kp {}, kd {}", half.kp, half.kd));
             self.stepped(session, gains, half, true)?;
             progress(format!("steps with kp {}, kd {}", proposal.gains.kp, proposal.gains.kd));
@@ -167,11 +167,12 @@ impl<'a> Tuner<'a> {
         samples
     }
 
-    /// The gains of the first steps: the given ones, or those of half the bandwidth.
+    /// The gains of the first steps: the given ones, or those of half the possible bandwidth.
     fn first(&self, known: &Known) -> Result<Gains, TuneFailure> {
         let plant = self.plant(known)?;
         let Some(given) = self.arguments.given(&self.limits) else {
-            return Ok(self.propose(&plant, 0.5, &self.bounds())?.gains);
+            let full = self.propose(&plant, self.arguments.bandwidth, &self.bounds())?;
+            return Ok(self.half(&plant, &full, &self.bounds())?.gains);
         };
         let degrees = plant.margins(given).phase.to_degrees();
         let Gains { kp, kd } = given;
@@ -195,10 +196,14 @@ impl<'a> Tuner<'a> {
         Ok(soft.ok_or_else(|| self.unknown(String::new()))?.gains)
     }
 
-    /// The proposal for a share of the wanted bandwidth.
-    fn propose(&self, plant: &Plant, share: f64, bounds: &Bounds) -> Result<Proposal, TuneFailure> {
-        let Wanted { bandwidth, damping_ratio } = self.arguments.wanted();
-        let wanted = Wanted { bandwidth: share * bandwidth, damping_ratio };
+    /// The proposal for half the bandwidth of `full`, which a bound may have lowered.
+    fn half(&self, plant: &Plant, full: &Proposal, bounds: &Bounds) -> Result<Proposal, TuneFailure> {
+        self.propose(plant, 0.5 * full.bandwidth, bounds)
+    }
+
+    /// The proposal for at most this bandwidth, Hz.
+    fn propose(&self, plant: &Plant, bandwidth: f64, bounds: &Bounds) -> Result<Proposal, TuneFailure> {
+        let wanted = Wanted { bandwidth, ..self.arguments.wanted() };
         propose(plant, wanted, bounds).ok_or_else(|| self.unknown(String::new()))
     }
 

@@ -81,6 +81,9 @@ fn slow_native_joint_gets_lower_bandwidth() {
     assert!(found["delay_ms"].as_f64().unwrap() >= 7.4, "{found}");
     assert!((4.0..6.5).contains(&proposed["bandwidth_hz"].as_f64().unwrap()), "{proposed}");
     assert!(proposed["phase_margin_deg"].as_f64().unwrap() >= 45.0, "{proposed}");
+    // Half the bandwidth is a quarter of the stiffness.
+    let [before, full] = [&found["before"], proposed].map(|of| of["kp"].as_f64().unwrap());
+    assert!(before < 0.6 * full, "{before} is not half of {full}");
     let notes = found["notes"].to_string();
     assert!(notes.contains("Hz instead of 20.0 Hz") && notes.contains("phase margin below 45°"), "{notes}");
     assert_free(&daemon);
