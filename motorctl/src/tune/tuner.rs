@@ -137,12 +137,10 @@ impl<'a> Tuner<'a> {
         self.check(&steps)?;
         let recording = session.step(&steps, is_strict)?;
         self.must_be_complete(&recording, steps.duration())?;
-        let turn = recording.timing.turn().unwrap_or(0.0);
-        let response = Response::of(&recording.samples, turn);
-        let response = response.ok_or_else(|| self.lost("its states show no whole step"))?;
-        let measured = Measured::new(gains, response, &recording.limits);
-        let velocity_code = recording.velocity_code();
-        Ok((Recorded { timing: recording.timing, velocity_code }, measured))
+        // The daemon stops a group whose setpoints are missing while they are evaluated.
+        let evaluation = thread::spawn(move || evaluated(recording, gains));
+        let evaluated = session.hold(gains, evaluation)?.flatten();
+        Ok(evaluated.ok_or_else(|| self.lost("its states show no whole step"))?)
     }
 
     /// Moves the joint along `plan`, and holds it while another thread computes.
@@ -235,6 +233,14 @@ impl<'a> Tuner<'a> {
     fn unknown(&self, why: String) -> TuneFailure {
         TuneFailure::Inertia { joint: self.joint.name.clone(), why }
     }
+}
+
+/// What steps with `gains` show; `None` without a whole step. Takes milliseconds: it sorts the states.
+fn evaluated(recording: Recording, gains: Gains) -> Option<(Recorded, Measured)> {
+    let response = Response::of(&recording.samples, recording.timing.turn().unwrap_or(0.0))?;
+    let measured = Measured::new(gains, response, &recording.limits);
+    let velocity_code = recording.velocity_code();
+    Some((Recorded { timing: recording.timing, velocity_code }, measured))
 }
 
 /// Properties of the loop that the steps show.
