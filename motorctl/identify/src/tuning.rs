@@ -144,7 +144,8 @@ pub fn propose(plant: &Plant, wanted: Wanted, bounds: &Bounds) -> Option<Proposa
 fn broken(gains: Gains, margins: &Margins, bounds: &Bounds) -> Option<Bound> {
     let noise = gains.kd * bounds.velocity_code;
     let broken = [
-        (Bound::Delay, margins.phase < PHASE_MARGIN_MIN),
+        // A margin that is not a number is none.
+        (Bound::Delay, !(PHASE_MARGIN_MIN..).contains(&margins.phase)),
         (Bound::Kp, gains.kp > bounds.gains.kp),
         (Bound::Kd, gains.kd > bounds.gains.kd),
         (Bound::Noise, noise > NOISE_SHARE * bounds.torque),
@@ -234,6 +235,19 @@ mod tests {
             let found = propose(&plant, wanted, &bounds).unwrap();
             assert_eq!(found.bound, Some(named), "{found:?}");
             assert!(found.bandwidth < 50.0 && broken(found.gains, &found.margins, &bounds).is_none());
+        }
+    }
+
+    #[test]
+    fn absurd_mechanics_get_no_proposal() {
+        let wanted = Wanted { bandwidth: 10.0, damping_ratio: 1.0 };
+        for absurd in [
+            Plant { viscous: 1e200, ..PLANT },
+            Plant { inertia: 1e-200, ..PLANT },
+            Plant { delay: f64::NAN, ..PLANT },
+        ] {
+            let found = propose(&absurd, wanted, &FREE);
+            assert_eq!(found, None, "{absurd:?}");
         }
     }
 

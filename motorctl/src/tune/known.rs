@@ -8,6 +8,12 @@ use std::path::Path;
 
 /// Largest identification, bytes: a thousand times that of one joint.
 const BYTES_MAX: u64 = 1 << 20;
+/// Inertia of any joint, kg·m².
+const INERTIA: [f64; 2] = [1e-6, 100.0];
+/// Viscous friction of any joint, N·m·s/rad.
+const VISCOUS: [f64; 2] = [0.0, 100.0];
+/// Lag of any drive, µs.
+const LAG_US: [f64; 2] = [0.0, 1e5];
 
 /// The mechanics of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,6 +48,25 @@ impl Entry {
     }
 }
 
+impl File {
+    /// The mechanics of the joint, or why they are none.
+    fn known(&self) -> Result<Known, String> {
+        let inertia = self.inertia_kg_m2.identified().ok_or("its inertia was not identifiable")?;
+        let viscous = self.viscous_friction_nm_s_per_rad.identified().unwrap_or(0.0);
+        let lag_us = self.lag_us.unwrap_or(0.0).max(0.0);
+        within("inertia_kg_m2", inertia, INERTIA)?;
+        within("viscous_friction_nm_s_per_rad", viscous, VISCOUS)?;
+        within("lag_us", lag_us, LAG_US)?;
+        Ok(Known { inertia, viscous, lag: lag_us / 1e6, is_read: true })
+    }
+}
+
+/// Refuses a value of `key` that no joint has.
+fn within(key: &str, value: f64, [least, most]: [f64; 2]) -> Result<(), String> {
+    let is_possible = (least..=most).contains(&value);
+    is_possible.then_some(()).ok_or_else(|| format!("{key} is {value:e}, and {least} to {most} is possible"))
+}
+
 impl Known {
     /// Reads the output of `motorctl identify --json`.
     ///
@@ -60,13 +85,7 @@ impl Known {
         if file.joint != joint {
             return Err(refused(format!("it is that of {}", file.joint)));
         }
-        let inertia = file
-            .inertia_kg_m2
-            .identified()
-            .ok_or_else(|| refused("its inertia was not identifiable".into()))?;
-        let viscous = file.viscous_friction_nm_s_per_rad.identified().unwrap_or(0.0);
-        let lag = file.lag_us.unwrap_or(0.0).max(0.0) / 1e6;
-        Ok(Self { inertia, viscous, lag, is_read: true })
+        file.known().map_err(refused)
     }
 
     /// The mechanics that were found in this run.
@@ -87,17 +106,37 @@ impl Known {
 mod tests {
     use super::*;
 
-    #[test]
-    fn identification_of_another_joint_is_refused() {
+    /// A file for the joint `knee`.
+    fn written([inertia, viscous]: [&str; 2], lag_us: &str) -> tempfile::NamedTempFile {
         let file = tempfile::NamedTempFile::new().unwrap();
         let entry =
-            |value: f64| format!(r#"{{"value": {value}, "lower": 0, "upper": 1, "is_identified": true}}"#);
+            |value: &str| format!(r#"{{"value": {value}, "lower": 0, "upper": 1, "is_identified": true}}"#);
         let text = format!(
-            r#"{{"joint": "knee", "inertia_kg_m2": {}, "viscous_friction_nm_s_per_rad": {}, "lag_us": 1500.0, "notes": []}}"#,
-            entry(0.03),
-            entry(0.08)
+            r#"{{"joint": "knee", "inertia_kg_m2": {}, "viscous_friction_nm_s_per_rad": {}, "lag_us": {lag_us}, "notes": []}}"#,
+            entry(inertia),
+            entry(viscous)
         );
         std::fs::write(file.path(), text).unwrap();
+        file
+    }
+
+    #[test]
+    fn absurd_mechanics_are_refused_with_numbers() {
+        for (mechanics, lag_us, complaint) in [
+            (["1e-200", "0.1"], "0", "inertia_kg_m2 is 1e-200, and 0.000001 to 100 is possible"),
+            (["1e200", "0.1"], "0", "inertia_kg_m2 is 1e200"),
+            (["0.03", "1e5"], "0", "viscous_friction_nm_s_per_rad is 1e5, and 0 to 100"),
+            (["0.03", "0.1"], "2e5", "lag_us is 2e5, and 0 to 100000"),
+            (["NaN", "0.1"], "0", "expected"),
+        ] {
+            let refused = Known::read(written(mechanics, lag_us).path(), "knee").unwrap_err().to_string();
+            assert!(refused.contains(complaint), "{refused}");
+        }
+    }
+
+    #[test]
+    fn identification_of_another_joint_is_refused() {
+        let file = written(["0.03", "0.08"], "1500.0");
         let known = Known::read(file.path(), "knee").unwrap();
         assert_eq!(known, Known { inertia: 0.03, viscous: 0.08, lag: 1.5e-3, is_read: true });
         let other = Known::read(file.path(), "hip").unwrap_err().to_string();

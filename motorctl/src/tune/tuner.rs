@@ -175,7 +175,11 @@ impl<'a> Tuner<'a> {
         let degrees = plant.margins(given).phase.to_degrees();
         let Gains { kp, kd } = given;
         let (joint, least) = (self.joint.name.clone(), GIVEN_MARGIN);
-        if degrees < least { Err(TuneFailure::Margin { joint, kp, kd, degrees, least }) } else { Ok(given) }
+        // A margin that is not a number is none.
+        if (least..).contains(&degrees) {
+            return Ok(given);
+        }
+        Err(TuneFailure::Margin { joint, kp, kd, degrees, least })
     }
 
     /// Gains that suit the joint whatever its load: for a loop in the cycle those of its rotor alone.
