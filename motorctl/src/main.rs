@@ -243,7 +243,7 @@ enum Command {
     /// proposal has a phase margin of at least 45°. --try steps with the gains of half its bandwidth, then with the proposal.
     ///
     /// Steps that do not fit the limits of position, torque and velocity are refused, and nothing moves. A joint that moves
-    /// further than twice the step, or goes on to swing, ends the motion. Hang the robot up, or free the joint.
+    /// further than twice the step beyond its begin and its setpoint, or goes on to swing, ends the motion. Hang the robot up, or free the joint.
     ///
     /// Exit status: 0 gains were proposed; 1 they were not; 64 the steps do not fit; 130 interrupted, and the group is stopped.
     #[command(

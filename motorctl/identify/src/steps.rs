@@ -10,6 +10,8 @@ use core::fmt;
 
 /// Time in which the gains change, s.
 const RAMP: f64 = 1.0;
+/// Share of the torque limit that the weight of a joint uses at most: the rest of that of a step.
+const WEIGHT_SHARE: f64 = 1.0 - TORQUE_SHARE;
 /// Largest way of an undamped joint, by the step.
 const SWING: f64 = 2.0;
 /// Share of the time between two steps after which a joint swings less than a step.
@@ -173,7 +175,14 @@ pub enum Swing {
     Far {
         /// rad.
         position: f64,
-        /// Setpoints are around this position, rad.
+        /// Lowest and highest position of that range, rad.
+        range: [f64; 2],
+    },
+    /// It began further from its setpoint than a weight explains.
+    Displaced {
+        /// rad.
+        position: f64,
+        /// The setpoint, rad.
         centre: f64,
     },
     /// It still swings at the end of a step by this distance, rad.
@@ -183,8 +192,17 @@ pub enum Swing {
 impl fmt::Display for Swing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Far { position, centre } => {
-                write!(f, "it reached {position:.3} rad, more than twice the step from {centre:.3} rad")
+            Self::Far { position, range: [low, high] } => {
+                write!(
+                    f,
+                    "it reached {position:.3} rad, outside {low:.3} to {high:.3} rad, twice the step beyond its begin and its setpoint"
+                )
+            }
+            Self::Displaced { position, centre } => {
+                write!(
+                    f,
+                    "it is at {position:.3} rad and its setpoint at {centre:.3} rad, further than its weight may turn it"
+                )
             }
             Self::Long(range) => {
                 write!(f, "it still swings by {range:.3} rad at the end of a step, more than the step")
@@ -197,18 +215,32 @@ impl fmt::Display for Swing {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guard {
     steps: Steps,
-    /// Where the joint was at first, rad.
-    start: Option<f64>,
+    /// Largest distance from the setpoint to which a weight turns the joint, rad.
+    sag: f64,
+    /// Lowest and highest position of the steps from where the joint was at first, rad.
+    reach: Option<[f64; 2]>,
     turn: f64,
     /// Lowest and highest position at the end of this turn, rad.
     range: [f64; 2],
 }
 
 impl Guard {
-    /// Watches a joint in `steps`.
+    /// Watches a joint in `steps`, whose largest torque is `torque`, N·m.
     #[must_use]
-    pub fn new(steps: Steps) -> Self {
-        Self { steps, start: None, turn: f64::NAN, range: [f64::INFINITY, f64::NEG_INFINITY] }
+    pub fn new(steps: Steps, torque: f64) -> Self {
+        let sag = WEIGHT_SHARE * torque / steps.from.kp;
+        Self { steps, sag, reach: None, turn: f64::NAN, range: [f64::INFINITY, f64::NEG_INFINITY] }
+    }
+
+    /// Returns the reach of a joint that begins at `start`, rad.
+    fn reach(&self, start: f64) -> Result<[f64; 2], Swing> {
+        let Steps { centre, height, .. } = self.steps;
+        let swing = SWING * height;
+        if !(0.0..=swing + self.sag).contains(&(start - centre).abs()) {
+            return Err(Swing::Displaced { position: start, centre });
+        }
+        // A joint that hangs begins below its setpoint.
+        Ok([start.min(centre) - swing, start.max(centre) + swing])
     }
 
     /// Checks the position of the joint, rad, at `time`, s.
@@ -217,12 +249,10 @@ impl Guard {
     ///
     /// [`Swing`]: the caller stops the joint.
     pub fn check(&mut self, time: f64, position: f64) -> Result<(), Swing> {
-        let Steps { centre, height, .. } = self.steps;
-        // A joint that hangs begins below its setpoint.
-        let start = *self.start.get_or_insert(position);
-        let reach = SWING * height + (start - centre).abs();
-        if !(0.0..=reach).contains(&(position - centre).abs()) {
-            return Err(Swing::Far { position, centre });
+        let reach = self.reach.map_or_else(|| self.reach(position), Ok)?;
+        self.reach = Some(reach);
+        if !(reach[0]..=reach[1]).contains(&position) {
+            return Err(Swing::Far { position, range: reach });
         }
         let (turn, passed) = self.steps.turn(time);
         if turn != self.turn {
@@ -233,7 +263,7 @@ impl Guard {
             self.range = [low.min(position), high.max(position)];
         }
         let range = self.range[1] - self.range[0];
-        if range > height { Err(Swing::Long(range)) } else { Ok(()) }
+        if range > self.steps.height { Err(Swing::Long(range)) } else { Ok(()) }
     }
 }
 
@@ -289,18 +319,28 @@ mod tests {
     #[test]
     fn joint_beyond_a_whole_overshoot_has_left() {
         let far = |start, position| {
-            let mut guard = Guard::new(STEPS);
+            let mut guard = Guard::new(STEPS, 1.0);
             guard.check(0.0, start).and_then(|()| guard.check(0.1, position)).is_err()
         };
         assert!(!far(0.2, 0.29) && far(0.2, 0.31));
-        assert!(!far(0.1, 0.11), "a joint that hangs");
+        assert!(!far(0.1, 0.01) && !far(0.1, 0.29), "a joint that hangs");
+        assert!(far(0.1, -0.01) && far(0.1, 0.31), "a joint that hangs");
         assert!(far(0.2, f64::NAN));
+    }
+
+    /// A weight has 0.3 N·m of 1 N·m, and the gains before have 1 N·m/rad: 0.3 rad, and two steps.
+    #[test]
+    fn joint_begins_where_its_weight_explains() {
+        let begun = |start| Guard::new(STEPS, 1.0).check(0.0, start);
+        assert_eq!((begun(-0.19), begun(0.59)), (Ok(()), Ok(())));
+        assert!(matches!(begun(-0.21), Err(Swing::Displaced { .. })), "{:?}", begun(-0.21));
+        assert!(begun(0.61).is_err() && begun(f64::NAN).is_err());
     }
 
     #[test]
     fn joint_that_swings_on_is_found() {
         let swings = |decay: f64| {
-            let mut guard = Guard::new(STEPS);
+            let mut guard = Guard::new(STEPS, 1.0);
             let mut times = (0..5500).map(|at| 1e-3 * f64::from(at));
             times.find_map(|time| {
                 let target = STEPS.command(time).unwrap().position;

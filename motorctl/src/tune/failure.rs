@@ -2,6 +2,7 @@
 
 use crate::exit_status::{DATA, INTERRUPTED, IO, USAGE};
 use crate::failure::CommandFailure;
+use crate::tune::timing::Site;
 use motord_identify::{PlanError, StepError, Swing};
 use std::io;
 use std::path::PathBuf;
@@ -20,7 +21,9 @@ pub(crate) enum TuneFailure {
     /// The joint does not come to rest. Its group is stopped.
     #[error(
         "{joint} is not tuned: {reason}, with kp {kp:.1}, kd {kd:.2}. Its group is stopped, after damping what moves: check that the joint \
-         is free, and choose a lower --bandwidth or --kp, a larger --kd, or a longer --seconds"
+         is free and that its weight turns it little (torque of the weight / kp), and choose a lower --bandwidth or --kp, {calmer}, or a \
+         longer --seconds",
+        calmer = .site.calmer()
     )]
     Swung {
         /// The joint.
@@ -31,6 +34,8 @@ pub(crate) enum TuneFailure {
         kp: f64,
         /// N·m·s/rad.
         kd: f64,
+        /// Where the gains act.
+        site: Site,
     },
     /// The proposed gains reached a limit of the torque. The group is stopped.
     #[error(
@@ -47,8 +52,7 @@ pub(crate) enum TuneFailure {
     },
     /// The given gains leave too little.
     #[error(
-        "{joint} is not tuned: kp {kp:.1} and kd {kd:.2} leave a phase margin of {degrees:.0}°, and {least:.0}° are the least for a step: choose a \
-         lower --kp or a larger --kd"
+        "{joint} is not tuned: kp {kp:.1} and kd {kd:.2} leave a phase margin of {degrees:.0}°, and {least:.0}° are the least for a step: choose {advice}"
     )]
     Margin {
         /// The joint.
@@ -61,6 +65,8 @@ pub(crate) enum TuneFailure {
         degrees: f64,
         /// The least, degrees.
         least: f64,
+        /// Other gains.
+        advice: String,
     },
     /// The identification does not fit the limits, or ended.
     #[error(

@@ -5,7 +5,7 @@ use crate::hold::{SILENCE, START, Target, disable, owned, refuse_latched};
 use crate::identify::losses::Counter;
 use crate::identify::session::{FIRST_SHARE, damp_others, sample};
 use crate::tune::failure::TuneFailure;
-use crate::tune::timing::Timing;
+use crate::tune::timing::{Site, Timing};
 use motord_client::{Claim, Client, Joint, JointDescription, Limit, Phase, Setpoint, Slot};
 use motord_identify::{Command, Gains, Guard, Plan, Sample, Steps};
 use motord_terminal::Interrupt;
@@ -164,11 +164,12 @@ impl<'a> Session<'a> {
     /// Moves the joint in `steps`. With `is_strict`, a limit of the torque ends the motion.
     pub(crate) fn step(&mut self, steps: &Steps, is_strict: bool) -> Result<Recording, Failure> {
         let mut recording = Recording::with_capacity(steps.duration(), self.rate);
-        let name = &self.joint.name;
-        let (mut guard, Gains { kp, kd }) = (Guard::new(*steps), steps.gains);
+        let (name, site) = (&self.joint.name, Site::of(self.joint));
+        let (mut guard, Gains { kp, kd }) =
+            (Guard::new(*steps, self.joint.limits.torque.into()), steps.gains);
         self.follow(&mut recording, |time, joint, recording| {
             let [position, _] = measured(joint);
-            let swung = |reason| TuneFailure::Swung { joint: name.clone(), reason, kp, kd };
+            let swung = |reason| TuneFailure::Swung { joint: name.clone(), reason, kp, kd, site };
             guard.check(time, position).map_err(swung)?;
             if is_strict && joint.limits.contains(Limit::TotalTorque) {
                 return Err(TuneFailure::Torque { joint: name.clone(), kp, kd }.into());

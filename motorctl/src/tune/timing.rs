@@ -1,6 +1,6 @@
 //! The delay of the loop of stiffness and damping.
 
-use motord_client::Joint;
+use motord_client::{Joint, JointDescription};
 use serde::Serialize;
 
 /// Delay of the loop in a drive, s: a control period, and the velocity that it computes from
@@ -17,6 +17,21 @@ pub(crate) enum Site {
     Drive,
     /// In the daemon's cycle (native protocol).
     Cycle,
+}
+
+impl Site {
+    /// The site of the loop of `joint`.
+    pub(crate) fn of(joint: &JointDescription) -> Self {
+        if joint.protocol == "mit" { Self::Drive } else { Self::Cycle }
+    }
+
+    /// The change of the damping that calms a joint: one that is late does not damp.
+    pub(crate) fn calmer(self) -> &'static str {
+        match self {
+            Self::Drive => "a larger --kd",
+            Self::Cycle => "a smaller --kd",
+        }
+    }
 }
 
 /// Times of the replies of one motor.

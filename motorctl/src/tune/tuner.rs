@@ -55,7 +55,7 @@ impl<'a> Tuner<'a> {
         timing: Timing,
     ) -> Result<Self, TuneFailure> {
         let known = arguments.identified.as_deref().map(|path| Known::read(path, &joint.name)).transpose()?;
-        let site = if joint.protocol == "mit" { Site::Drive } else { Site::Cycle };
+        let site = Site::of(joint);
         let limits = limits(joint);
         let mut tuner = Self { arguments, joint, limits, site, wire, timing, known, soft: SOFT, plan: None };
         tuner.soft = tuner.soft_gains()?;
@@ -179,7 +179,8 @@ impl<'a> Tuner<'a> {
         if (least..).contains(&degrees) {
             return Ok(given);
         }
-        Err(TuneFailure::Margin { joint, kp, kd, degrees, least })
+        let advice = steadier(&plant, kd);
+        Err(TuneFailure::Margin { joint, kp, kd, degrees, least, advice })
     }
 
     /// Gains that suit the joint whatever its load: for a loop in the cycle those of its rotor alone.
@@ -239,7 +240,18 @@ impl<'a> Tuner<'a> {
     }
 }
 
-/// What steps with `gains` show; `None` without a whole step. Takes milliseconds: it sorts the states.
+/// Gains with more margin than those with the damping `kd`: more damping helps up to a bound, which
+/// the delay sets.
+fn steadier(plant: &Plant, kd: f64) -> String {
+    let most = plant.inertia / (2.0 * plant.delay);
+    if kd > most {
+        format!("a lower --kd, below {most:.3} (inertia by twice the delay)")
+    } else {
+        format!("a lower --kp, or a larger --kd below {most:.3} (inertia by twice the delay)")
+    }
+}
+
+/// The response to steps with `gains`; `None` without a whole step. Takes milliseconds: it sorts the states.
 fn evaluated(recording: Recording, gains: Gains) -> Option<(Recorded, Measured)> {
     let response = Response::of(&recording.samples, recording.timing.turn().unwrap_or(0.0))?;
     let measured = Measured::new(gains, response, &recording.limits);
@@ -251,4 +263,19 @@ fn evaluated(recording: Recording, gains: Gains) -> Option<(Recorded, Measured)>
 struct Recorded {
     timing: Timing,
     velocity_code: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_follows_cause_of_small_margin() {
+        let plant = Plant { inertia: 0.03, viscous: 0.0, delay: 5e-3 };
+        let damped = Gains { kp: 5.0, kd: 10.0 };
+        assert!(plant.margins(damped).phase < 0.0);
+        assert_eq!(steadier(&plant, damped.kd), "a lower --kd, below 3.000 (inertia by twice the delay)");
+        assert!(plant.margins(Gains { kd: 2.9, ..damped }).phase > 0.5);
+        assert!(steadier(&plant, 0.1).starts_with("a lower --kp, or a larger --kd below 3.000"));
+    }
 }
