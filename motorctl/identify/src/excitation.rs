@@ -199,14 +199,14 @@ impl Plan {
         Ok(Self { limits, centre, amplitude, shape, phases, sines })
     }
 
-    /// Plans the same excitation around another position, rad. Takes microseconds: a cycle of the
-    /// daemon may wait for it.
+    /// Plans the same excitation around another position, rad, with at most the amplitude of this
+    /// one. Takes microseconds: a cycle of the daemon may wait for it.
     ///
     /// # Errors
     ///
     /// [`PlanError::Narrow`].
     pub fn around(&self, centre: f64) -> Result<Self, PlanError> {
-        let amplitude = amplitude(&self.limits, centre, self.shape)?;
+        let amplitude = amplitude(&self.limits, centre, self.shape)?.min(self.amplitude);
         let sines = self.phases.scaled(amplitude, VELOCITY_SHARE * self.limits.velocity);
         Ok(Self { centre, amplitude, sines, ..self.clone() })
     }
@@ -485,6 +485,14 @@ mod tests {
         assert!(begun.elapsed() < search, "100 times in {:?}, and {search:?} for the first", begun.elapsed());
         assert_eq!(moved[0], Plan::new(LIMITS, -0.7, SHAPE).unwrap());
         assert!(matches!(plan.around(0.95), Err(PlanError::Narrow { .. })));
+    }
+
+    /// A person has agreed to the amplitude.
+    #[test]
+    fn moved_joint_gets_no_larger_amplitude() {
+        let near = Plan::new(LIMITS, 0.8, SHAPE).unwrap();
+        assert!((near.amplitude() - 0.08).abs() < 1e-9, "{}", near.amplitude());
+        assert_eq!(near.around(0.0).unwrap().amplitude(), near.amplitude());
     }
 
     #[test]

@@ -83,10 +83,13 @@ impl<'a> Tuner<'a> {
         let runs = if self.arguments.is_tried { 3.0 } else { 1.0 };
         let steps = runs * (1.0 + (1.0 + 4.0 * f64::from(*repetitions)) * seconds);
         let (motion, identification) = self.plan.as_ref().map_or((String::new(), 0.0), |plan| {
-            (format!("by ±{:.2} rad for {:.0} s, then ", plan.amplitude(), plan.seconds()), plan.seconds())
+            (
+                format!("by setpoints of ±{:.2} rad for {:.0} s, then ", plan.amplitude(), plan.seconds()),
+                plan.seconds(),
+            )
         });
         format!(
-            "This moves {} {motion}in steps of ±{step_rad} rad, {:.0} s in all; the other joints of its group are damped. Hang the robot up \
+            "This moves {} {motion}in steps of ±{step_rad} rad, {:.0} s in all; it may swing to twice that; the other joints of its group are damped. Hang the robot up \
              or free the joint, keep people away, and keep a hand on the switch that cuts the power.",
             self.joint.name,
             steps + identification

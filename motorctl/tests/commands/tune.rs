@@ -105,7 +105,7 @@ fn steps_that_do_not_fit_move_nothing() {
     let unconfirmed = daemon.motorctl(&["tune", "arm"]);
     let warning = text(&unconfirmed.stderr);
     assert!(
-        warning.contains("This moves arm by ±0.30 rad for 14 s, then in steps of ±0.05 rad"),
+        warning.contains("This moves arm by setpoints of ±0.30 rad for 14 s, then in steps of ±0.05 rad"),
         "{warning}"
     );
     assert_unmoved(&daemon);
