@@ -134,13 +134,14 @@ fn given_gains_without_margin_move_nothing() {
     assert_unmoved(&daemon);
 }
 
-/// The file has ten times the inertia: its gains make the joint oscillate.
+/// The file has ten times the inertia: gains that suit it make the joint oscillate.
 #[test]
 fn joint_that_oscillates_is_damped_and_named() {
     let free = robot(100, "gim").replace("velocity-rad-s = 6.0", "velocity-rad-s = 30.0");
     let daemon = started(&free);
     let file = identified(&daemon, 10.0 * INERTIA);
-    let output = daemon.motorctl(&["tune", "arm", "--yes", "--bandwidth", "2.5", "--identified", &file]);
+    let gains = ["--kp", "18", "--kd", "4.6", "--identified", &file];
+    let output = daemon.motorctl(&[&["tune", "arm", "--yes"], &gains[..]].concat());
     let complaint = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{complaint}");
     assert!(complaint.contains("arm is not tuned: it "), "{complaint}");
