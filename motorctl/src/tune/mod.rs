@@ -58,6 +58,7 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     stopped?;
     let report = tuned?;
     printed?;
+    let Some(report) = report else { return Ok(()) };
     if !arguments.draws_on_stdout() {
         report.print(&mut io::stdout().lock(), arguments.json)?;
     }

@@ -6,12 +6,15 @@ use crate::identify::losses::Counter;
 use crate::identify::session::{FIRST_SHARE, damp_others, sample};
 use crate::tune::failure::TuneFailure;
 use crate::tune::timing::{Site, Timing};
-use motord_client::{Claim, Client, Joint, JointDescription, Limit, Phase, Setpoint, Slot};
+use motord_client::{Claim, Client, Error, Joint, JointDescription, Limit, Phase, Setpoint, Slot};
 use motord_identify::{Command, Gains, Guard, Plan, Sample, Steps};
 use motord_terminal::Interrupt;
 use std::collections::BTreeSet;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
+/// Longest time in which a signal is not seen.
+const SLICE: Duration = Duration::from_millis(50);
 /// Limits whose action makes a response that of the limit.
 const SHAPING: [Limit; 6] = [
     Limit::Position,
@@ -109,9 +112,23 @@ impl<'a> Session<'a> {
         self.claim.set(self.slot, soft)?;
         self.claim.commit()?;
         self.claim.enable()?;
-        self.claim.wait_for(Phase::Active, START)?;
+        self.wait_until_active()?;
         self.centre = self.position()?.into();
         Ok(())
+    }
+
+    /// Waits until the motors follow, or a signal ends that.
+    fn wait_until_active(&mut self) -> Result<(), Failure> {
+        for _ in 0..START.as_millis() / SLICE.as_millis() {
+            if self.interrupt.is_raised() {
+                return Err(TuneFailure::Interrupted(self.joint.name.clone()).into());
+            }
+            match self.claim.wait_for(Phase::Active, SLICE) {
+                Err(Error::NotReached { .. }) => {}
+                outcome => return Ok(outcome?),
+            }
+        }
+        Ok(self.claim.wait_for(Phase::Active, SLICE)?)
     }
 
     /// Answers each state with the setpoint that `next` returns for it, until there is none.

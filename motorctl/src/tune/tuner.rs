@@ -96,21 +96,30 @@ impl<'a> Tuner<'a> {
         )
     }
 
-    /// Moves the joint, and computes the proposal.
+    /// Moves the joint, and computes the proposal. `None`: the output cannot be written.
     ///
     /// # Errors
     ///
     /// A signal, a limit or the daemon ended the motion, or the joint is not one that can be tuned.
-    pub(crate) fn tune(&mut self, session: &mut Session<'_>, printer: &Printer) -> Result<Report, Failure> {
+    pub(crate) fn tune(
+        &mut self,
+        session: &mut Session<'_>,
+        printer: &Printer,
+    ) -> Result<Option<Report>, Failure> {
         let name = &self.joint.name;
-        let progress = |text: String| printer.print_text(vec![format!("{name}: {text}")]);
+        let is_read = |text: String| printer.print_text(vec![format!("{name}: {text}")]);
+        let steps = |Gains { kp, kd }: Gains| is_read(format!("steps with kp {kp}, kd {kd}"));
         if let Some(plan) = self.plan.take() {
-            progress(format!("moves for {:.0} s to be identified", plan.seconds()));
+            if !is_read(format!("moves for {:.0} s to be identified", plan.seconds())) {
+                return Ok(None);
+            }
             self.known = Some(self.identified(session, &plan)?);
         }
         let known = self.known.ok_or_else(|| self.unknown(String::new()))?;
         let gains = self.first(&known)?;
-        progress(format!("steps with kp {}, kd {}", gains.kp, gains.kd));
+        if !steps(gains) {
+            return Ok(None);
+        }
         let (recording, before) = self.stepped(session, self.soft, gains, false)?;
         self.timing = recording.timing;
         let plant = self.plant(&known)?;
@@ -119,13 +128,17 @@ impl<'a> Tuner<'a> {
         let mut after = None;
         if self.arguments.is_tried {
             let half = self.half(&plant, &proposal, &bounds)?.gains;
-            progress(format!("steps with kp {}, kd {}", half.kp, half.kd));
+            if !steps(half) {
+                return Ok(None);
+            }
             self.stepped(session, gains, half, true)?;
-            progress(format!("steps with kp {}, kd {}", proposal.gains.kp, proposal.gains.kd));
+            if !steps(proposal.gains) {
+                return Ok(None);
+            }
             after = Some(self.stepped(session, half, proposal.gains, true)?.1);
         }
         let found = Loop { site: self.site, known, plant, bounds };
-        Ok(Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after))
+        Ok(Some(Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after)))
     }
 
     /// Steps the joint with `gains`.
