@@ -1,6 +1,7 @@
 //! Questions and answers, over any input and output.
 
 use crate::failure::DirectFailure;
+use motord_bus::Refusal;
 use motord_protocol::commissioning::Error;
 use motord_terminal::{Interrupt, printable};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -194,7 +195,9 @@ impl Input for Keyboard<'_> {
 /// Returns whether the guide can go on after this failure, once the person has removed its cause.
 pub(super) const fn is_curable(failure: &DirectFailure) -> bool {
     match failure {
-        DirectFailure::Motor(Error::Bus(_) | Error::Interrupted | Error::InUse { .. }) => false,
+        // The motor has lost its power: nobody acknowledges.
+        DirectFailure::Motor(Error::Bus(Refusal::Full)) => true,
+        DirectFailure::Motor(Error::Bus(_) | Error::Interrupted) => false,
         DirectFailure::Motor(_) | DirectFailure::Unfit { .. } | DirectFailure::Config(_) => true,
         _ => false,
     }

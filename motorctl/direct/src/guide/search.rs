@@ -4,8 +4,8 @@ use super::dialog::{Halt, Reading};
 use super::edit::Configuration;
 use super::progress::{Progress, Step};
 use crate::target::OpenLine;
-use motord_bus::Duration;
-use motord_protocol::commissioning::{Family, Found, LinkEvent, Native, Registers, Scan, scan};
+use motord_bus::{Duration, Refusal};
+use motord_protocol::commissioning::{Error, Family, Found, LinkEvent, Native, Registers, Scan, scan};
 use motord_protocol::gim::{Command, Indicator};
 use motord_protocol::register;
 use motord_settings::settings::{BusSettings, MotorSettings};
@@ -15,6 +15,8 @@ use std::collections::VecDeque;
 pub(super) const FACTORY_ID: u8 = 1;
 /// Ids of each bus that a round asks beyond the likely ones.
 const OTHERS: usize = 8;
+/// Time for late answers, after a bus was full or another question was open.
+const SETTLE: Duration = Duration::from_millis(100);
 /// Rounds without a motor until the likely causes are named.
 const QUIET_ROUNDS: u32 = 4;
 
@@ -44,6 +46,10 @@ pub(super) struct Search<'s> {
     queue: VecDeque<(usize, u8)>,
     answers: Vec<Answer>,
     collisions: Vec<(usize, u8)>,
+    /// Buses that were full in this round.
+    full: Vec<usize>,
+    /// Buses that were full in the round before: the answers to their waiting requests may arrive.
+    late: Vec<usize>,
     next_other: u8,
     rounds: u32,
     last: Option<Candidate>,
@@ -66,6 +72,8 @@ impl<'s> Search<'s> {
             queue: VecDeque::new(),
             answers: Vec::new(),
             collisions: Vec::new(),
+            full: Vec::new(),
+            late: Vec::new(),
             next_other: 1,
             rounds: 0,
             last: None,
@@ -77,7 +85,7 @@ impl<'s> Search<'s> {
     ///
     /// # Errors
     ///
-    /// The bus accepts no frame.
+    /// The bus is down or gone.
     pub(super) fn poll(&mut self) -> Result<Reading<Candidate>, Halt> {
         let Some((bus, id)) = self.queue.pop_front() else {
             self.fill();
@@ -96,7 +104,18 @@ impl<'s> Search<'s> {
         let Some(line) = &mut self.lines[bus] else { return Ok(()) };
         let only = Scan { ids: id..=id, listen: Duration::ZERO, ..Scan::default() };
         let before = line.link.formats();
-        let report = scan(&mut line.link, &only, &mut |_| true)?;
+        let report = match scan(&mut line.link, &only, &mut |_| true) {
+            Err(Error::Bus(Refusal::Full)) => {
+                self.full.push(bus);
+                self.leave_out(bus);
+                return Ok(());
+            }
+            Err(Error::InUse { .. } | Error::Reports { .. }) if self.late.contains(&bus) => {
+                self.leave_out(bus);
+                return Ok(());
+            }
+            report => report?,
+        };
         self.answers.extend(report.found.iter().map(|found| (bus, *found)));
         // The answers of two motors with one id are no frames on a serial line.
         let is_damaged = report.found.is_empty() && line.link.formats().since(before).is_any();
@@ -105,13 +124,24 @@ impl<'s> Search<'s> {
         Ok(())
     }
 
+    /// Asks no further ids of a bus in this round. Without a motor with power nobody acknowledges
+    /// a CAN frame, and requests wait in the send buffer.
+    fn leave_out(&mut self, bus: usize) {
+        self.queue.retain(|(queued, _)| *queued != bus);
+    }
+
     /// Begins a round.
     fn fill(&mut self) {
         self.answers.clear();
         self.collisions.clear();
+        self.late = std::mem::take(&mut self.full);
         let others: Vec<u8> = (self.next_other..=0xFE).take(OTHERS).collect();
         self.next_other = others.last().filter(|last| **last < 0xFE).map_or(1, |last| last + 1);
-        for bus in (0..self.lines.len()).filter(|bus| self.lines[*bus].is_some()) {
+        for bus in 0..self.lines.len() {
+            let Some(line) = &mut self.lines[bus] else { continue };
+            if self.rounds == 0 || self.late.contains(&bus) {
+                line.link.pause(SETTLE);
+            }
             let own = self.file.settings.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.id);
             let mut ids: Vec<u8> = [FACTORY_ID].into_iter().chain(own).chain(others.clone()).collect();
             ids.sort_unstable();
@@ -164,6 +194,11 @@ impl<'s> Search<'s> {
         match known.first().and_then(|(bus, found)| self.joint_at(*bus, found)) {
             Some(joint) => {
                 format!("the motor of {} answers and needs nothing: give power to the next motor", joint.name)
+            }
+            None if !self.full.is_empty() => {
+                let full: Vec<_> = self.full.iter().map(|bus| self.bus(*bus).device()).collect();
+                let full = full.join(", ");
+                format!("{full}: nobody acknowledges: no motor has power, or its wires or bit rate are wrong")
             }
             None if self.rounds < QUIET_ROUNDS => LOOKING.to_owned(),
             None => {

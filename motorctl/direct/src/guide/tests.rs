@@ -15,7 +15,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 /// Longest run on a busy machine.
-const RUN_MAX: Duration = Duration::from_secs(120);
+const RUN_MAX: Duration = Duration::from_secs(60);
 
 /// An action of the person once a text is on the screen.
 #[derive(Debug, Clone)]
@@ -227,6 +227,24 @@ fn new_motors_of_two_vendors_share_bus() {
         }
         assert!(robot.bus.lock().motor(joint).unwrap().mode() == motord_simulator::Mode::Stopped);
     }
+}
+
+/// Goal: a CAN bus on which no motor has power, and so nobody acknowledges, is not the end.
+#[test]
+fn bus_without_powered_motor_is_waited_for() {
+    let robot = Robot::new_motors("no-ack");
+    robot.bus.lock().inject(clock::monotonic(), &"can0 no-ack".parse().unwrap()).unwrap();
+    let script = [
+        ("can0: nobody acknowledges", Act::Verb("can0 ok".into())),
+        ("Give power to one motor", Act::Verb("hip on".into())),
+        ("Which joint", Act::Type("hip")),
+        ("write id", Act::Verb("can0 no-ack".into())),
+        ("write id", Act::Type("")),
+        ("Remove the cause", Act::Verb("can0 ok".into())),
+        ("Remove the cause", Act::Type("")),
+        ("Which joint", Act::Type("q")),
+    ];
+    let _printed = robot.guide(&script);
 }
 
 /// Goal: two new motors, which answer with the same bytes except for their angle, are not taken for
