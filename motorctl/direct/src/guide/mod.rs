@@ -20,10 +20,10 @@ use crate::target::{self, OpenLine, Protocol, Session};
 use dialog::{Answer, Dialog, Halt, Keyboard, Watched, is_curable};
 use edit::Configuration;
 use motord_configuration as config;
-use motord_protocol::commissioning::{Family, LISTEN};
+use motord_protocol::commissioning::{Family, Found, LISTEN};
 use motord_settings::settings::MotorSettings;
 use motord_terminal::Interrupt;
-use progress::{Progress, Step};
+use progress::{Progress, Record, Step};
 use search::{Candidate, FACTORY_ID, Search};
 use std::io::{self, IsTerminal};
 use std::path::Path;
@@ -240,38 +240,95 @@ impl Guide<'_> {
         let bus = self.file.settings.buses[candidate.bus].device().to_owned();
         let left: Vec<_> = self.left().into_iter().filter(|joint| joint.bus == candidate.bus).collect();
         if let Some(joint) = left.iter().find(|joint| candidate.joint.as_ref() == Some(&joint.name)) {
+            if let Some(reason) = mismatch(candidate, joint) {
+                return self
+                    .refuse(&format!("A motor answers on {bus} with the id of {}. {reason}", joint.name));
+            }
             self.dialog.say(&format!("{}: its motor answers on {bus}, as id {}", joint.name, joint.id))?;
             return Ok(Some(joint.clone()));
         }
+        if left.is_empty() {
+            return self.refuse(&format!("A motor answers on {bus}, and every joint there is done"));
+        }
+        self.ask_joint(candidate, &left, &bus)
+    }
+
+    /// Waits until the person has seen why a motor cannot be set up.
+    fn refuse(&mut self, reason: &str) -> Result<Option<MotorSettings>, Halt> {
+        let question = format!("{reason}. Take its power, and press Enter");
+        self.dialog.ask(&question, "Only the joints of the configuration can be set up.")?;
+        Ok(None)
+    }
+
+    fn ask_joint(
+        &mut self,
+        candidate: &Candidate,
+        left: &[MotorSettings],
+        bus: &str,
+    ) -> Result<Option<MotorSettings>, Halt> {
         let names = left.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>().join(", ");
-        let Some(first) = left.iter().find(|joint| mismatch(candidate, joint).is_none()).or(left.first())
-        else {
-            let question = format!(
-                "A motor answers on {bus}, and every joint there is done. Take its power, and press Enter"
-            );
-            self.dialog.ask(&question, "Only the joints of the configuration can be set up.")?;
-            return Ok(None);
-        };
+        let likely = self.likely_joint(candidate, left).map(|joint| joint.name.clone());
+        let offer = likely.as_ref().map_or("Type its name".to_owned(), |name| format!("Enter takes {name}"));
         let (vendor, id) = (candidate.vendor, candidate.found.id);
-        let question = format!(
-            "A motor answers on {bus}: {vendor}, id {id}. Which joint is it: {names}? Enter takes {}",
-            first.name
-        );
+        let question =
+            format!("A motor answers on {bus}: {vendor}, id {id}. Which joint is it: {names}? {offer}");
         loop {
             let name = match self.dialog.ask(&question, "The motor gets the id of this joint.")? {
-                Answer::Enter => first.name.clone(),
+                Answer::Enter => likely.clone().unwrap_or_default(),
                 Answer::Text(text) => text,
                 Answer::Back | Answer::Skip => return Ok(None),
             };
             let reason = match left.iter().find(|joint| joint.name == name) {
+                None if name.is_empty() => format!("type one of: {names}"),
                 None if self.progress.is_done(&name) => format!("{name} is done already"),
                 None => format!("no joint {name} is to do on {bus}: {names}"),
                 Some(joint) => match mismatch(candidate, joint) {
-                    None => return Ok(Some(joint.clone())),
+                    None if self.may_take(&joint.name)? => return Ok(Some(joint.clone())),
+                    None => continue,
                     Some(reason) => reason,
                 },
             };
             self.dialog.say(&reason)?;
+        }
+    }
+
+    /// Returns the joint that Enter takes: the one with the address of the motor, or the first. Not
+    /// one that has begun: its motor has its address.
+    fn likely_joint<'l>(
+        &self,
+        candidate: &Candidate,
+        left: &'l [MotorSettings],
+    ) -> Option<&'l MotorSettings> {
+        let Found { id, host_id, .. } = candidate.found;
+        let fits = |joint: &&MotorSettings| {
+            mismatch(candidate, joint).is_none() && !self.progress.has_begun(&joint.name)
+        };
+        let has_address = |joint: &&MotorSettings| joint.id == id && Some(joint.host_id) == host_id;
+        left.iter().filter(fits).find(has_address).or_else(|| left.iter().find(fits))
+    }
+
+    /// Returns whether a motor without the address of `joint` may take it. If the joint has begun,
+    /// the person is asked whether this is another motor, for which its steps begin again.
+    fn may_take(&mut self, joint: &str) -> Result<bool, Halt> {
+        if !self.progress.has_begun(joint) {
+            return Ok(true);
+        }
+        let question = format!(
+            "{joint} was begun with a motor that has its id by now, and this one has another id. If this motor takes its place, type new: \
+             its steps begin again"
+        );
+        let help = "Two motors with one id destroy each other's answers: the former one must not return to this bus.";
+        loop {
+            match self.dialog.ask(&question, help)? {
+                Answer::Text(text) if text == "new" => {
+                    self.progress.change(joint, Record::begin_again)?;
+                    return Ok(true);
+                }
+                Answer::Back | Answer::Skip => return Ok(false),
+                Answer::Enter | Answer::Text(_) => {
+                    self.dialog.say("only `new` takes another motor; `b` goes back to the joints")?;
+                }
+            }
         }
     }
 

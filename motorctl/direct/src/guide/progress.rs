@@ -96,6 +96,12 @@ impl Record {
     pub(super) fn has(&self, step: Step) -> bool {
         self.done.contains(&step)
     }
+
+    /// Forgets the motor. What the file had before the first change stays known.
+    pub(super) fn begin_again(&mut self) {
+        self.done.clear();
+        self.before = Before { file: std::mem::take(&mut self.before.file), ..Before::default() };
+    }
 }
 
 /// The file.
@@ -143,6 +149,11 @@ impl Progress {
 
     pub(super) fn is_done(&self, joint: &str) -> bool {
         self.find(joint).is_some_and(|record| record.has(Step::Motion))
+    }
+
+    /// Returns whether a motor has taken a step of this joint.
+    pub(super) fn has_begun(&self, joint: &str) -> bool {
+        self.find(joint).is_some_and(|record| !record.done.is_empty())
     }
 
     /// Returns the joint whose step was done last.
