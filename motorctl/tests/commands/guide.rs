@@ -73,10 +73,10 @@ fn take_range(line: &Line, terminal: &mut Terminal, joint: &str, sign: f64) {
 /// Answers every question of a joint from its id on.
 fn set_up(line: &Line, terminal: &mut Terminal, joint: &str, sign: f64) {
     terminal.answer("write id", "");
-    terminal.answer("to its mark", "");
+    terminal.answer("to its mark", "zero");
     take_direction(line, terminal, joint, sign);
     take_range(line, terminal, joint, sign);
-    terminal.answer("first motion", "");
+    terminal.answer("first motion", "move");
     terminal.answer("Did ", "y");
     terminal.expect(&format!("{joint} is done"));
 }
@@ -140,6 +140,8 @@ fn wrong_answers_are_caught() {
     terminal.expect("`yes` is no answer here");
     terminal.answer("write id", "");
     terminal.answer("to its mark", "");
+    terminal.expect("only `zero` goes on");
+    terminal.answer("to its mark", "zero");
     terminal.answer("in its positive direction", "");
     terminal.expect("° only");
     take_direction(&line, &mut terminal, "hip", 1.0);
@@ -147,6 +149,8 @@ fn wrong_answers_are_caught() {
     terminal.expect("° only");
     take_range(&line, &mut terminal, "hip", 1.0);
     terminal.answer("first motion", "");
+    terminal.expect("only `move` goes on");
+    terminal.answer("first motion", "move");
     terminal.answer("Did ", "maybe");
     terminal.expect("type y or n");
     terminal.enter("y");
@@ -186,7 +190,7 @@ fn killed_guide_goes_on_at_each_step() {
         terminal.expect("begun: id");
         terminal.expect("knee: its motor answers");
     }
-    terminal.answer("to its mark", "");
+    terminal.answer("to its mark", "zero");
     terminal.expect("in its positive direction");
     terminal = restart(terminal);
     terminal.expect("begun: id, zero");
@@ -196,10 +200,10 @@ fn killed_guide_goes_on_at_each_step() {
     take_range(&line, &mut terminal, "knee", -1.0);
     terminal.expect("first motion");
     terminal = restart(terminal);
-    terminal.answer("first motion", "");
+    terminal.answer("first motion", "move");
     terminal.expect("Did ");
     terminal = restart(terminal);
-    terminal.answer("first motion", "");
+    terminal.answer("first motion", "move");
     terminal.answer("Did ", "y");
     terminal.expect("knee is done");
     terminal = restart(terminal);
@@ -225,10 +229,10 @@ fn each_step_is_undone_in_motor_and_file() {
     std::thread::sleep(std::time::Duration::from_millis(300));
     line.inject("knee load 0");
     terminal.enter("");
-    terminal.answer("to its mark", "");
+    terminal.answer("to its mark", "zero");
     take_direction(&line, &mut terminal, "knee", -1.0);
     take_range(&line, &mut terminal, "knee", -1.0);
-    terminal.answer("first motion", "");
+    terminal.answer("first motion", "move");
     terminal.answer("Did ", "n");
     terminal.expect("range: undone");
     terminal.expect("direction: undone");

@@ -188,7 +188,7 @@ fn begin(joint: &'static str) -> Vec<(&'static str, Act)> {
 /// The answers of direction and range.
 fn by_hand(joint: &'static str) -> Vec<(&'static str, Act)> {
     vec![
-        ("to its mark", Act::Type("")),
+        ("to its mark", Act::Type("zero")),
         ("turned by", Act::Turn(joint, 0.4, 700)),
         ("turned by", Act::Type("")),
         ("from ", Act::Turn(joint, 0.4, 500)),
@@ -201,7 +201,7 @@ fn by_hand(joint: &'static str) -> Vec<(&'static str, Act)> {
 fn set_up(joint: &'static str, is_steadywin: bool) -> Vec<(&'static str, Act)> {
     let protocol = is_steadywin.then_some(("Type mit", Act::Type("mit")));
     let motion = [
-        ("first motion", Act::Type("")),
+        ("first motion", Act::Type("move")),
         ("Did ", Act::Type("y")),
         ("is done", Act::Verb("hip power-off".into())),
     ];
@@ -279,19 +279,55 @@ fn former_zero_of_damiao_is_set_by_hand() {
         ("Which joint", Act::Type("hip")),
         ("answers like one of damiao", Act::Type("elbow")),
         ("write id", Act::Type("")),
-        ("to its mark", Act::Type("")),
+        ("to its mark", Act::Type("zero")),
         ("turned by", Act::Type("b")),
-        ("until it reads 0.0", Act::Type("")),
-        ("elbow: zero: undone", Act::Type("")),
+        ("until it reads 0.0", Act::Type("zero")),
+        ("elbow: zero: undone", Act::Type("zero")),
         ("turned by", Act::Type("b")),
         ("until it reads 0.0", Act::Turn("elbow", 0.4, 500)),
-        ("until it reads 0.0", Act::Type("")),
+        ("until it reads 0.0", Act::Type("zero")),
         ("the joint is not there yet", Act::Type("s")),
         ("turned by", Act::Type("q")),
     ];
     let printed = robot.guide(&undo);
     assert_eq!(printed.matches("zero: undone").count(), 1, "{printed}");
     assert!(robot.memory("elbow").contains("int 0x12 3\n"));
+}
+
+/// Goal: another new motor does not continue a joint that was begun: its zero and range are those of
+/// the first motor.
+#[test]
+fn other_motor_begins_joint_again() {
+    let robot = Robot::new_motors("other");
+    let to_direction = [("to its mark", Act::Type("zero")), ("turned by", Act::Type("q"))];
+    let _printed = robot.guide(&[begin("hip"), to_direction.into()].concat());
+    let script = [
+        ("Give power to one motor", Act::Verb("hip power-off".into())),
+        ("Give power to one motor", Act::Verb("thigh on".into())),
+        ("Enter takes thigh", Act::Type("hip")),
+        ("type new", Act::Type("")),
+        ("only `new`", Act::Type("new")),
+        ("write id 1", Act::Type("")),
+        ("to its mark", Act::Type("b")),
+        ("id: undone", Act::Type("q")),
+    ];
+    let printed = robot.guide(&script);
+    assert!(printed.contains("begun: id, zero"), "{printed}");
+}
+
+#[test]
+fn wrong_motor_with_address_of_joint_is_refused() {
+    let robot = Robot::new("address", 1_000_000, |motor| match motor.name.as_ref() {
+        "elbow" => Simulated { id: 1, host_id: 0x101, has_power: false, ..motor },
+        _ => Simulated { is_new: true, has_power: false, ..motor },
+    });
+    let _printed = robot.guide(&[begin("hip"), [("to its mark", Act::Type("q"))].into()].concat());
+    let script = [
+        ("Give power to one motor", Act::Verb("hip power-off".into())),
+        ("Give power to one motor", Act::Verb("elbow on".into())),
+        ("with the id of hip. hip has the model GIM8108-8", Act::Type("q")),
+    ];
+    let _printed = robot.guide(&script);
 }
 
 #[test]

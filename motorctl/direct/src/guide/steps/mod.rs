@@ -9,30 +9,22 @@
 //! changes the motor or the configuration, and then is done. The motor decides whether it has its
 //! address, bit rate and protocol, so that a step goes on that was interrupted between the two.
 
+mod by_hand;
+mod first_motion;
 mod undo;
 
 use crate::failure::DirectFailure;
 use crate::guide::dialog::{Answer, Dialog, Halt, Reading, Watched};
 use crate::guide::edit::{self, Configuration, Values};
-use crate::guide::motion::{self, TRAVEL_MAX};
 use crate::guide::motor::{self, Health};
 use crate::guide::progress::{Before, Progress, Record, Step};
 use crate::target::{Protocol, Session};
 use crate::zero;
 use motord_bus::FrameId;
 use motord_configuration::lock::{Finding, Verdict, findings};
-use motord_protocol::commissioning::{Error, Question, Wire, constants, survey};
+use motord_protocol::commissioning::{Question, Wire, constants, survey};
 use motord_settings::settings::MotorSettings;
 use motord_terminal::{Interrupt, number};
-
-/// Smallest turn by which a direction is recognised, rad: 10°.
-const TURN_MIN: f64 = 0.175;
-/// Smallest range of a joint, rad: 2°.
-const RANGE_MIN: f64 = 0.035;
-/// Distance between the ends of a joint and its limits, rad: 3°, where its range is not small.
-const MARGIN_MAX: f64 = 0.0524;
-/// The same, as a part of the range.
-const MARGIN_PART: f64 = 0.05;
 
 /// The end of the steps of a joint.
 #[derive(Debug, PartialEq, Eq)]
@@ -200,8 +192,11 @@ impl<'g, 'd> JointGuide<'g, 'd> {
             self.motor.id,
             before.map_or("-".to_owned(), raw)
         );
-        let taken = self
-            .confirm(&question, "New motors of a vendor share one id. The configuration has the new one.")?;
+        let taken = self.confirm(
+            &question,
+            "New motors of a vendor share one id. The configuration has the new one.",
+            "",
+        )?;
         if matches!(taken, Taken::Done) {
             let (id_before, host_id_before) =
                 (self.motor.id, before.and_then(|id| u16::try_from(id.raw()).ok()));
@@ -230,7 +225,8 @@ impl<'g, 'd> JointGuide<'g, 'd> {
             "{}: the interface has {present} bit/s, and the configuration {rate}. Write {rate} bit/s into the motor? It then answers at that rate only",
             self.joint.name
         );
-        let taken = self.confirm(&question, "All motors of a bus and its interface need one bit rate.")?;
+        let taken =
+            self.confirm(&question, "All motors of a bus and its interface need one bit rate.", "")?;
         if matches!(taken, Taken::Done) {
             self.remember(|before| before.bit_rate = before.bit_rate.or(Some(present)))?;
             motor::set_bit_rate(&mut self.motor, rate)?;
@@ -271,113 +267,11 @@ impl<'g, 'd> JointGuide<'g, 'd> {
             values.extend(key_of(value).map(|key| (key.to_owned(), reported)));
         }
         question += "\nWrite the values of the motor into the configuration? If its model is wrong there, leave with q and correct it";
-        let taken = self.confirm(&question, "With wrong values every torque is wrong by their ratio.")?;
+        let taken = self.confirm(&question, "With wrong values every torque is wrong by their ratio.", "")?;
         if matches!(taken, Taken::Done) {
             self.write(&[edit::TORQUE_CONSTANT, edit::GEAR_RATIO], |known| known.extend(values))?;
         }
         Ok(taken)
-    }
-
-    fn zero(&mut self) -> Result<Taken, Halt> {
-        let question = format!(
-            "{}: bring the joint to its mark by hand: the pose where its motor shall report zero. Then press Enter",
-            self.joint.name
-        );
-        let help = "A mark, a stop or a gauge. A zero at a stop can be repeated most exactly.";
-        let (taken, seen) = self.watch(&question, help, |seen| degrees(seen.last))?;
-        if matches!(taken, Taken::Done) {
-            let (stored, at) = (motor::stored_zero(&mut self.motor)?, seen.last);
-            self.remember(|before| match stored {
-                Some(stored) => drop(before.zero.get_or_insert(stored)),
-                None => drop(before.zero_at.get_or_insert(at)),
-            })?;
-            self.set_zero()?;
-        }
-        Ok(taken)
-    }
-
-    /// Makes the present position zero, and checks it.
-    fn set_zero(&mut self) -> Result<(), Halt> {
-        let before = zero::position(&mut self.motor)?;
-        match self.motor.protocol {
-            Protocol::Mit => self.motor.mit().set_zero().map(drop)?,
-            Protocol::Gim => zero::move_zero(&mut self.motor, before, 0.0)?,
-        }
-        let after = zero::position(&mut self.motor)?;
-        if after.abs() <= zero::TOLERANCE {
-            return Ok(());
-        }
-        let reason = format!(
-            "it reports {after:.3} rad after its zero was set: hold the joint still, and set it again"
-        );
-        Err(self.motor.unfit(&reason).into())
-    }
-
-    fn direction(&mut self) -> Result<Taken, Halt> {
-        let question = format!(
-            "{}: turn the joint by hand in its positive direction (up, forward or left), by 10° or more, leave it there and press Enter",
-            self.joint.name
-        );
-        let help = "For most controllers up, forward and left are positive.";
-        let begin = zero::position(&mut self.motor)?;
-        loop {
-            let show = |seen: &Seen| format!("turned by {}", degrees(seen.last - begin));
-            let (taken, seen) = self.watch(&question, help, show)?;
-            let turned = seen.last - begin;
-            if !matches!(taken, Taken::Done) {
-                return Ok(taken);
-            }
-            if turned.abs() >= TURN_MIN {
-                let direction = if turned > 0.0 { "1" } else { "-1" };
-                self.write(&[edit::DIRECTION], |values| {
-                    values.insert(edit::DIRECTION.to_owned(), direction.to_owned());
-                })?;
-                return Ok(Taken::Done);
-            }
-            self.say(&format!("the joint turned by {} only", degrees(turned)))?;
-        }
-    }
-
-    fn range(&mut self) -> Result<Taken, Halt> {
-        let question = format!(
-            "{}: move the joint by hand to one end and to the other, and press Enter. `keep` keeps the limits of the configuration",
-            self.joint.name
-        );
-        let help = "The limits are written with a margin of 3°, or 5 % of a small range. motord keeps the joint within them.";
-        let transmission = self.joint.transmission;
-        let ends = move |seen: &Seen| {
-            let [a, b] =
-                [seen.low, seen.high].map(|end| f64::from(transmission.position_to_joint(end as f32)));
-            [a.min(b), a.max(b)]
-        };
-        loop {
-            let show = |seen: &Seen| {
-                let [low, high] = ends(seen).map(degrees);
-                let now = degrees(f64::from(transmission.position_to_joint(seen.last as f32)));
-                format!("now at {now}, from {low} to {high}")
-            };
-            let (answer, seen) = self.watch_answer(&question, help, show)?;
-            match answer {
-                Answer::Back => return Ok(Taken::Back),
-                Answer::Skip => return Ok(Taken::Skip),
-                Answer::Text(text) if text == "keep" => return Ok(Taken::Done),
-                Answer::Text(text) => self.say(&format!("`{text}` is no answer here"))?,
-                Answer::Enter => {
-                    let [low, high] = ends(&seen);
-                    if high - low >= RANGE_MIN {
-                        self.write_range(low, high)?;
-                        return Ok(Taken::Done);
-                    }
-                    self.say(&format!("the joint moved by {} only", degrees(high - low)))?;
-                }
-            }
-        }
-    }
-
-    fn write_range(&mut self, low: f64, high: f64) -> Result<(), Halt> {
-        let margin = MARGIN_MAX.min(MARGIN_PART * (high - low));
-        let range = format!("[{:.4}, {:.4}]", low + margin, high - margin);
-        self.write(&[edit::POSITION], |values| drop(values.insert(edit::POSITION.to_owned(), range)))
     }
 
     fn protocol(&mut self) -> Result<Taken, Halt> {
@@ -386,73 +280,12 @@ impl<'g, 'd> JointGuide<'g, 'd> {
              motor. Type mit to go on",
             self.joint.name
         );
-        loop {
-            match self
-                .dialog
-                .ask(&question, "Legs use MIT: the motor itself then computes stiffness and damping.")?
-            {
-                Answer::Text(text) if text == "mit" => {
-                    motor::set_mit(&mut self.motor)?;
-                    return Ok(Taken::Done);
-                }
-                Answer::Back => return Ok(Taken::Back),
-                Answer::Skip => return Ok(Taken::Skip),
-                Answer::Enter | Answer::Text(_) => self.say("only `mit` changes the protocol")?,
-            }
+        let help = "Legs use MIT: the motor itself then computes stiffness and damping.";
+        let taken = self.confirm(&question, help, "mit")?;
+        if matches!(taken, Taken::Done) {
+            motor::set_mit(&mut self.motor)?;
         }
-    }
-
-    fn motion(&mut self) -> Result<Taken, Halt> {
-        let at =
-            f64::from(self.joint.transmission.position_to_joint(zero::position(&mut self.motor)? as f32));
-        let [low, high] = self.joint.limits.position.map(f64::from);
-        let (towards, sense) = if at + TRAVEL_MAX <= high { (1.0, "positive") } else { (-1.0, "negative") };
-        let question = format!(
-            "{}: first motion, by 2° in the {sense} direction and back, softly. Free the joint, take the switch of its power in your \
-             hand, and press Enter",
-            self.joint.name
-        );
-        let help =
-            "The pull grows slowly up to 3 N·m, and ends when the joint moves. Ctrl-C stops the motor.";
-        let taken = self.confirm(&question, help)?;
-        if !matches!(taken, Taken::Done) {
-            return Ok(taken);
-        }
-        if !(low..=high).contains(&at) {
-            let [at, low, high] = [at, low, high].map(degrees);
-            self.say(&format!(
-                "the joint is at {at}, outside of its limits {low} to {high}: move it by hand"
-            ))?;
-            return self.motion();
-        }
-        let sign = towards * f64::from(self.joint.transmission.direction());
-        let moved =
-            motion::move_a_little(&mut self.motor, sign, self.interrupt).map_err(
-                |failure| match failure {
-                    DirectFailure::Motor(Error::Interrupted) => Halt::Leave,
-                    failure => failure.into(),
-                },
-            )?;
-        self.say(&format!("moved by {} and stopped", degrees(moved)))?;
-        self.check_motion(sense)
-    }
-
-    /// Asks whether the right joint moved in the right direction.
-    fn check_motion(&mut self, sense: &str) -> Result<Taken, Halt> {
-        let question = format!("Did {} move in its {sense} direction, and back? y or n", self.joint.name);
-        loop {
-            match self.dialog.ask(&question, "If another joint moved, its motor was taken for this one.")? {
-                Answer::Text(text) if ["y", "yes"].contains(&text.as_str()) => return Ok(Taken::Done),
-                Answer::Text(text) if ["n", "no"].contains(&text.as_str()) => {
-                    self.say("then its direction is wrong, or the motor is that of another joint: `b` undoes further steps")?;
-                    while self.record().has(Step::Range) && self.undo()? {}
-                    return Ok(Taken::Back);
-                }
-                Answer::Back => return Ok(Taken::Back),
-                Answer::Skip => return Ok(Taken::Skip),
-                Answer::Enter | Answer::Text(_) => self.say("type y or n")?,
-            }
-        }
+        Ok(taken)
     }
 
     /// Records the values of `keys`, and writes them as `change` leaves them.
@@ -489,16 +322,12 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         self.dialog.say(&format!("{}: {sentence}", self.joint.name))
     }
 
-    /// Asks until Enter, `b` or `s` is pressed.
-    fn confirm(&mut self, question: &str, help: &str) -> Result<Taken, Halt> {
+    /// Asks until `word`, `b` or `s` is typed. Without a word Enter goes on.
+    fn confirm(&mut self, question: &str, help: &str, word: &str) -> Result<Taken, Halt> {
         loop {
-            match self.dialog.ask(question, help)? {
-                Answer::Enter => return Ok(Taken::Done),
-                Answer::Back => return Ok(Taken::Back),
-                Answer::Skip => return Ok(Taken::Skip),
-                Answer::Text(text) => {
-                    self.say(&format!("`{text}` is no answer here: press Enter, or type `?`"))?;
-                }
+            match taken(self.dialog.ask(question, help)?, word) {
+                Ok(taken) => return Ok(taken),
+                Err(reason) => self.say(&reason)?,
             }
         }
     }
@@ -508,17 +337,14 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         &mut self,
         question: &str,
         help: &str,
+        word: &str,
         show: impl Fn(&Seen) -> String,
     ) -> Result<(Taken, Seen), Halt> {
         loop {
             let (answer, seen) = self.watch_answer(question, help, &show)?;
-            match answer {
-                Answer::Enter => return Ok((Taken::Done, seen)),
-                Answer::Back => return Ok((Taken::Back, seen)),
-                Answer::Skip => return Ok((Taken::Skip, seen)),
-                Answer::Text(text) => {
-                    self.say(&format!("`{text}` is no answer here: press Enter, or type `?`"))?;
-                }
+            match taken(answer, word) {
+                Ok(taken) => return Ok((taken, seen)),
+                Err(reason) => self.say(&reason)?,
             }
         }
     }
@@ -541,6 +367,20 @@ impl<'g, 'd> JointGuide<'g, 'd> {
             Watched::Answer(answer) => Ok((answer, seen)),
             Watched::Seen(()) => Err(Halt::Leave),
         }
+    }
+}
+
+/// Returns the meaning of an answer where `word` goes on, or Enter without a word.
+fn taken(answer: Answer, word: &str) -> Result<Taken, String> {
+    match answer {
+        Answer::Back => Ok(Taken::Back),
+        Answer::Skip => Ok(Taken::Skip),
+        Answer::Enter if word.is_empty() => Ok(Taken::Done),
+        Answer::Text(text) if text == word => Ok(Taken::Done),
+        Answer::Text(text) if word.is_empty() => {
+            Err(format!("`{text}` is no answer here: press Enter, or type `?`"))
+        }
+        Answer::Enter | Answer::Text(_) => Err(format!("only `{word}` goes on")),
     }
 }
 

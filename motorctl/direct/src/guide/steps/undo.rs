@@ -66,12 +66,12 @@ impl JointGuide<'_, '_> {
     fn restore_zero_by_hand(&mut self, at: Option<f64>) -> Result<bool, Halt> {
         let Some(at) = at else { return Ok(true) };
         let question = format!(
-            "{}: in MIT mode only its present position can become zero. Turn the joint until it reads 0.0°, and press Enter; `s` keeps \
+            "{}: in MIT mode only its present position can become zero. Turn the joint until it reads 0.0°, and type zero; `s` keeps \
              the new zero",
             self.joint.name
         );
         let show = |seen: &Seen| degrees(seen.last + at);
-        let (taken, seen) = self.watch(&question, "The former zero of the motor is there.", show)?;
+        let (taken, seen) = self.watch(&question, "The former zero of the motor is there.", "zero", show)?;
         if !matches!(taken, Taken::Done) {
             return Ok(false);
         }
