@@ -233,7 +233,7 @@ enum Command {
     Identify(identify::Arguments),
     /// Measure how a joint answers small steps, and propose stiffness and damping for a bandwidth.
     ///
-    /// The command claims the group of the joint and starts its motors. It identifies the joint for 12 s as `identify` does,
+    /// The command claims the group of the joint and starts its motors. It identifies the joint for 14 s as `identify` does,
     /// or takes its inertia from --identified. Then it steps the joint up, back, down and back by --step-rad. It prints rise,
     /// overshoot, settling, ring, damping ratio, error and torque of the mean response. The other joints of the group are only
     /// damped. Ctrl-C, an emergency stop and the end damp and stop the motors.
@@ -245,7 +245,8 @@ enum Command {
     /// Steps that do not fit the limits of position, torque and velocity are refused, and nothing moves. A joint that moves
     /// further than twice the step beyond its begin and its setpoint, or goes on to swing, ends the motion. Hang the robot up, or free the joint.
     ///
-    /// Exit status: 0 gains were proposed; 1 they were not; 64 the steps do not fit; 130 interrupted, and the group is stopped.
+    /// Exit status: 0 gains were proposed; 1 they were not; 64 the steps do not fit; 65 the file of --identified cannot be used;
+    /// 74 the picture cannot be written; 130 interrupted, and the group is stopped.
     #[command(
         after_help = "Examples:\n  motorctl tune fl-knee --yes\n  motorctl tune fl-knee --bandwidth 8 --kp 20 --kd 0.2 --try --yes --svg tune.svg\n  motorctl tune fl-knee --bandwidth 5 --yes --json | jq .proposed"
     )]

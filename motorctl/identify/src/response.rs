@@ -11,7 +11,7 @@ const REST: f64 = 0.2;
 /// Settled: this close to the end, as a share of the step.
 const SETTLED: f64 = 0.05;
 /// Smallest swing around the end position, as a share of the step.
-const SWING: f64 = 0.04;
+const RING_MIN: f64 = 0.04;
 
 /// A time of the mean response.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,7 +93,7 @@ impl Response {
             rise: crossed(0.9).zip(crossed(0.1)).map(|(high, low)| high - low).filter(|_| moved),
             overshoot: if moved { (highest / end - 1.0).max(0.0) } else { 0.0 },
             settling: settling(&response, end, SETTLED * height).filter(|_| moved),
-            ring: ring(&response, end, SWING * height).filter(|_| moved),
+            ring: ring(&response, end, RING_MIN * height).filter(|_| moved),
             reference: crossing(&targets, 0.9 * height).unwrap_or(0.0),
             error: average(steps.iter().map(Step::error))?,
             torque_peak: samples.iter().map(|sample| sample.torque.abs()).fold(0.0, f64::max),

@@ -150,8 +150,8 @@ impl Steps {
         }
         let [share, _] = smooth(time / RAMP);
         let between = |from: f64, to: f64| from + share * (to - from);
-        let (turn, _) = self.turn(time);
-        let side = if turn < 0.0 { 0.0 } else { [1.0, 0.0, -1.0, 0.0][turn as usize % 4] };
+        let (step, _) = self.step(time);
+        let side = if step < 0.0 { 0.0 } else { [1.0, 0.0, -1.0, 0.0][step as usize % 4] };
         Some(Command {
             position: self.centre + side * self.height,
             velocity: 0.0,
@@ -162,9 +162,9 @@ impl Steps {
 
     /// Number of the step at `time`, s, and the share of the time to the next one that has passed.
     /// -1 is the hold before the first.
-    fn turn(&self, time: f64) -> (f64, f64) {
-        let turns = (time - self.begin()) / self.seconds;
-        (turns.floor(), turns - turns.floor())
+    fn step(&self, time: f64) -> (f64, f64) {
+        let steps = (time - self.begin()) / self.seconds;
+        (steps.floor(), steps - steps.floor())
     }
 }
 
@@ -219,8 +219,9 @@ pub struct Guard {
     sag: f64,
     /// Lowest and highest position of the steps from where the joint was at first, rad.
     reach: Option<[f64; 2]>,
-    turn: f64,
-    /// Lowest and highest position at the end of this turn, rad.
+    /// Number of the step.
+    step: f64,
+    /// Lowest and highest position at the end of this step, rad.
     range: [f64; 2],
 }
 
@@ -229,7 +230,7 @@ impl Guard {
     #[must_use]
     pub fn new(steps: Steps, torque: f64) -> Self {
         let sag = WEIGHT_SHARE * torque / steps.from.kp;
-        Self { steps, sag, reach: None, turn: f64::NAN, range: [f64::INFINITY, f64::NEG_INFINITY] }
+        Self { steps, sag, reach: None, step: f64::NAN, range: [f64::INFINITY, f64::NEG_INFINITY] }
     }
 
     /// Returns the reach of a joint that begins at `start`, rad.
@@ -254,11 +255,11 @@ impl Guard {
         if !(reach[0]..=reach[1]).contains(&position) {
             return Err(Swing::Far { position, range: reach });
         }
-        let (turn, passed) = self.steps.turn(time);
-        if turn != self.turn {
-            (self.turn, self.range) = (turn, [f64::INFINITY, f64::NEG_INFINITY]);
+        let (step, passed) = self.steps.step(time);
+        if step != self.step {
+            (self.step, self.range) = (step, [f64::INFINITY, f64::NEG_INFINITY]);
         }
-        if turn >= -1.0 && passed > SWUNG {
+        if step >= -1.0 && passed > SWUNG {
             let [low, high] = self.range;
             self.range = [low.min(position), high.max(position)];
         }
@@ -344,7 +345,7 @@ mod tests {
             let mut times = (0..5500).map(|at| 1e-3 * f64::from(at));
             times.find_map(|time| {
                 let target = STEPS.command(time).unwrap().position;
-                let (_, passed) = STEPS.turn(time);
+                let (_, passed) = STEPS.step(time);
                 let away = 0.05 * (-decay * passed).exp() * (90.0 * time).cos();
                 guard.check(time, target + away).err()
             })

@@ -1,5 +1,6 @@
 //! The options of `motorctl tune`.
 
+use crate::tune::failure::TuneFailure;
 use motord_direct::Confirm;
 use motord_identify::{DAMPING_RATIO_MIN, Gains, Limits, Steps, Wanted};
 use motord_terminal::within;
@@ -32,7 +33,7 @@ pub(crate) struct Arguments {
     /// Repetitions of four steps: up, back, down, back.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
     pub(super) repetitions: u32,
-    /// Output of `motorctl identify --json` for this joint. Without it the joint is identified first, for 12 s.
+    /// Output of `motorctl identify --json` for this joint. Without it the joint is identified first, for 14 s.
     #[arg(long, value_name = "FILE")]
     pub(super) identified: Option<PathBuf>,
     /// Repeat the steps with the gains of half the proposed bandwidth, then with the proposed ones.
@@ -44,7 +45,7 @@ pub(crate) struct Arguments {
     /// Draw the responses as a PNG into this file; `-` is the standard output.
     #[arg(long, value_name = "FILE")]
     pub(super) png: Option<PathBuf>,
-    /// Print the result as one JSON object.
+    /// Print the result as one JSON object. Not with a picture on the standard output.
     #[arg(long)]
     pub(super) json: bool,
     #[command(flatten)]
@@ -67,6 +68,11 @@ impl Arguments {
     pub(super) fn steps(&self, centre: f64, from: Gains, gains: Gains) -> Steps {
         let (height, seconds, repetitions) = (self.step_rad, self.seconds, self.repetitions);
         Steps { centre, height, seconds, repetitions, from, gains }
+    }
+
+    /// Refuses two results on the standard output.
+    pub(super) fn check(&self) -> Result<(), TuneFailure> {
+        if self.json && self.draws_on_stdout() { Err(TuneFailure::Outputs) } else { Ok(()) }
     }
 
     /// Returns whether standard output is the picture.

@@ -110,6 +110,9 @@ pub(crate) enum TuneFailure {
     /// A signal ended the motion.
     #[error("{0} is not tuned: the motion was interrupted. Its group is stopped, after damping what moves")]
     Interrupted(String),
+    /// Two results for the standard output.
+    #[error("--json and the picture exclude each other on the standard output: give the picture a file")]
+    Outputs,
     /// The picture cannot be drawn.
     #[error("the picture cannot be drawn: {0}")]
     Picture(String),
@@ -152,7 +155,7 @@ impl TuneFailure {
 impl CommandFailure for TuneFailure {
     fn status(&self) -> u8 {
         match self {
-            Self::Steps { .. } | Self::Margin { .. } => USAGE,
+            Self::Steps { .. } | Self::Margin { .. } | Self::Outputs => USAGE,
             Self::Identified { .. } => DATA,
             Self::Interrupted(_) => INTERRUPTED,
             Self::Output { .. } => IO,

@@ -39,6 +39,7 @@ const WATCHED: u32 = 50;
 /// Nothing moves: no daemon answers, the joint is unknown, the steps do not fit its limits, its group is owned or stopped,
 /// consent is missing. Later: a signal, a limit, or the daemon ends the motion. The group is stopped first.
 pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> {
+    arguments.check()?;
     let client = Client::connect(instance)?;
     client.set_silence(SILENCE);
     let robot = client.description();

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::hold::Printer;
-use crate::identify::session::limits;
+use crate::identify::session::{FIRST_SHARE, limits};
 use crate::tune::arguments::Arguments;
 use crate::tune::failure::TuneFailure;
 use crate::tune::known::Known;
@@ -109,18 +109,20 @@ impl<'a> Tuner<'a> {
         let name = &self.joint.name;
         let is_read = |text: String| printer.print_text(vec![format!("{name}: {text}")]);
         let steps = |Gains { kp, kd }: Gains| is_read(format!("steps with kp {kp}, kd {kd}"));
+        let mut from = Gains { kp: FIRST_SHARE * self.soft.kp, kd: FIRST_SHARE * self.soft.kd };
         if let Some(plan) = self.plan.take() {
             if !is_read(format!("moves for {:.0} s to be identified", plan.seconds())) {
                 return Ok(None);
             }
             self.known = Some(self.identified(session, &plan)?);
+            from = self.soft;
         }
         let known = self.known.ok_or_else(|| self.unknown(String::new()))?;
         let gains = self.first(&known)?;
-        if !steps(gains) {
+        if !self.bounded(gains).is_none_or(is_read) || !steps(gains) {
             return Ok(None);
         }
-        let (recording, before) = self.stepped(session, self.soft, gains, false)?;
+        let (recording, before) = self.stepped(session, from, gains, false)?;
         self.timing = recording.timing;
         let plant = self.plant(&known)?;
         let bounds = Bounds { velocity_code: recording.velocity_code, ..self.bounds() };
@@ -139,6 +141,14 @@ impl<'a> Tuner<'a> {
         }
         let found = Loop { site: self.site, known, plant, bounds };
         Ok(Some(Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after)))
+    }
+
+    /// The sentence about given gains that the limits make `gains`.
+    fn bounded(&self, gains: Gains) -> Option<String> {
+        let given = self.arguments.kp.zip(self.arguments.kd);
+        let Gains { kp, kd } = gains;
+        let is_bounded = given.is_some_and(|given| given != (kp, kd));
+        is_bounded.then(|| format!("the configuration limits the gains to kp {kp}, kd {kd}"))
     }
 
     /// Steps the joint with `gains`.
@@ -160,9 +170,10 @@ impl<'a> Tuner<'a> {
     }
 
     /// Moves the joint along `plan`, and holds it while another thread computes.
-    fn identified(&self, session: &mut Session<'_>, plan: &Plan) -> Result<Known, Failure> {
+    fn identified(&mut self, session: &mut Session<'_>, plan: &Plan) -> Result<Known, Failure> {
         let recording = session.excite(plan)?;
         self.must_be_complete(&recording, plan.seconds())?;
+        self.timing.clone_from(&recording.timing);
         let (samples, wire) = (self.by_torque(recording), self.wire);
         let fit = thread::spawn(move || identify(&samples, wire));
         let found = session.hold(self.soft, fit)?.ok_or_else(|| self.unknown(String::new()))?;
@@ -208,7 +219,8 @@ impl<'a> Tuner<'a> {
         let least =
             self.known.map(|known| known.inertia).or_else(|| motord_twin::armature(&self.joint.model));
         let inertia = least.ok_or_else(|| self.unknown(String::new()))?;
-        let plant = self.plant(&Known { inertia, viscous: 0.0, lag: 0.0, is_read: false })?;
+        let lag = self.known.map_or(0.0, |known| known.lag);
+        let plant = self.plant(&Known { inertia, viscous: 0.0, lag, is_read: false })?;
         let bounds = Bounds { gains: Gains { kp: kp.min(SOFT.kp), kd }, ..self.bounds() };
         let wanted = Wanted { bandwidth: ROTOR_BANDWIDTH, damping_ratio: 1.0 };
         let soft = propose(&plant, wanted, &bounds);

@@ -102,6 +102,7 @@ fn steps_that_do_not_fit_move_nothing() {
     refused(&["--step-rad", "0.3", "--kp", "90", "--kd", "1"], "kp 90.0 times the step is 27.00 N·m");
     refused(&["--step-rad", "2"], "expected 0.005 to 0.5");
     refused(&["--kp", "20"], "--kd");
+    refused(&["--json", "--svg", "-"], "--json and the picture exclude each other");
     let unconfirmed = daemon.motorctl(&["tune", "arm"]);
     let warning = text(&unconfirmed.stderr);
     assert!(
