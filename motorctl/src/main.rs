@@ -242,7 +242,8 @@ enum Command {
     /// limits of the gains, the codes of the velocity, or the delay of the loop forbid that, the bandwidth is lower: every
     /// proposal has a phase margin of at least 45°. --try steps with the gains of half its bandwidth, then with the proposal.
     ///
-    /// Steps that do not fit the limits of position, torque and velocity are refused, and nothing moves. A joint that moves
+    /// Steps that do not fit the limits of position and torque are refused, and nothing moves. The speed and the margin of
+    /// --kp and --kd need the inertia: without --identified they are refused after the identification. A joint that moves
     /// further than twice the step beyond its begin and its setpoint, or goes on to swing, ends the motion. Hang the robot up, or free the joint.
     ///
     /// Exit status: 0 gains were proposed; 1 they were not; 64 the steps do not fit; 65 the file of --identified cannot be used;

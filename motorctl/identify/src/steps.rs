@@ -98,7 +98,11 @@ impl fmt::Display for StepError {
                 most
             }
         };
-        write!(f, ": choose --step-rad {:.3} or less, or a lower --kp", most.max(0.0))
+        write!(
+            f,
+            ": choose --step-rad {:.3} or less, or a lower --kp (without it, a lower --bandwidth)",
+            most.max(0.0)
+        )
     }
 }
 

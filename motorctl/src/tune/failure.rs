@@ -18,6 +18,14 @@ pub(crate) enum TuneFailure {
         /// The limit.
         reason: StepError,
     },
+    /// Steps with the proposed gains do not fit the limits.
+    #[error("{joint}: the proposed gains are not tried: {reason}")]
+    Untried {
+        /// The joint.
+        joint: String,
+        /// The limit.
+        reason: StepError,
+    },
     /// The joint does not come to rest. Its group is stopped.
     #[error(
         "{joint} is not tuned: {reason}, with kp {kp:.1}, kd {kd:.2}. Its group is stopped, after damping what moves: check that the joint \
@@ -159,7 +167,8 @@ impl CommandFailure for TuneFailure {
             Self::Identified { .. } => DATA,
             Self::Interrupted(_) => INTERRUPTED,
             Self::Output { .. } => IO,
-            Self::Swung { .. }
+            Self::Untried { .. }
+            | Self::Swung { .. }
             | Self::Torque { .. }
             | Self::Identification { .. }
             | Self::Inertia { .. }

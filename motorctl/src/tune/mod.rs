@@ -37,7 +37,8 @@ const WATCHED: u32 = 50;
 /// # Errors
 ///
 /// Nothing moves: no daemon answers, the joint is unknown, the steps do not fit its limits, its group is owned or stopped,
-/// consent is missing. Later: a signal, a limit, or the daemon ends the motion. The group is stopped first.
+/// consent is missing. Later: the identified joint would be too fast or have too little margin, or a signal, a limit, or the
+/// daemon ends the motion. The group is stopped first. A trial of the proposed gains that fails follows the report.
 pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let client = Client::connect(instance)?;
@@ -63,7 +64,8 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), Failure> 
     if !arguments.draws_on_stdout() {
         report.print(&mut io::stdout().lock(), arguments.json)?;
     }
-    write_picture(&report, arguments)
+    write_picture(&report, arguments)?;
+    report.untried.map_or(Ok(()), |failure| Err(Failure::Command(failure)))
 }
 
 fn write_picture(report: &Report, arguments: &Arguments) -> Result<(), Failure> {

@@ -1,5 +1,6 @@
 //! The output of `motorctl tune`: a table, sentences and two lines, or a JSON object.
 
+use crate::failure::CommandFailure;
 use crate::tune::known::Known;
 use crate::tune::timing::Site;
 use motord_client::{JointDescription, Limit};
@@ -96,6 +97,9 @@ pub(crate) struct Report {
     lines: [String; 2],
     #[serde(skip)]
     margins: [Margins; 2],
+    /// Why the proposed gains were not tried to the end.
+    #[serde(skip)]
+    pub(crate) untried: Option<Box<dyn CommandFailure>>,
 }
 
 impl Report {
@@ -134,7 +138,15 @@ impl Report {
             after,
             notes,
             lines: [format!("kp = {kp}"), format!("kd = {kd}")],
+            untried: None,
         }
+    }
+
+    /// The same report, of gains whose trial ended.
+    pub(crate) fn untried(mut self, failure: Box<dyn CommandFailure>) -> Self {
+        self.notes.push("the proposed gains were not tried to the end".to_owned());
+        self.untried = Some(failure);
+        self
     }
 
     /// Prints the table, the sentences and the lines, or one JSON object.

@@ -1,5 +1,6 @@
 //! The order of the motions of `motorctl tune`, and what is computed between them.
 
+use crate::exit_status::INTERRUPTED;
 use crate::failure::Failure;
 use crate::hold::Printer;
 use crate::identify::session::{FIRST_SHARE, limits};
@@ -11,8 +12,8 @@ use crate::tune::session::{Recording, Session};
 use crate::tune::timing::{Site, Timing};
 use motord_client::JointDescription;
 use motord_identify::{
-    Applied, Bounds, BusTiming, Gains, Limits, Plan, Plant, Proposal, Response, Sample, Shape, Steps, Wanted,
-    identify, propose,
+    Applied, Bounds, BusTiming, Gains, Limits, Plan, Plant, Proposal, Response, Sample, Shape, StepError,
+    Steps, Wanted, identify, propose,
 };
 use std::thread;
 
@@ -127,20 +128,42 @@ impl<'a> Tuner<'a> {
         let plant = self.plant(&known)?;
         let bounds = Bounds { velocity_code: recording.velocity_code, ..self.bounds() };
         let proposal = self.propose(&plant, self.arguments.bandwidth, &bounds)?;
-        let mut after = None;
-        if self.arguments.is_tried {
-            let half = self.half(&plant, &proposal, &bounds)?.gains;
-            if !steps(half) {
-                return Ok(None);
-            }
-            self.stepped(session, gains, half, true)?;
-            if !steps(proposal.gains) {
-                return Ok(None);
-            }
-            after = Some(self.stepped(session, half, proposal.gains, true)?.1);
-        }
         let found = Loop { site: self.site, known, plant, bounds };
-        Ok(Some(Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after)))
+        let report = |after| Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after);
+        if !self.arguments.is_tried {
+            return Ok(Some(report(None)));
+        }
+        let half = self.half(&plant, &proposal, &bounds)?.gains;
+        match self.tried(session, [gains, half, proposal.gains], steps) {
+            Ok(after) => Ok(after.map(|after| report(Some(after)))),
+            Err(Failure::Command(failure)) if failure.status() != INTERRUPTED => {
+                Ok(Some(report(None).untried(failure)))
+            }
+            Err(failure) => Err(failure),
+        }
+    }
+
+    /// Steps with the gains of half the bandwidth, then with the proposed ones, after the first
+    /// ones. `None`: the output cannot be written.
+    fn tried(
+        &self,
+        session: &mut Session<'_>,
+        [first, half, full]: [Gains; 3],
+        announce: impl Fn(Gains) -> bool,
+    ) -> Result<Option<Measured>, Failure> {
+        for gains in [half, full] {
+            let joint = || self.joint.name.clone();
+            let steps = self.arguments.steps(session.centre, first, gains);
+            self.fit(&steps).map_err(|reason| TuneFailure::Untried { joint: joint(), reason })?;
+        }
+        if !announce(half) {
+            return Ok(None);
+        }
+        self.stepped(session, first, half, true)?;
+        if !announce(full) {
+            return Ok(None);
+        }
+        Ok(Some(self.stepped(session, half, full, true)?.1))
     }
 
     /// The sentence about given gains that the limits make `gains`.
@@ -250,9 +273,12 @@ impl<'a> Tuner<'a> {
     }
 
     fn check(&self, steps: &Steps) -> Result<(), TuneFailure> {
-        let inertia = self.known.map(|known| known.inertia);
-        let refused = |reason| TuneFailure::Steps { joint: self.joint.name.clone(), reason };
-        steps.check(&self.limits, inertia).map_err(refused)
+        self.fit(steps).map_err(|reason| TuneFailure::Steps { joint: self.joint.name.clone(), reason })
+    }
+
+    /// Checks that steps fit the limits. The speed is checked once the inertia is known.
+    fn fit(&self, steps: &Steps) -> Result<(), StepError> {
+        steps.check(&self.limits, self.known.map(|known| known.inertia))
     }
 
     fn must_be_complete(&self, recording: &Recording, seconds: f64) -> Result<(), TuneFailure> {
