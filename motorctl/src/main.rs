@@ -239,7 +239,7 @@ enum Command {
     /// damped. Ctrl-C, an emergency stop and the end damp and stop the motors.
     ///
     /// The proposal is kp = inertia · ω², kd = 2 · damping ratio · inertia · ω - friction, with ω = 2π · bandwidth. Where the
-    /// limits of the gains, the codes of the velocity, or the delay of the loop forbid that, the bandwidth is lower: every
+    /// limits of the gains, the codes of the velocity (native protocol), or the delay of the loop forbid that, the bandwidth is lower: every
     /// proposal has a phase margin of at least 45°. --try steps with the gains of half its bandwidth, then with the proposal.
     ///
     /// Steps that do not fit the limits of position and torque are refused, and nothing moves. The speed and the margin of

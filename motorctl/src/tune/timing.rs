@@ -25,6 +25,15 @@ impl Site {
         if joint.protocol == "mit" { Self::Drive } else { Self::Cycle }
     }
 
+    /// The distance of two codes of the velocity that the damping uses, of the reported one: a drive
+    /// damps with its own velocity, which it does not report.
+    pub(crate) fn damped(self, velocity_code: f64) -> f64 {
+        match self {
+            Self::Drive => 0.0,
+            Self::Cycle => velocity_code,
+        }
+    }
+
     /// The change of the damping that calms a joint: one that is late does not damp.
     pub(crate) fn calmer(self) -> &'static str {
         match self {
@@ -92,6 +101,11 @@ mod tests {
         let mut timing = Timing::default();
         (0..100).for_each(|at| timing.add(at * turn_us * 1000, latency));
         timing
+    }
+
+    #[test]
+    fn reported_codes_are_noise_in_the_cycle_only() {
+        assert_eq!([Site::Drive, Site::Cycle].map(|site| site.damped(0.1)), [0.0, 0.1]);
     }
 
     #[test]

@@ -126,7 +126,7 @@ impl<'a> Tuner<'a> {
         let (recording, before) = self.stepped(session, from, gains, false)?;
         self.timing = recording.timing;
         let plant = self.plant(&known)?;
-        let bounds = Bounds { velocity_code: recording.velocity_code, ..self.bounds() };
+        let bounds = Bounds { velocity_code: self.site.damped(recording.velocity_code), ..self.bounds() };
         let proposal = self.propose(&plant, self.arguments.bandwidth, &bounds)?;
         let found = Loop { site: self.site, known, plant, bounds };
         let report = |after| Report::new(self.joint, self.arguments.wanted(), found, proposal, before, after);
