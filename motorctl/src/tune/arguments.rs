@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     /// Repetitions of four steps: up, back, down, back.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
     pub(super) repetitions: u32,
-    /// Output of `motorctl identify --json` for this joint. Without it the joint is identified first, for 14 s.
+    /// Output of `motorctl identify --json` for this joint, while its motor has the MIT protocol. Without it the joint is identified first, for 14 s.
     #[arg(long, value_name = "FILE")]
     pub(super) identified: Option<PathBuf>,
     /// Repeat the steps with the gains of half the proposed bandwidth, then with the proposed ones.

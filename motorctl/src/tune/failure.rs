@@ -79,7 +79,7 @@ pub(crate) enum TuneFailure {
     /// The identification does not fit the limits, or ended.
     #[error(
         "{joint} is not identified: {reason}. Run `motorctl identify {joint} --json >FILE` with a smaller --amplitude-rad, and give \
-         --identified FILE"
+         --identified FILE. A native motor needs the MIT protocol for that (`motorctl set-protocol`)"
     )]
     Identification {
         /// The joint.
@@ -89,7 +89,8 @@ pub(crate) enum TuneFailure {
     },
     /// Its inertia is not known.
     #[error(
-        "{joint} is not tuned: its inertia is not known{why}. Write it with `motorctl identify {joint} --json >FILE`, and give --identified FILE"
+        "{joint} is not tuned: its inertia is not known{why}. Write it with `motorctl identify {joint} --json >FILE`, and give --identified FILE. \
+         A native motor needs the MIT protocol for that (`motorctl set-protocol`)"
     )]
     Inertia {
         /// The joint.
@@ -106,7 +107,9 @@ pub(crate) enum TuneFailure {
         reason: String,
     },
     /// The file of the identification cannot be used.
-    #[error("{path}: {reason}. Write it with `motorctl identify {joint} --json >{path}`")]
+    #[error(
+        "{path}: {reason}. Write it with `motorctl identify {joint} --json >{path}`, while its motor has the MIT protocol"
+    )]
     Identified {
         /// The file.
         path: String,
