@@ -126,18 +126,21 @@ pub struct Proposal {
 }
 
 /// Proposes gains with the highest bandwidth, at most the wanted one, that bounds and delay permit.
-/// `None`: not even a thousandth of it.
-#[must_use]
-pub fn propose(plant: &Plant, wanted: Wanted, bounds: &Bounds) -> Option<Proposal> {
+///
+/// # Errors
+///
+/// Not even a thousandth of it is possible: the bound that forbids that, if one does.
+pub fn propose(plant: &Plant, wanted: Wanted, bounds: &Bounds) -> Result<Proposal, Option<Bound>> {
     let mut bound = None;
-    (0..STEPS).map(|step| wanted.bandwidth * STEP.powi(step)).find_map(|bandwidth| {
+    let proposal = (0..STEPS).map(|step| wanted.bandwidth * STEP.powi(step)).find_map(|bandwidth| {
         let gains = plant.gains(bandwidth, wanted.damping_ratio);
         let margins = plant.margins(gains);
         let broken = broken(gains, &margins, bounds);
         bound = broken.or(bound);
         let is_proposed = broken.is_none() && gains.kp > 0.0;
         is_proposed.then_some(Proposal { gains, bandwidth, margins, bound })
-    })
+    });
+    proposal.ok_or(bound)
 }
 
 /// The first bound that gains break.
@@ -247,8 +250,17 @@ mod tests {
             Plant { delay: f64::NAN, ..PLANT },
         ] {
             let found = propose(&absurd, wanted, &FREE);
-            assert_eq!(found, None, "{absurd:?}");
+            assert!(found.is_err(), "{absurd:?}: {found:?}");
         }
+    }
+
+    #[test]
+    fn bound_without_any_gains_is_named() {
+        let wanted = Wanted { bandwidth: 10.0, damping_ratio: 1.0 };
+        let undamped = Bounds { gains: Gains { kp: 100.0, kd: 0.0 }, ..FREE };
+        assert_eq!(propose(&PLANT, wanted, &undamped), Err(Some(Bound::Kd)));
+        let loose = Bounds { gains: Gains { kp: 0.0, kd: 100.0 }, ..FREE };
+        assert_eq!(propose(&PLANT, wanted, &loose), Err(Some(Bound::Kp)));
     }
 
     /// Numbers from 0 to 1 (xorshift).

@@ -98,6 +98,14 @@ pub(crate) enum TuneFailure {
         /// The reason, after a colon.
         why: String,
     },
+    /// A bound permits no gains.
+    #[error("{joint} is not tuned: no bandwidth is possible: {reason}")]
+    Forbidden {
+        /// The joint.
+        joint: String,
+        /// The bound.
+        reason: String,
+    },
     /// Too much of the motion is missing.
     #[error("{joint} is not tuned: {reason}")]
     Lost {
@@ -175,6 +183,7 @@ impl CommandFailure for TuneFailure {
             | Self::Torque { .. }
             | Self::Identification { .. }
             | Self::Inertia { .. }
+            | Self::Forbidden { .. }
             | Self::Lost { .. }
             | Self::Picture(_) => 1,
         }

@@ -12,8 +12,8 @@ use crate::tune::session::{Recording, Session};
 use crate::tune::timing::{Site, Timing};
 use motord_client::JointDescription;
 use motord_identify::{
-    Applied, Bounds, BusTiming, Gains, Limits, Plan, Plant, Proposal, Response, Sample, Shape, StepError,
-    Steps, Wanted, identify, propose,
+    Applied, Bound, Bounds, BusTiming, Gains, Limits, Plan, Plant, Proposal, Response, Sample, Shape,
+    StepError, Steps, Wanted, identify, propose,
 };
 use std::thread;
 
@@ -246,8 +246,7 @@ impl<'a> Tuner<'a> {
         let plant = self.plant(&Known { inertia, viscous: 0.0, lag, is_read: false })?;
         let bounds = Bounds { gains: Gains { kp: kp.min(SOFT.kp), kd }, ..self.bounds() };
         let wanted = Wanted { bandwidth: ROTOR_BANDWIDTH, damping_ratio: 1.0 };
-        let soft = propose(&plant, wanted, &bounds);
-        Ok(soft.ok_or_else(|| self.unknown(String::new()))?.gains)
+        Ok(propose(&plant, wanted, &bounds).map_err(|bound| self.forbidden(bound))?.gains)
     }
 
     /// The proposal for half the bandwidth of `full`, which a bound may have lowered.
@@ -258,7 +257,7 @@ impl<'a> Tuner<'a> {
     /// The proposal for at most this bandwidth, Hz.
     fn propose(&self, plant: &Plant, bandwidth: f64, bounds: &Bounds) -> Result<Proposal, TuneFailure> {
         let wanted = Wanted { bandwidth, ..self.arguments.wanted() };
-        propose(plant, wanted, bounds).ok_or_else(|| self.unknown(String::new()))
+        propose(plant, wanted, bounds).map_err(|bound| self.forbidden(bound))
     }
 
     fn plant(&self, known: &Known) -> Result<Plant, TuneFailure> {
@@ -287,6 +286,18 @@ impl<'a> Tuner<'a> {
 
     fn lost(&self, reason: &str) -> TuneFailure {
         TuneFailure::Lost { joint: self.joint.name.clone(), reason: reason.to_owned() }
+    }
+
+    fn forbidden(&self, bound: Option<Bound>) -> TuneFailure {
+        let Gains { kp, kd } = self.bounds().gains;
+        let reason = match bound {
+            Some(Bound::Kp) => format!("`kp-max` or the motor permits kp {kp}"),
+            Some(Bound::Kd) => format!("`kd-max` or the motor permits kd {kd}"),
+            Some(Bound::Delay) => "the delay of its loop leaves too little phase margin".to_owned(),
+            Some(Bound::Noise) => "a code of its velocity is noise of the torque".to_owned(),
+            None => "no stiffness suits its inertia".to_owned(),
+        };
+        TuneFailure::Forbidden { joint: self.joint.name.clone(), reason }
     }
 
     fn unknown(&self, why: String) -> TuneFailure {
