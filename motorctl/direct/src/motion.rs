@@ -243,18 +243,15 @@ impl<'s> Jogged<'s> {
             Protocol::Mit => {
                 self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
-            Protocol::Gim => {
-                let speed = Finite::new(velocity as f32 * RPM).unwrap_or_default();
-                let State { position, velocity, .. } = self.session.gim().speed(speed, LASTS)?;
-                Ok([position, velocity].map(f64::from))
-            }
+            Protocol::Gim => self.speed(velocity),
         }
+        .map(|[position, velocity, _]| [position, velocity])
     }
 
     /// Pulls to `position`, rad. A motor in MIT mode does so with the stiffness `kp`, N·m/rad, and
-    /// holds that position if no further command arrives. A GIM motor follows `velocity`, rad/s.
-    /// Returns position, rad, and velocity, rad/s.
-    pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 2], Error> {
+    /// holds that position if no further command arrives. A GIM motor follows `velocity`, rad/s,
+    /// with any torque. Returns position, rad, velocity, rad/s, and torque, N·m.
+    pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 3], Error> {
         match self.session.protocol {
             Protocol::Mit => self.control(&Impedance {
                 position: position as f32,
@@ -262,16 +259,28 @@ impl<'s> Jogged<'s> {
                 kd: self.kd,
                 ..Impedance::default()
             }),
-            Protocol::Gim => self.follow(velocity),
+            Protocol::Gim => self.speed(velocity),
         }
     }
 
-    /// Commands a motor in MIT mode. Returns position, rad, and velocity, rad/s.
-    fn control(&mut self, wanted: &Impedance) -> Result<[f64; 2], Error> {
+    /// Commands a speed, rad/s, of a GIM motor. Returns position, rad, velocity, rad/s, and torque, N·m.
+    fn speed(&mut self, velocity: f64) -> Result<[f64; 3], Error> {
+        let speed = Finite::new(velocity as f32 * RPM).unwrap_or_default();
+        let State { position, velocity, torque, .. } = self.session.gim().speed(speed, LASTS)?;
+        Ok([position, velocity, torque].map(f64::from))
+    }
+
+    /// Commands a motor in MIT mode. Returns position, rad, velocity, rad/s, and torque, N·m.
+    fn control(&mut self, wanted: &Impedance) -> Result<[f64; 3], Error> {
         let scales = self.session.scales();
         let sent = nearest(wanted, &mut self.feedback, &scales);
-        let mit::State { position, velocity, .. } = self.session.mit().control(sent)?;
-        Ok([position, velocity].map(f64::from))
+        let mit::State { position, velocity, torque, .. } = self.session.mit().control(sent)?;
+        Ok([position, velocity, torque].map(f64::from))
+    }
+
+    /// The motor's protocol.
+    pub(crate) fn protocol(&self) -> Protocol {
+        self.session.protocol
     }
 
     /// The motor's id.

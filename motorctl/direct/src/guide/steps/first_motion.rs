@@ -1,38 +1,116 @@
 //! The step in which the joint moves by itself.
 
-use super::{JointGuide, Taken, degrees};
+use super::{JointGuide, Seen, Taken, degrees};
 use crate::failure::DirectFailure;
 use crate::guide::dialog::{Answer, Halt};
 use crate::guide::motion::{self, TRAVEL_MAX};
 use crate::guide::progress::Step;
+use crate::target::Protocol;
 use crate::zero;
 use motord_protocol::commissioning::Error;
 
+/// Smallest room on the side of the motion, rad: 3°.
+const ROOM_MIN: f64 = 0.0524;
+
+/// The direction of the first motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Positive,
+    Negative,
+}
+
+impl Side {
+    /// Returns the side on which a joint at `at`, rad, has room within its limits, rad: the positive
+    /// one, if it has enough for any motion that is not stopped.
+    fn free(at: f64, [low, high]: [f64; 2]) -> Option<Self> {
+        let has_room = |room: f64| match [high - at >= room, at - low >= room] {
+            [true, _] => Some(Self::Positive),
+            [false, true] => Some(Self::Negative),
+            [false, false] => None,
+        };
+        let is_inside = (low..=high).contains(&at);
+        has_room(TRAVEL_MAX).or_else(|| has_room(ROOM_MIN)).filter(|_| is_inside)
+    }
+
+    const fn sign(self) -> f64 {
+        match self {
+            Self::Positive => 1.0,
+            Self::Negative => -1.0,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Positive => "positive",
+            Self::Negative => "negative",
+        }
+    }
+}
+
 impl JointGuide<'_, '_> {
     pub(super) fn motion(&mut self) -> Result<Taken, Halt> {
+        loop {
+            let side = self.free_side()?;
+            let taken = match &side {
+                Ok(side) => self.confirm_motion(*side)?,
+                Err(reason) => self.ask_for_room(reason)?,
+            };
+            let (Taken::Done, Ok(side)) = (&taken, side) else {
+                if matches!(taken, Taken::Done) {
+                    continue;
+                }
+                return Ok(taken);
+            };
+            // A hand may have moved the joint while the question was open.
+            if self.free_side()?.is_ok_and(|now| now == side) {
+                return self.move_to(side);
+            }
+            self.say("the joint was moved meanwhile")?;
+        }
+    }
+
+    /// Reads the position, and returns the side on which the joint has room, or why it has none.
+    fn free_side(&mut self) -> Result<Result<Side, String>, Halt> {
         let at =
             f64::from(self.joint.transmission.position_to_joint(zero::position(&mut self.motor)? as f32));
-        let [low, high] = self.joint.limits.position.map(f64::from);
-        let (towards, sense) = if at + TRAVEL_MAX <= high { (1.0, "positive") } else { (-1.0, "negative") };
+        let limits = self.joint.limits.position.map(f64::from);
+        Ok(Side::free(at, limits).ok_or_else(|| {
+            let [at, low, high] = [at, limits[0], limits[1]].map(degrees);
+            format!("the joint is at {at}, its limits are {low} to {high}, and the first motion needs 3° of room on one side")
+        }))
+    }
+
+    fn ask_for_room(&mut self, reason: &str) -> Result<Taken, Halt> {
+        let question = format!("{}: {reason}. Move it by hand, and press Enter", self.joint.name);
+        let help = "If its limits are wrong, `b` goes back to its range.";
+        let transmission = self.joint.transmission;
+        let show = |seen: &Seen| degrees(f64::from(transmission.position_to_joint(seen.last as f32)));
+        self.watch(&question, help, "", show).map(|(taken, _)| taken)
+    }
+
+    fn confirm_motion(&mut self, side: Side) -> Result<Taken, Halt> {
         let question = format!(
-            "{}: first motion, by 2° in the {sense} direction and back, softly. Free the joint, take the switch of its power in your \
-             hand, and type move",
-            self.joint.name
+            "{}: first motion, by 2° in the {} direction and back, softly. Free the joint, keep the switch of its power in your hand, \
+             and type move",
+            self.joint.name,
+            side.name()
         );
-        let help =
-            "The pull grows slowly up to 3 N·m, and ends when the joint moves. Ctrl-C stops the motor.";
-        let taken = self.confirm(&question, help, "move")?;
-        if !matches!(taken, Taken::Done) {
-            return Ok(taken);
-        }
-        if !(low..=high).contains(&at) {
-            let [at, low, high] = [at, low, high].map(degrees);
-            self.say(&format!(
-                "the joint is at {at}, outside of its limits {low} to {high}: move it by hand"
-            ))?;
-            return self.motion();
-        }
-        let sign = towards * f64::from(self.joint.transmission.direction());
+        let most = motion::torque_max(&self.motor);
+        let help = match self.motor.protocol {
+            Protocol::Mit => format!(
+                "The pull grows slowly up to {most:.1} N·m, and ends when the joint moves. Ctrl-C stops the motor. If the guide itself is \
+                 killed, the motor holds its last pull: cut its power."
+            ),
+            Protocol::Gim => format!(
+                "The motor follows a speed that grows slowly up to 0.3 rad/s, and is stopped when it reports more than {most:.1} N·m. \
+                 Ctrl-C stops the motor."
+            ),
+        };
+        self.confirm(&question, &help, "move")
+    }
+
+    fn move_to(&mut self, side: Side) -> Result<Taken, Halt> {
+        let sign = side.sign() * f64::from(self.joint.transmission.direction());
         let moved =
             motion::move_a_little(&mut self.motor, sign, self.interrupt).map_err(
                 |failure| match failure {
@@ -41,7 +119,7 @@ impl JointGuide<'_, '_> {
                 },
             )?;
         self.say(&format!("moved by {} and stopped", degrees(moved)))?;
-        self.check_motion(sense)
+        self.check_motion(side.name())
     }
 
     /// Asks whether the right joint moved in the right direction.
@@ -60,5 +138,27 @@ impl JointGuide<'_, '_> {
                 Answer::Enter | Answer::Text(_) => self.say("type y or n")?,
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motion_needs_room_on_its_side() {
+        let limits = [-0.5, 0.5];
+        let table = [
+            (0.0, Some(Side::Positive)),
+            (0.45, Some(Side::Negative)),
+            (-0.45, Some(Side::Positive)),
+            (0.6, None),
+            (-0.6, None),
+        ];
+        for (at, side) in table {
+            assert_eq!(Side::free(at, limits), side, "{at}");
+        }
+        assert_eq!(Side::free(0.0, [-0.04, 0.04]), None);
+        assert_eq!(Side::free(0.03, [-0.06, 0.04]), Some(Side::Negative));
     }
 }
