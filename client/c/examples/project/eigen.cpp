@@ -1,5 +1,5 @@
-// Eigen vectors over the arrays of a claim, in the order of another list of names, such as that of a URDF or of Pinocchio. Holds the
-// simulated quadruped by a torque that is computed by Eigen: kp (start - q) - kd dq.
+// Eigen vectors over the arrays of a claim, in the order of another list of names, such as that of a URDF or of Pinocchio. Moves the
+// joints of the simulated quadruped along a sine by a torque that is computed by Eigen: kp (goal - q) + kd (goal' - dq).
 //
 //   eigen [INSTANCE [GROUP [SECONDS]]]
 
@@ -29,10 +29,10 @@ public:
         order_ = Eigen::Map<const Eigen::Array<std::size_t, Eigen::Dynamic, 1>>(order.data(), size()).cast<Eigen::Index>();
     }
 
-    // Holds the group where it is until `seconds` are over. Returns the root mean square of the error, rad.
+    // Moves the group around where it is until `seconds` are over. Returns the root mean square of the error, rad.
     double run(double seconds) {
         start();
-        const Eigen::VectorXd goal = in_order(position_);
+        const Eigen::ArrayXd begin = in_order(position_);
         const auto first = state_.cycle().tick_ns;
         double square = 0.0, cycles = 0.0;
         for (double time = 0.0; time < seconds; cycles += 1.0) {
@@ -40,18 +40,19 @@ public:
             claim_.must_be_active(state_);
             read();
             time = static_cast<double>(state_.cycle().tick_ns - first) * 1e-9;
-            const Eigen::VectorXd error = goal - in_order(position_);
-            square += error.squaredNorm() / static_cast<double>(size());
+            const Eigen::ArrayXd error = begin + amplitude * std::sin(omega * time) - in_order(position_).array();
+            const Eigen::ArrayXd slip = amplitude * omega * std::cos(omega * time) - in_order(velocity_).array();
+            square += error.square().mean();
             // In the order of the names; the array of the claim gets it in its own.
             Eigen::Map<Eigen::VectorXd> torque(torque_.data(), size());
-            torque(order_) = kp * error - kd * in_order(velocity_);
+            torque(order_) = kp * error + kd * slip;
             claim_.send({nullptr, nullptr, nullptr, nullptr, torque_.data()}, torque_.size());
         }
         return std::sqrt(square / cycles);
     }
 
 private:
-    static constexpr double kp = 20.0, kd = 0.5;
+    static constexpr double kp = 20.0, kd = 0.5, amplitude = 0.1, omega = 3.0;
 
     Eigen::Index size() const { return static_cast<Eigen::Index>(claim_.size()); }
 
