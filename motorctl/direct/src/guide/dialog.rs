@@ -198,7 +198,10 @@ pub(super) const fn is_curable(failure: &DirectFailure) -> bool {
         // The motor has lost its power: nobody acknowledges.
         DirectFailure::Motor(Error::Bus(Refusal::Full)) => true,
         DirectFailure::Motor(Error::Bus(_) | Error::Interrupted) => false,
-        DirectFailure::Motor(_) | DirectFailure::Unfit { .. } | DirectFailure::Config(_) => true,
+        DirectFailure::Motor(_)
+        | DirectFailure::Unfit { .. }
+        | DirectFailure::NoMotor { .. }
+        | DirectFailure::Config(_) => true,
         _ => false,
     }
 }

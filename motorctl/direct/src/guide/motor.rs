@@ -5,8 +5,10 @@ use crate::failure::DirectFailure;
 use crate::target::{Protocol, Session};
 use motord_bus::FrameId;
 use motord_protocol::Faults;
-use motord_protocol::commissioning::{Apply, Error, Failed, Registers, changes, is_taken};
-use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
+use motord_protocol::commissioning::{
+    Apply, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, changes, identify, is_taken,
+};
+use motord_protocol::gim::{Command, ConfigurationItem, Indicator, Value};
 use motord_shared::Fault;
 use std::convert::Infallible;
 use std::ops::RangeInclusive;
@@ -98,8 +100,10 @@ pub(super) fn clear_fault(session: &mut Session) -> Result<(), Error> {
 ///
 /// # Errors
 ///
-/// Another motor has the id, the motor does not keep it, or its protocol has no such command.
+/// Another motor has the former or the new id, the motor does not keep it, or its protocol has no
+/// such command.
 pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
+    must_be_alone(session)?;
     let has_registers = session.settings.as_ref().is_some_and(|motor| motor.profile.has_registers);
     match (session.protocol, session.host_id) {
         (Protocol::Gim, _) => {
@@ -107,10 +111,7 @@ pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
             write(session, &[(CAN_ID, id.into()), (HOST_ID, raw)])?;
         }
         (Protocol::Mit, Some(before)) if has_registers => {
-            session.mit().stop()?;
-            if session.id != id && is_taken(&mut session.line.link, id)? {
-                return Err(Error::Taken { id: session.id, taken: id }.into());
-            }
+            must_be_free(session, id, host_id)?;
             Registers::new(&mut session.line.link, session.id, before).set_address(id, host_id)?;
         }
         (Protocol::Mit, _) => {
@@ -122,6 +123,61 @@ pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
         }
     }
     (session.id, session.host_id) = (id, Some(host_id));
+    Ok(())
+}
+
+/// Returns whether one motor answers. Several new ones send the same bytes, except for what they
+/// measure: a scan has received the angle of motors in MIT mode, not of native ones.
+///
+/// # Errors
+///
+/// The bus accepts no frame.
+pub(super) fn is_alone(link: &mut Link, found: &Found) -> Result<bool, Error> {
+    if found.family != Family::Native {
+        return Ok(true);
+    }
+    let request = Native::request(&Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE });
+    let (mut answers, window) = (0, link.timeout());
+    let _end = link.ask(found.id, request, window, |event| {
+        answers += match event {
+            LinkEvent::Frame(_) => 1,
+            LinkEvent::Collision => 2,
+            LinkEvent::NotRead => 0,
+        };
+        None::<()>
+    })?;
+    Ok(answers == 1)
+}
+
+/// Checks that no second motor has got power since this one was found: it would get the same values.
+fn must_be_alone(session: &mut Session) -> Result<(), DirectFailure> {
+    let (id, link) = (session.id, &mut session.line.link);
+    let Some(found) = identify(link, id)? else {
+        return Err(DirectFailure::NoMotor { id, bus: session.line.name.clone() });
+    };
+    let is_native = found.family == Family::Native;
+    let is_it = is_native == (session.protocol == Protocol::Gim)
+        && (found.host_id.is_none() || session.host_id.is_none() || found.host_id == session.host_id);
+    if is_it && is_alone(link, &found)? {
+        return Ok(());
+    }
+    Err(session.unfit("several motors answer with its id: take the power from all but one"))
+}
+
+/// Checks that no other motor on the bus has the new id or host id of a motor with registers.
+fn must_be_free(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
+    if host_id.byte() == Some(id) {
+        let reason = "its id and its host id would be equal: two nodes would send frames with one id; give it another host id";
+        return Err(session.unfit(reason));
+    }
+    session.mit().stop()?;
+    let is_new = |other: &u8| *other != session.id && (1..=0xFE).contains(other);
+    let host_id = host_id.byte().filter(|_| session.host_id != Some(host_id));
+    for taken in [Some(id), host_id].into_iter().flatten().filter(is_new) {
+        if is_taken(&mut session.line.link, taken)? {
+            return Err(Error::Taken { id: session.id, taken }.into());
+        }
+    }
     Ok(())
 }
 

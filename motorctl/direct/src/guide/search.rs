@@ -2,11 +2,11 @@
 
 use super::dialog::{Halt, Reading};
 use super::edit::Configuration;
+use super::motor;
 use super::progress::{Progress, Step};
 use crate::target::OpenLine;
 use motord_bus::{Duration, Refusal};
-use motord_protocol::commissioning::{Error, Family, Found, LinkEvent, Native, Registers, Scan, scan};
-use motord_protocol::gim::{Command, Indicator};
+use motord_protocol::commissioning::{Error, Family, Found, Registers, Scan, scan};
 use motord_protocol::register;
 use motord_settings::settings::{BusSettings, MotorSettings};
 use std::collections::VecDeque;
@@ -240,21 +240,9 @@ impl<'s> Search<'s> {
         })
     }
 
-    /// Returns whether one motor answers. Several new ones send the same bytes, except for what they
-    /// measure: the scan has received the angle of motors in MIT mode, not of native ones.
     fn is_alone(&mut self, bus: usize, found: &Found) -> Result<bool, Halt> {
-        let (Family::Native, Some(line)) = (found.family, &mut self.lines[bus]) else { return Ok(true) };
-        let request = Native::request(&Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE });
-        let (mut answers, window) = (0, line.link.timeout());
-        let _end = line.link.ask(found.id, request, window, |event| {
-            answers += match event {
-                LinkEvent::Frame(_) => 1,
-                LinkEvent::Collision => 2,
-                LinkEvent::NotRead => 0,
-            };
-            None::<()>
-        })?;
-        Ok(answers == 1)
+        let Some(line) = &mut self.lines[bus] else { return Ok(true) };
+        Ok(motor::is_alone(&mut line.link, found)?)
     }
 
     /// Asks a motor in MIT mode for a register: Damiao's have registers.

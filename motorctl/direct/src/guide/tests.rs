@@ -294,6 +294,25 @@ fn former_zero_of_damiao_is_set_by_hand() {
     assert!(robot.memory("elbow").contains("int 0x12 3\n"));
 }
 
+/// Goal: a second new motor that gets power while a question is open does not get the id, too.
+#[test]
+fn second_motor_during_question_prevents_writing() {
+    for [one, other] in [["hip", "thigh"], ["elbow", "wrist"]] {
+        let robot = Robot::new_motors(&format!("late-{one}"));
+        let mut script = begin(one);
+        script.insert(2, ("write id", Act::Verb(format!("{other} on"))));
+        // It needs time to start.
+        script.insert(3, ("write id", Act::Turn(other, 0.0, 900)));
+        script.extend([
+            ("Remove the cause", Act::Verb(format!("{other} power-off"))),
+            ("Remove the cause", Act::Type("")),
+            ("Which joint", Act::Type("q")),
+        ]);
+        let printed = robot.guide(&script);
+        assert!(printed.contains("several motors"), "{printed}");
+    }
+}
+
 /// Goal: another new motor does not continue a joint that was begun: its zero and range are those of
 /// the first motor.
 #[test]
