@@ -22,14 +22,15 @@ enum Side {
 impl Side {
     /// Returns the side on which a joint at `at`, rad, has room within its limits, rad: the positive
     /// one, if it has enough for any motion that is not stopped.
-    fn free(at: f64, [low, high]: [f64; 2]) -> Option<Self> {
-        let has_room = |room: f64| match [high - at >= room, at - low >= room] {
-            [true, _] => Some(Self::Positive),
-            [false, true] => Some(Self::Negative),
-            [false, false] => None,
-        };
-        let is_inside = (low..=high).contains(&at);
-        has_room(TRAVEL_MAX).or_else(|| has_room(ROOM_MIN)).filter(|_| is_inside)
+    fn free(at: f64, limits: [f64; 2]) -> Option<Self> {
+        let rooms = [TRAVEL_MAX, ROOM_MIN].into_iter();
+        let sides = rooms.flat_map(|room| [(Self::Positive, room), (Self::Negative, room)]);
+        sides.into_iter().find(|(side, room)| side.has_room(at, limits, *room)).map(|(side, _)| side)
+    }
+
+    fn has_room(self, at: f64, [low, high]: [f64; 2], room: f64) -> bool {
+        let free = if self == Self::Positive { high - at } else { at - low };
+        (low..=high).contains(&at) && free >= room
     }
 
     const fn sign(self) -> f64 {
@@ -62,22 +63,30 @@ impl JointGuide<'_, '_> {
                 return Ok(taken);
             };
             // A hand may have moved the joint while the question was open.
-            if self.free_side()?.is_ok_and(|now| now == side) {
+            if side.has_room(self.position()?, self.limits(), ROOM_MIN) {
                 return self.move_to(side);
             }
-            self.say("the joint was moved meanwhile")?;
+            self.say("the joint was moved meanwhile, and has no room there")?;
         }
     }
 
-    /// Reads the position, and returns the side on which the joint has room, or why it has none.
+    /// Returns the side on which the joint has room, or why it has none.
     fn free_side(&mut self) -> Result<Result<Side, String>, Halt> {
-        let at =
-            f64::from(self.joint.transmission.position_to_joint(zero::position(&mut self.motor)? as f32));
-        let limits = self.joint.limits.position.map(f64::from);
+        let (at, limits) = (self.position()?, self.limits());
         Ok(Side::free(at, limits).ok_or_else(|| {
             let [at, low, high] = [at, limits[0], limits[1]].map(degrees);
             format!("the joint is at {at}, its limits are {low} to {high}, and the first motion needs 3° of room on one side")
         }))
+    }
+
+    /// Reads the position of the joint, rad.
+    fn position(&mut self) -> Result<f64, Halt> {
+        let position = zero::position(&mut self.motor)?;
+        Ok(f64::from(self.joint.transmission.position_to_joint(position as f32)))
+    }
+
+    fn limits(&self) -> [f64; 2] {
+        self.joint.limits.position.map(f64::from)
     }
 
     fn ask_for_room(&mut self, reason: &str) -> Result<Taken, Halt> {
@@ -158,6 +167,10 @@ mod tests {
         for (at, side) in table {
             assert_eq!(Side::free(at, limits), side, "{at}");
         }
+        assert!(
+            Side::Positive.has_room(0.42, limits, ROOM_MIN)
+                && !Side::Positive.has_room(0.46, limits, ROOM_MIN)
+        );
         assert_eq!(Side::free(0.0, [-0.04, 0.04]), None);
         assert_eq!(Side::free(0.03, [-0.06, 0.04]), Some(Side::Negative));
     }
