@@ -46,8 +46,7 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
         Protocol::Gim => move_zero(&mut session, before, at)?,
     }
     let after = position(&mut session)?;
-    let off = (after - at + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
-    if off.abs() > TOLERANCE {
+    if off_by(after, at) > TOLERANCE {
         let reason = format!(
             "it reports {after:.3} rad afterwards, not {at:.3} rad: find the cause before you start it"
         );
@@ -67,6 +66,11 @@ pub(crate) fn position(session: &mut Session) -> Result<f64, DirectFailure> {
         }
     };
     Ok(f64::from(position))
+}
+
+/// Returns how far a position, rad, is from `at`, rad, in whichever turn the motor reports it.
+pub(crate) fn off_by(position: f64, at: f64) -> f64 {
+    ((position - at + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0).abs()
 }
 
 /// Rejects a position outside the joint's limits, unless `force`. Returns a sentence about the
@@ -96,4 +100,15 @@ pub(crate) fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(
     let zero = (f64::from(old & 0xFFFF) + steps).rem_euclid(TURN) as i32;
     motor.store_configuration(item, Value::Integer(zero))?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_counts_in_any_turn() {
+        assert!(off_by(TAU + 0.01, 0.0) < TOLERANCE && off_by(-TAU, 0.0) < TOLERANCE);
+        assert!(off_by(TAU / 2.0, 0.0) > TOLERANCE);
+    }
 }

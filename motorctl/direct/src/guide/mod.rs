@@ -223,7 +223,7 @@ impl Guide<'_> {
                         self.dialog.say("there is no step to undo")?;
                         continue;
                     };
-                    self.progress.change(&last, |record| record.done.retain(|step| *step != Step::Motion))?;
+                    self.progress.change(&last, |record| record.unmark(Step::Motion))?;
                     self.dialog.say(&format!("{last} is open again: give power to its motor"))?;
                     return Ok(None);
                 }

@@ -2,7 +2,7 @@
 //! `motord.toml`. It is written before a motor or the configuration changes, and after each step,
 //! so that the guide goes on after any interruption.
 
-use super::edit::replace;
+use super::edit::{DIRECTION, GEAR_RATIO, POSITION, TORQUE_CONSTANT, replace};
 use crate::failure::DirectFailure;
 use motord_configuration::{self as config, Wrong};
 use serde::{Deserialize, Serialize};
@@ -73,7 +73,8 @@ pub(super) struct Before {
     pub(super) bit_rate: Option<u32>,
     /// Stored zero position of a motor in native mode.
     pub(super) zero: Option<i32>,
-    /// Position, rad, that a motor in MIT mode reported where its zero is now.
+    /// Position, rad, from the former zero, at which the zero is now. Without the step, the guide was
+    /// interrupted while it set it.
     pub(super) zero_at: Option<f64>,
     /// Values of the configuration, as TOML. A key that is not here was not written.
     #[serde(default)]
@@ -95,6 +96,38 @@ pub(super) struct Record {
 impl Record {
     pub(super) fn has(&self, step: Step) -> bool {
         self.done.contains(&step)
+    }
+
+    /// Records that the motor gets a zero where it reports `at`, rad. `stored` is its present zero in
+    /// native mode.
+    pub(super) fn begin_zero(&mut self, stored: Option<i32>, at: f64) {
+        let Before { zero, zero_at, .. } = &mut self.before;
+        // It was interrupted before the first change.
+        let is_former = stored.is_some() && stored == *zero;
+        *zero_at = Some(at + zero_at.filter(|_| !is_former).unwrap_or(0.0));
+        *zero = zero.or(stored);
+    }
+
+    /// Forgets a step and what it has replaced. An undone bit rate stays known: the motor stores it
+    /// when it answers at that rate.
+    pub(super) fn unmark(&mut self, step: Step) {
+        self.done.retain(|done| *done != step);
+        let before = &mut self.before;
+        let keys: &[&str] = match step {
+            Step::Address => {
+                (before.id, before.host_id) = (None, None);
+                &[]
+            }
+            Step::Zero => {
+                (before.zero, before.zero_at) = (None, None);
+                &[]
+            }
+            Step::Constants => &[TORQUE_CONSTANT, GEAR_RATIO],
+            Step::Direction => &[DIRECTION],
+            Step::Range => &[POSITION],
+            Step::BitRate | Step::Protocol | Step::Motion => &[],
+        };
+        before.file.retain(|key, _| !keys.contains(&key.as_str()));
     }
 
     /// Forgets the motor. What the file had before the first change stays known.
@@ -182,5 +215,36 @@ impl Progress {
             reason: error.to_string(),
         })?;
         replace(&self.path, &format!("{HEAD}\n{text}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn second_zero_adds_to_first() {
+        let mut native = Record::default();
+        native.begin_zero(Some(7), 0.5);
+        // Interrupted before the change: the motor still has its former zero.
+        native.begin_zero(Some(7), 0.25);
+        assert_eq!((native.before.zero, native.before.zero_at), (Some(7), Some(0.25)));
+        native.begin_zero(Some(9), 0.5);
+        assert_eq!((native.before.zero, native.before.zero_at), (Some(7), Some(0.75)));
+        let mut mit = Record::default();
+        mit.begin_zero(None, 0.5);
+        mit.begin_zero(None, -0.25);
+        assert_eq!((mit.before.zero, mit.before.zero_at), (None, Some(0.25)));
+        mit.unmark(Step::Zero);
+        assert_eq!(mit, Record::default());
+    }
+
+    #[test]
+    fn undone_step_forgets_what_it_replaced() {
+        let mut record = Record { done: vec![Step::Direction, Step::Range], ..Record::default() };
+        record.before.file = [DIRECTION, POSITION].map(|key| (key.to_owned(), "1".to_owned())).into();
+        record.unmark(Step::Range);
+        assert_eq!((record.done.as_slice(), record.before.file.len()), (&[Step::Direction][..], 1));
+        assert!(record.before.file.contains_key(DIRECTION));
     }
 }

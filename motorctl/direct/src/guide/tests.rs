@@ -287,11 +287,35 @@ fn former_zero_of_damiao_is_set_by_hand() {
         ("until it reads 0.0", Act::Turn("elbow", 0.4, 500)),
         ("until it reads 0.0", Act::Type("zero")),
         ("the joint is not there yet", Act::Type("s")),
-        ("turned by", Act::Type("q")),
+        // The new zero is kept: the next step back is the id.
+        ("to its mark", Act::Type("b")),
+        ("id: undone", Act::Type("q")),
     ];
     let printed = robot.guide(&undo);
     assert_eq!(printed.matches("zero: undone").count(), 1, "{printed}");
-    assert!(robot.memory("elbow").contains("int 0x12 3\n"));
+}
+
+/// Goal: the zero of a motor that was set in native mode is restored by hand after its change to MIT,
+/// where its id stays.
+#[test]
+fn native_zero_is_restored_in_mit() {
+    let robot = Robot::new_motors("native-zero");
+    let mut script = set_up("hip", true);
+    script.truncate(script.len() - 3);
+    let undo = [
+        ("first motion", Act::Type("b")),
+        ("protocol: stays", Act::Type("b")),
+        ("direction: undone", Act::Type("b")),
+        ("until it reads 0.0", Act::Type("zero")),
+        ("the joint is not there yet", Act::Type("b")),
+        ("turned by", Act::Type("b")),
+        ("until it reads 0.0", Act::Type("s")),
+        ("zero: the new one is kept", Act::Type("b")),
+        ("id: stays", Act::Type("q")),
+    ];
+    script.extend(undo);
+    let _printed = robot.guide(&script);
+    assert!(robot.memory("hip").contains("int 0x12 1\n"));
 }
 
 /// Goal: a second new motor that gets power while a question is open does not get the id, too.

@@ -22,13 +22,11 @@ impl JointGuide<'_, '_> {
             self.joint.name
         );
         let help = "A mark, a stop or a gauge. A zero at a stop can be repeated most exactly.";
-        let (taken, seen) = self.watch(&question, help, "zero", |seen| degrees(seen.last))?;
+        let (taken, _) = self.watch(&question, help, "zero", |seen| degrees(seen.last))?;
         if matches!(taken, Taken::Done) {
-            let (stored, at) = (motor::stored_zero(&mut self.motor)?, seen.last);
-            self.remember(|before| match stored {
-                Some(stored) => drop(before.zero.get_or_insert(stored)),
-                None => drop(before.zero_at.get_or_insert(at)),
-            })?;
+            // The joint may have moved since it was shown.
+            let (stored, at) = (motor::stored_zero(&mut self.motor)?, zero::position(&mut self.motor)?);
+            self.progress.change(&self.joint.name, |record| record.begin_zero(stored, at))?;
             self.set_zero()?;
         }
         Ok(taken)
@@ -42,7 +40,7 @@ impl JointGuide<'_, '_> {
             Protocol::Gim => zero::move_zero(&mut self.motor, before, 0.0)?,
         }
         let after = zero::position(&mut self.motor)?;
-        if after.abs() <= zero::TOLERANCE {
+        if zero::off_by(after, 0.0) <= zero::TOLERANCE {
             return Ok(());
         }
         let reason = format!(

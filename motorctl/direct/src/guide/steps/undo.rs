@@ -10,20 +10,22 @@ use crate::zero;
 use motord_bus::FrameId;
 
 impl JointGuide<'_, '_> {
-    /// Undoes the last step that can be undone. `false` when there is none.
+    /// Undoes the last step that can be undone, or the zero that was begun. `false` when there is
+    /// none.
     pub(super) fn undo(&mut self) -> Result<bool, Halt> {
         let record = self.record();
-        for step in record.done.into_iter().rev() {
-            match step {
-                Step::Protocol => {
-                    self.say("the change to MIT stays: over CAN it cannot be undone")?;
+        let begun = record.before.zero_at.filter(|_| !record.has(Step::Zero)).map(|_| Step::Zero);
+        for step in record.done.into_iter().chain(begun).rev() {
+            if let Some(reason) = self.stays(step) {
+                self.say(&format!("{}: {reason}", step.name()))?;
+                if step == Step::Protocol {
                     continue;
                 }
-                Step::Address if record.before.id.is_none() => {
-                    self.unmark(step)?;
-                    return Ok(false);
-                }
-                _ => {}
+                return Ok(false);
+            }
+            if step == Step::Address && record.before.id.is_none() {
+                self.unmark(step)?;
+                return Ok(false);
             }
             if self.revert(step, &record.before)? {
                 self.unmark(step)?;
@@ -34,7 +36,20 @@ impl JointGuide<'_, '_> {
         Ok(false)
     }
 
-    /// Restores what the step has replaced. `false`: the person left that to another time.
+    /// Returns why a step cannot be undone.
+    fn stays(&self, step: Step) -> Option<&'static str> {
+        let is_mit = self.motor.protocol == Protocol::Mit;
+        match step {
+            Step::Protocol => Some("stays: over CAN it cannot be undone"),
+            Step::BitRate if is_mit => Some("stays: in MIT mode it cannot be changed over CAN"),
+            Step::Address if is_mit && !self.joint.profile.has_registers => {
+                Some("stays: in MIT mode it cannot be changed over CAN")
+            }
+            _ => None,
+        }
+    }
+
+    /// Restores what the step has replaced. `false`: it stays for another time.
     fn revert(&mut self, step: Step, before: &Before) -> Result<bool, Halt> {
         match (step, before.zero.filter(|_| self.motor.protocol == Protocol::Gim)) {
             (Step::Address, _) => {
@@ -62,25 +77,32 @@ impl JointGuide<'_, '_> {
     }
 
     /// A motor in MIT mode can only make its present position zero: the joint has to go where its
-    /// zero was.
+    /// zero was. `false`: the zero stays for another time.
     fn restore_zero_by_hand(&mut self, at: Option<f64>) -> Result<bool, Halt> {
         let Some(at) = at else { return Ok(true) };
         let question = format!(
             "{}: in MIT mode only its present position can become zero. Turn the joint until it reads 0.0°, and type zero; `s` keeps \
-             the new zero",
+             the new zero and forgets the former one",
             self.joint.name
         );
         let show = |seen: &Seen| degrees(seen.last + at);
-        let (taken, seen) = self.watch(&question, "The former zero of the motor is there.", "zero", show)?;
-        if !matches!(taken, Taken::Done) {
-            return Ok(false);
+        loop {
+            match self.watch(&question, "The former zero of the motor is there.", "zero", show)?.0 {
+                Taken::Done => {}
+                Taken::Back => return Ok(false),
+                Taken::Skip => {
+                    self.unmark(Step::Zero)?;
+                    self.say("zero: the new one is kept")?;
+                    return Ok(false);
+                }
+            }
+            let off = zero::position(&mut self.motor)? + at;
+            if off.abs() <= zero::TOLERANCE {
+                self.set_zero()?;
+                return Ok(true);
+            }
+            self.say(&format!("the joint is not there yet: it reads {}", degrees(off)))?;
         }
-        if (seen.last + at).abs() > zero::TOLERANCE {
-            self.say("the joint is not there yet")?;
-            return self.restore_zero_by_hand(Some(at));
-        }
-        self.set_zero()?;
-        Ok(true)
     }
 
     fn restore(&mut self, keys: &[&str], before: &Before) -> Result<(), Halt> {
@@ -90,6 +112,6 @@ impl JointGuide<'_, '_> {
     }
 
     fn unmark(&mut self, step: Step) -> Result<(), DirectFailure> {
-        self.progress.change(&self.joint.name, |record| record.done.retain(|done| *done != step))
+        self.progress.change(&self.joint.name, |record| record.unmark(step))
     }
 }
