@@ -14,7 +14,14 @@ const GUIDE: &str = "setup --guide --config robot.toml";
 /// Four motors as from the factory, without power, and the configuration of their joints. The first
 /// joint has the id of new motors.
 fn robot() -> Line {
-    let new = |name: &&str| MotorSettings { is_new: true, has_power: false, ..motor(name, 1) };
+    // Their friction stops them where the hand lets go.
+    let new = |name: &&str| MotorSettings {
+        is_new: true,
+        has_power: false,
+        viscous_friction: 0.5,
+        coulomb_friction: 0.1,
+        ..motor(name, 1)
+    };
     let line = Line::new(JOINTS.iter().map(new).collect());
     let motor = |(index, name): (usize, &&str)| {
         format!(

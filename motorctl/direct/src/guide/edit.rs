@@ -58,8 +58,8 @@ impl Configuration {
     ///
     /// # Errors
     ///
-    /// The mistakes of the new text, or the file cannot be read or written. Then it has not
-    /// changed.
+    /// The mistakes of the new text, other buses than at first, or the file cannot be read or
+    /// written. Then it has not changed.
     pub(super) fn set(&mut self, joint: &str, keys: &[&str], values: &Values) -> Result<(), DirectFailure> {
         let mut document = self.document()?;
         let motor = self.motor(&mut document, joint)?;
@@ -70,6 +70,10 @@ impl Configuration {
         }
         let text = document.to_string();
         let loaded = config::parse(&self.path, text.as_bytes(), &Machine::here())?;
+        if !has_same_buses(&loaded.settings, &self.settings) {
+            let reason = "its buses have changed while the guide runs: leave with q, and start it again";
+            return Err(self.malformed(reason.to_owned()));
+        }
         replace(&self.path, &text)?;
         self.settings = loaded.settings;
         Ok(())
@@ -103,6 +107,14 @@ impl Configuration {
     fn malformed(&self, reason: String) -> DirectFailure {
         DirectFailure::Malformed { path: self.path.clone(), reason }
     }
+}
+
+/// Motors and open buses refer to buses by their index.
+fn has_same_buses(one: &Settings, other: &Settings) -> bool {
+    let buses = |settings: &Settings| -> Vec<(String, String)> {
+        settings.buses.iter().map(|bus| (bus.name.to_string(), bus.device().to_owned())).collect()
+    };
+    buses(one) == buses(other)
 }
 
 /// Sets or removes a key. `None` when the name of its table is that of a value.
@@ -225,6 +237,16 @@ model = 'GIM8108-8'
         assert_eq!(text, format!("{TEXT}direction = -1\ngear-ratio = 9\n"));
         file.set("knee", &[DIRECTION, GEAR_RATIO], &Values::new()).unwrap();
         assert_eq!(end(&file), TEXT);
+    }
+
+    #[test]
+    fn other_buses_are_refused() {
+        let mut file = configuration("buses", TEXT);
+        let other = TEXT.replace("interface = 'can0'", "interface = 'can1'");
+        fs::write(&file.path, &other).unwrap();
+        let refused = file.set("hip", &[DIRECTION], &values(&[(DIRECTION, "1")])).unwrap_err();
+        assert!(refused.to_string().contains("buses have changed"), "{refused}");
+        assert_eq!(end(&file), other);
     }
 
     #[test]

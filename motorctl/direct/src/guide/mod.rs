@@ -125,15 +125,19 @@ impl Guide<'_> {
         for reason in closed {
             self.dialog.say(&format!("Left out: {reason}"))?;
         }
+        for joint in self.progress.reopen(&self.file.settings)? {
+            self.dialog
+                .say(&format!("{joint} has another bus, id or model by now: its steps begin again"))?;
+        }
         for joint in self.file.settings.motors.clone() {
             let bus = self.file.settings.buses[joint.bus].device();
             let state = match self.progress.find(&joint.name) {
                 Some(record) if record.has(Step::Motion) => "done".to_owned(),
-                Some(record) => {
+                Some(record) if !record.done.is_empty() => {
                     let done: Vec<_> = record.done.iter().map(|step| step.name()).collect();
                     format!("begun: {}", done.join(", "))
                 }
-                None => "to do".to_owned(),
+                _ => "to do".to_owned(),
             };
             self.dialog.say(&format!("  {:12} {} on {bus}: {state}", joint.name, joint.model))?;
         }
@@ -193,6 +197,10 @@ impl Guide<'_> {
                 for difference in stored? {
                     self.dialog.say(&difference)?;
                 }
+                self.progress.change(&joint.name, |record| {
+                    record.unmark(Step::Motion);
+                    record.done.push(Step::Motion);
+                })?;
                 let power = match joint.id {
                     FACTORY_ID => "Take its power: new motors have its id, 1",
                     _ => "It may keep its power",

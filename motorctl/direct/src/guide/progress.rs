@@ -5,6 +5,7 @@
 use super::edit::{DIRECTION, GEAR_RATIO, POSITION, TORQUE_CONSTANT, replace};
 use crate::failure::DirectFailure;
 use motord_configuration::{self as config, Wrong};
+use motord_settings::settings::{MotorSettings, Settings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -81,6 +82,28 @@ pub(super) struct Before {
     pub(super) file: BTreeMap<String, String>,
 }
 
+/// What the configuration says of a motor. With another one, the steps of its joint are void.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) struct Configured {
+    /// The interface or device.
+    bus: String,
+    id: u8,
+    host_id: u32,
+    model: String,
+}
+
+impl Configured {
+    pub(super) fn of(joint: &MotorSettings, settings: &Settings) -> Self {
+        Self {
+            bus: settings.buses[joint.bus].device().to_owned(),
+            id: joint.id,
+            host_id: joint.host_id.raw(),
+            model: joint.model.to_string(),
+        }
+    }
+}
+
 /// The steps of a joint.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -89,6 +112,8 @@ pub(super) struct Record {
     /// In the order in which they were done.
     #[serde(default)]
     pub(super) done: Vec<Step>,
+    /// At the last step.
+    pub(super) configured: Option<Configured>,
     #[serde(default)]
     pub(super) before: Before,
 }
@@ -173,6 +198,25 @@ impl Progress {
         let document: Document =
             toml::from_str(&text).map_err(|error| malformed(error.message().to_owned()))?;
         Ok(Self { path, joints: document.joints })
+    }
+
+    /// Forgets the steps of the joints that have another bus, address or model by now. Returns their
+    /// names.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    pub(super) fn reopen(&mut self, settings: &Settings) -> Result<Vec<String>, DirectFailure> {
+        let differs = |joint: &&MotorSettings| {
+            let record = self.find(&joint.name).filter(|record| !record.done.is_empty());
+            let configured = record.and_then(|record| record.configured.as_ref());
+            configured.is_some_and(|configured| *configured != Configured::of(joint, settings))
+        };
+        let names: Vec<_> = settings.motors.iter().filter(differs).map(|joint| joint.name.clone()).collect();
+        for name in &names {
+            self.change(name, Record::begin_again)?;
+        }
+        Ok(names)
     }
 
     /// Returns the record of a joint, if the guide has begun with it.

@@ -37,7 +37,8 @@ pub(super) struct Candidate {
     pub(super) vendor: &'static str,
 }
 
-/// Asks the ids of all buses, in rounds. A round asks the likely ids and some of the others.
+/// Asks the ids of all buses, in rounds. A round asks the likely ids, that of a motor
+/// in the round before, and some of the others.
 pub(super) struct Search<'s> {
     file: &'s Configuration,
     progress: &'s Progress,
@@ -143,7 +144,10 @@ impl<'s> Search<'s> {
                 line.link.pause(SETTLE);
             }
             let own = self.file.settings.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.id);
-            let mut ids: Vec<u8> = [FACTORY_ID].into_iter().chain(own).chain(others.clone()).collect();
+            // A motor has to answer in two rounds.
+            let seen = self.last.iter().filter(|last| last.bus == bus).map(|last| last.found.id);
+            let likely = [FACTORY_ID].into_iter().chain(own).chain(seen);
+            let mut ids: Vec<u8> = likely.chain(others.clone()).collect();
             ids.sort_unstable();
             ids.dedup();
             self.queue.extend(ids.into_iter().map(|id| (bus, id)));

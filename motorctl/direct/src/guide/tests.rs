@@ -337,6 +337,16 @@ fn second_motor_during_question_prevents_writing() {
     }
 }
 
+#[test]
+fn other_id_in_configuration_reopens_joint() {
+    let robot = Robot::new_motors("reopen");
+    let _printed = robot.guide(&[begin("elbow"), [("to its mark", Act::Type("q"))].into()].concat());
+    std::fs::write(robot.folder.join("robot.toml"), robot.text().replace("id = 3\n", "id = 7\n")).unwrap();
+    let script = [("Which joint", Act::Type("elbow")), ("write id 7", Act::Type("q"))];
+    let printed = robot.guide(&script);
+    assert!(printed.contains("elbow has another bus, id or model by now"), "{printed}");
+}
+
 /// Goal: another new motor does not continue a joint that was begun: its zero and range are those of
 /// the first motor.
 #[test]

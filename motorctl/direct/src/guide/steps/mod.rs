@@ -17,7 +17,7 @@ use crate::failure::DirectFailure;
 use crate::guide::dialog::{Answer, Dialog, Halt, Reading, Watched};
 use crate::guide::edit::{self, Configuration, Values};
 use crate::guide::motor::{self, Health};
-use crate::guide::progress::{Before, Progress, Record, Step};
+use crate::guide::progress::{Before, Configured, Progress, Record, Step};
 use crate::target::{Protocol, Session};
 use crate::zero;
 use motord_bus::FrameId;
@@ -80,17 +80,20 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         self.motor
     }
 
-    /// Takes the steps that are left.
+    /// Takes the steps that are left. The caller marks the motion, once the motor is recorded.
     ///
     /// # Errors
     ///
     /// The person leaves; the motor or a file fails.
     pub(super) fn run(&mut self) -> Result<Ended, Halt> {
-        if !self.is_healthy()? {
-            return Ok(Ended::Skipped);
+        match self.cure()? {
+            Taken::Done => {}
+            Taken::Back => return Ok(Ended::Back),
+            Taken::Skip => return Ok(Ended::Skipped),
         }
         while let Some(step) = self.next()? {
             match self.take(step)? {
+                Taken::Done if step == Step::Motion => return Ok(Ended::SetUp),
                 Taken::Done => {
                     self.mark(step)?;
                     self.say(&format!("{}: saved", step.name()))?;
@@ -103,19 +106,17 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         Ok(Ended::SetUp)
     }
 
-    /// Shows the state of the motor, until it has no fault and plausible values. `false`: skipped.
-    fn is_healthy(&mut self) -> Result<bool, Halt> {
+    /// Shows the state of the motor, until it has no fault and plausible values.
+    fn cure(&mut self) -> Result<Taken, Halt> {
         loop {
             let health = Health::read(&mut self.motor)?;
             self.say(&health.describe())?;
-            let Some(problem) = health.problem() else { return Ok(true) };
+            let Some(problem) = health.problem() else { return Ok(Taken::Done) };
             let question = format!("{}: {problem}. Enter clears its fault and reads again", self.joint.name);
-            match self
-                .dialog
-                .ask(&question, "A motor is set up without a fault, with a usual supply and temperature.")?
-            {
-                Answer::Skip => return Ok(false),
-                _ => motor::clear_fault(&mut self.motor)?,
+            let help = "A motor is set up without a fault, with a usual supply and temperature.";
+            match self.confirm(&question, help, "")? {
+                Taken::Done => motor::clear_fault(&mut self.motor)?,
+                taken => return Ok(taken),
             }
         }
     }
@@ -312,9 +313,11 @@ impl<'g, 'd> JointGuide<'g, 'd> {
     }
 
     fn mark(&mut self, step: Step) -> Result<(), DirectFailure> {
+        let configured = Configured::of(&self.joint, &self.file.settings);
         self.progress.change(&self.joint.name, |record| {
             record.done.retain(|done| *done != step);
             record.done.push(step);
+            record.configured = Some(configured);
         })
     }
 
