@@ -120,23 +120,36 @@ fn has_same_buses(one: &Settings, other: &Settings) -> bool {
 /// Sets or removes a key. `None` when the name of its table is that of a value.
 fn change(motor: &mut dyn TableLike, key: &str, value: Option<Value>) -> Option<()> {
     let Some((table, key)) = key.split_once('.') else { return set(motor, key, value) };
+    let is_removed = value.is_none();
     if motor.get(table).is_none() {
         motor.insert(table, Item::Value(InlineTable::new().into()));
     }
-    set(motor.get_mut(table)?.as_table_like_mut()?, key, value)
+    let values = motor.get_mut(table)?.as_table_like_mut()?;
+    set(values, key, value)?;
+    let is_left = values.is_empty() && motor.get(table).is_some_and(Item::is_inline_table);
+    if is_removed && is_left {
+        motor.remove(table);
+    }
+    Some(())
 }
 
 fn set(table: &mut dyn TableLike, key: &str, value: Option<Value>) -> Option<()> {
     match (value, table.get_mut(key).and_then(Item::as_value_mut)) {
-        (Some(mut new), Some(old)) => {
-            // The comment after the value.
-            *new.decor_mut() = old.decor().clone();
-            *old = new;
+        (Some(Value::Array(new)), Some(Value::Array(old))) if new.len() == old.len() => {
+            // With the comments between its lines.
+            old.iter_mut().zip(new).for_each(|(old, new)| set_value(old, new));
         }
+        (Some(new), Some(old)) => set_value(old, new),
         (Some(new), None) => drop(table.insert(key, Item::Value(new))),
         (None, _) => drop(table.remove(key)),
     }
     Some(())
+}
+
+/// Replaces a value, and keeps the comment after it.
+fn set_value(old: &mut Value, mut new: Value) {
+    *new.decor_mut() = old.decor().clone();
+    *old = new;
 }
 
 /// Replaces a file atomically and durably, with the permissions that it has. A symbolic link stays.
@@ -147,8 +160,8 @@ fn set(table: &mut dyn TableLike, key: &str, value: Option<Value>) -> Option<()>
 pub(super) fn replace(path: &Path, text: &str) -> Result<(), DirectFailure> {
     let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let write = || {
-        let mut next = path.clone().into_os_string();
-        next.push(".new");
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let next = path.with_file_name(format!(".{name}.motorctl"));
         match fs::remove_file(&next) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
             Ok(()) | Err(_) => {}
@@ -236,7 +249,17 @@ model = 'GIM8108-8'
         let text = fs::read_to_string(&file.path).unwrap();
         assert_eq!(text, format!("{TEXT}direction = -1\ngear-ratio = 9\n"));
         file.set("knee", &[DIRECTION, GEAR_RATIO], &Values::new()).unwrap();
+        file.set("knee", &[POSITION], &values(&[(POSITION, "[-0.25, 1.5]")])).unwrap();
+        file.set("knee", &[POSITION], &Values::new()).unwrap();
         assert_eq!(end(&file), TEXT);
+    }
+
+    #[test]
+    fn comments_between_ends_of_range_stay() {
+        let text = TEXT.replace("[-0.5, 0.5]", "[\n  -0.5, # folded\n  0.5, # stretched\n]");
+        let mut file = configuration("comments", &text);
+        file.set("hip", &[POSITION], &values(&[(POSITION, "[-0.25, 1.5]")])).unwrap();
+        assert_eq!(end(&file), text.replace("-0.5,", "-0.25,").replace(" 0.5,", " 1.5,"));
     }
 
     #[test]

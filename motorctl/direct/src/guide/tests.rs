@@ -438,7 +438,8 @@ fn hot_motor_is_not_set_up() {
         ("Give power to one motor", Act::Verb("wrist on".into())),
         ("Give power to one motor", Act::Verb("wrist temperature 90".into())),
         ("Which joint", Act::Type("wrist")),
-        ("let it cool", Act::Verb("wrist temperature 30".into())),
+        ("let it cool", Act::Type("clear")),
+        ("`clear` is no answer here", Act::Verb("wrist temperature 30".into())),
         ("let it cool", Act::Type("")),
         ("write id", Act::Type("q")),
     ];
