@@ -74,15 +74,16 @@ pub(super) struct Before {
     pub(super) bit_rate: Option<u32>,
     /// Stored zero position of a motor in native mode.
     pub(super) zero: Option<i32>,
-    /// Position, rad, from the former zero, at which the zero is now. Without the step, the guide was
-    /// interrupted while it set it.
+    /// Position, rad, from the former zero, at which the zero is now. Without the step, the guide
+    /// was interrupted while it set it.
     pub(super) zero_at: Option<f64>,
     /// Values of the configuration, as TOML. A key that is not here was not written.
     #[serde(default)]
     pub(super) file: BTreeMap<String, String>,
 }
 
-/// What the configuration says of a motor. With another one, the steps of its joint are void.
+/// The place and model of a motor in the configuration. With others, the steps of its joint are
+/// void.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(super) struct Configured {
@@ -123,8 +124,8 @@ impl Record {
         self.done.contains(&step)
     }
 
-    /// Records that the motor gets a zero where it reports `at`, rad. `stored` is its present zero in
-    /// native mode.
+    /// Records that the motor gets a zero where it reports `at`, rad. `stored` is its present zero
+    /// in native mode.
     pub(super) fn begin_zero(&mut self, stored: Option<i32>, at: f64) {
         let Before { zero, zero_at, .. } = &mut self.before;
         // It was interrupted before the first change.

@@ -9,8 +9,8 @@ use crate::target::Protocol;
 use crate::zero;
 use motord_protocol::commissioning::Error;
 
-/// Smallest room on the side of the motion, rad: 3°.
-const ROOM_MIN: f64 = 0.0524;
+/// Smallest distance to the limit on the side of the motion, rad: 3°.
+const CLEARANCE_MIN: f64 = 0.0524;
 
 /// The direction of the first motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,17 +20,17 @@ enum Side {
 }
 
 impl Side {
-    /// Returns the side on which a joint at `at`, rad, has room within its limits, rad: the positive
-    /// one, if it has enough for any motion that is not stopped.
+    /// Returns the side on which a joint at `at`, rad, has clearance within its limits, rad: the
+    /// positive one, if it is enough for any motion that is not stopped.
     fn free(at: f64, limits: [f64; 2]) -> Option<Self> {
-        let rooms = [TRAVEL_MAX, ROOM_MIN].into_iter();
-        let sides = rooms.flat_map(|room| [(Self::Positive, room), (Self::Negative, room)]);
-        sides.into_iter().find(|(side, room)| side.has_room(at, limits, *room)).map(|(side, _)| side)
+        let distances = [TRAVEL_MAX, CLEARANCE_MIN].into_iter();
+        let sides = distances.flat_map(|least| [(Self::Positive, least), (Self::Negative, least)]);
+        sides.into_iter().find(|(side, least)| side.has_clearance(at, limits, *least)).map(|(side, _)| side)
     }
 
-    fn has_room(self, at: f64, [low, high]: [f64; 2], room: f64) -> bool {
+    fn has_clearance(self, at: f64, [low, high]: [f64; 2], least: f64) -> bool {
         let free = if self == Self::Positive { high - at } else { at - low };
-        (low..=high).contains(&at) && free >= room
+        (low..=high).contains(&at) && free >= least
     }
 
     const fn sign(self) -> f64 {
@@ -54,7 +54,7 @@ impl JointGuide<'_, '_> {
             let side = self.free_side()?;
             let taken = match &side {
                 Ok(side) => self.confirm_motion(*side)?,
-                Err(reason) => self.ask_for_room(reason)?,
+                Err(reason) => self.ask_for_clearance(reason)?,
             };
             let (Taken::Done, Ok(side)) = (&taken, side) else {
                 if matches!(taken, Taken::Done) {
@@ -63,19 +63,19 @@ impl JointGuide<'_, '_> {
                 return Ok(taken);
             };
             // A hand may have moved the joint while the question was open.
-            if side.has_room(self.position()?, self.limits(), ROOM_MIN) {
+            if side.has_clearance(self.position()?, self.limits(), CLEARANCE_MIN) {
                 return self.move_to(side);
             }
-            self.say("the joint was moved meanwhile, and has no room there")?;
+            self.say("the joint was moved meanwhile, and is too near its limits")?;
         }
     }
 
-    /// Returns the side on which the joint has room, or why it has none.
+    /// Returns the side on which the joint has clearance, or why it has none.
     fn free_side(&mut self) -> Result<Result<Side, String>, Halt> {
         let (at, limits) = (self.position()?, self.limits());
         Ok(Side::free(at, limits).ok_or_else(|| {
             let [at, low, high] = [at, limits[0], limits[1]].map(degrees);
-            format!("the joint is at {at}, its limits are {low} to {high}, and the first motion needs 3° of room on one side")
+            format!("the joint is at {at}, its limits are {low} to {high}, and the first motion needs 3° up to one of them")
         }))
     }
 
@@ -89,7 +89,7 @@ impl JointGuide<'_, '_> {
         self.joint.limits.position.map(f64::from)
     }
 
-    fn ask_for_room(&mut self, reason: &str) -> Result<Taken, Halt> {
+    fn ask_for_clearance(&mut self, reason: &str) -> Result<Taken, Halt> {
         let question = format!("{}: {reason}. Move it by hand, and press Enter", self.joint.name);
         let help = "If its limits are wrong, `b` goes back to its range.";
         let transmission = self.joint.transmission;
@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn motion_needs_room_on_its_side() {
+    fn motion_needs_clearance_on_its_side() {
         let limits = [-0.5, 0.5];
         let table = [
             (0.0, Some(Side::Positive)),
@@ -168,8 +168,8 @@ mod tests {
             assert_eq!(Side::free(at, limits), side, "{at}");
         }
         assert!(
-            Side::Positive.has_room(0.42, limits, ROOM_MIN)
-                && !Side::Positive.has_room(0.46, limits, ROOM_MIN)
+            Side::Positive.has_clearance(0.42, limits, CLEARANCE_MIN)
+                && !Side::Positive.has_clearance(0.46, limits, CLEARANCE_MIN)
         );
         assert_eq!(Side::free(0.0, [-0.04, 0.04]), None);
         assert_eq!(Side::free(0.03, [-0.06, 0.04]), Some(Side::Negative));
