@@ -10,6 +10,7 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 fn init(arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
@@ -36,6 +37,23 @@ fn every_configuration_that_is_written_passes_check() {
             assert_eq!(implausible(&loaded.warnings), [""; 0]);
         }
     }
+}
+
+/// A simulated robot runs on any machine; a robot with motors keeps the default times.
+#[test]
+fn only_simulated_robots_get_wide_times() {
+    let directory = tempfile::tempdir().unwrap();
+    let shipped = config::load(&crate::document::shipped("quadruped-simulated.toml")).unwrap().settings;
+    let written = |name: &str, bus: &[&str]| {
+        let file = directory.path().join(name);
+        written(&file, &[&["--legs", "1", "--model", "GIM8108-8"], bus].concat()).settings
+    };
+    let simulated = written("simulated.toml", &["--simulated"]);
+    assert_eq!(simulated.cycle.max_lateness, shipped.cycle.max_lateness);
+    assert_eq!(format!("{:?}", simulated.safety), format!("{:?}", shipped.safety));
+    let real = written("real.toml", &["--buses", "can0"]);
+    assert_eq!(real.cycle.max_lateness, Duration::from_millis(5));
+    assert_eq!(real.safety.setpoint_timeout, Duration::from_millis(20));
 }
 
 #[test]

@@ -50,6 +50,20 @@ const HEAD: &str = "\
 /// Host id of a motor on a serial line, above its id: above all ids of a robot, and of one byte.
 const SERIAL_REPLY_OFFSET: usize = 0x40;
 
+/// Times of a simulated robot, those of `config/quadruped-simulated.toml`.
+const SIMULATED_TIMES: &str = "\
+# A simulated robot runs without real-time permission and beside other programs, which stall it for tens of milliseconds.
+# Delete these times, and [safety], for a robot with motors.
+max-lateness-ms = 100.0
+max-skipped-percent = 100.0
+
+[safety]
+setpoint-timeout-ms = 200.0
+lost-cycles = 100
+deadman-ms = 250.0
+start-timeout-ms = 2000.0
+";
+
 /// A key of a serial bus and its reason.
 const TURNAROUND: &str =
     "# An adapter on USB delivers its bytes once per millisecond.\nturnaround-us = 1500\n";
@@ -83,6 +97,9 @@ impl Draft {
         self.check_counts()?;
         let rate_hz = toml::Value::from(rate_hz);
         let mut text = format!("{HEAD}\n[daemon]\ninstance = \"robot\"\n\n[cycle]\nrate-hz = {rate_hz}\n");
+        if matches!(self.connection, Connection::Simulated) {
+            text += SIMULATED_TIMES;
+        }
         let buses = self.buses();
         for bus in &buses {
             text += &bus.text(every);
