@@ -117,6 +117,8 @@ def test_demo_draws_a_picture(tmp_path: Path) -> None:
 def test_demo_names_what_is_missing(tmp_path: Path, before: str, arguments: list[str], expected: str) -> None:
     if "mujoco" not in before:
         pytest.importorskip("mujoco")
+    if before == NO_EGL:
+        pytest.importorskip("PIL.Image")
     code = f"import sys; {before}\nfrom motord.demo import main\nsys.exit(main({arguments!r}))"
     done = python("-c", code, cwd=tmp_path, MUJOCO_GL="disabled")
     assert done.returncode == 1 and done.stderr.startswith(f"motord.demo: {expected}"), done.stderr
