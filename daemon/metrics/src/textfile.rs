@@ -1,7 +1,8 @@
 //! The metrics as a file for the textfile collector of Prometheus' node exporter.
 
 use crate::latest::Latest;
-use std::fs::{self, File};
+use motord_untrusted::recreate;
+use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::Duration;
@@ -36,17 +37,14 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
 fn replace(file: &Path, text: &[u8]) -> io::Result<()> {
     // The collector reads names that end with .prom only.
     let temporary = file.with_extension("prom.new");
-    match fs::remove_file(&temporary) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        Ok(()) | Err(_) => {}
-    }
-    File::create_new(&temporary)?.write_all(text)?;
+    recreate(&temporary)?.write_all(text)?;
     fs::rename(&temporary, file)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
 
     #[test]
     fn textfile_is_replaced_atomically() {

@@ -1,7 +1,8 @@
 //! The files of `motorctl flight` in their directory.
 
 use motord_mcap::Remembered;
-use std::fs::{self, File};
+use motord_terminal::recreate;
+use std::fs;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
@@ -39,14 +40,9 @@ impl FileStore {
         written
     }
 
-    /// Removes what has the name `path`, and creates the file. Another user may have created a link
-    /// or a FIFO there.
+    /// Writes the file `path`, in place of what has this name.
     fn fill(path: &Path, remembered: &Remembered) -> io::Result<u64> {
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            Ok(()) | Err(_) => {}
-        }
-        let mut out = BufWriter::with_capacity(WRITE_BYTES, File::create_new(path)?);
+        let mut out = BufWriter::with_capacity(WRITE_BYTES, recreate(path)?);
         let cycles = remembered.write(&mut out)?;
         out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         Ok(cycles)

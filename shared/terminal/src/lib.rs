@@ -17,7 +17,7 @@ pub use absence::Absence;
 pub use arguments::parse_arguments;
 pub use file_error::FileError;
 pub use interrupt::Interrupt;
-pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line};
+pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line, recreate};
 pub use pages::{Pages, Shell};
 pub use table::{Cell, Colour, Palette, Table};
 pub use text::{number, within};

@@ -11,8 +11,9 @@ use crate::file::read;
 use crate::problem::Wrong;
 
 use motord_protocol::commissioning::ReportedMotor;
+use motord_untrusted::recreate;
 use serde::{Deserialize, Serialize};
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -116,10 +117,6 @@ impl Lock {
 /// Replaces `file` atomically. Removes what has the temporary name `next`, and follows no link
 /// there.
 fn replace(next: &Path, file: &Path, text: &str) -> io::Result<()> {
-    match fs::remove_file(next) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        Ok(()) | Err(_) => {}
-    }
-    File::create_new(next)?.write_all(text.as_bytes())?;
+    recreate(next)?.write_all(text.as_bytes())?;
     fs::rename(next, file)
 }

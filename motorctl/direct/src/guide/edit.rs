@@ -3,9 +3,10 @@
 use crate::failure::DirectFailure;
 use motord_configuration::{self as config, Machine};
 use motord_settings::settings::Settings;
+use motord_terminal::recreate;
 use std::collections::BTreeMap;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, ErrorKind, Write};
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, InlineTable, Item, TableLike, Value};
 
@@ -162,11 +163,7 @@ pub(super) fn replace(path: &Path, text: &str) -> Result<(), DirectFailure> {
     let write = || {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let next = path.with_file_name(format!(".{name}.motorctl"));
-        match fs::remove_file(&next) {
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
-            Ok(()) | Err(_) => {}
-        }
-        let mut file = OpenOptions::new().write(true).create_new(true).open(&next)?;
+        let mut file = recreate(&next)?;
         if let Ok(old) = fs::metadata(&path) {
             file.set_permissions(old.permissions())?;
         }
