@@ -4,6 +4,7 @@ use crate::identify::failure::IdentifyFailure;
 use motord_identify::{KnownLoad, Value, torque_scale};
 use motord_terminal::{InputFile, within};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// Largest identification, bytes: a thousand times that of one joint.
@@ -36,6 +37,25 @@ struct Entry {
     is_identified: bool,
 }
 
+/// Reads the output of `motorctl identify --json` of `joint`, which `name` returns.
+///
+/// # Errors
+///
+/// The reason why it cannot be used, as a sentence about it.
+pub(crate) fn read_identified<T: DeserializeOwned>(
+    path: &Path,
+    joint: &str,
+    name: impl Fn(&T) -> &str,
+) -> Result<T, String> {
+    let text = InputFile::open(path).and_then(|file| file.read_text(BYTES_MAX));
+    let text = text.map_err(|error| error.to_string())?;
+    let identified: T = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    match name(&identified) {
+        found if found == joint => Ok(identified),
+        other => Err(format!("it is that of {other}")),
+    }
+}
+
 impl Known {
     /// Reads the identification without load, if there is a load.
     pub(crate) fn read(
@@ -49,12 +69,7 @@ impl Known {
             joint: joint.to_owned(),
             reason,
         };
-        let text = InputFile::open(path).and_then(|file| file.read_text(BYTES_MAX));
-        let text = text.map_err(|error| refused(error.to_string()))?;
-        let file: File = serde_json::from_str(&text).map_err(|error| refused(error.to_string()))?;
-        if file.joint != joint {
-            return Err(refused(format!("it is that of {}", file.joint)));
-        }
+        let file: File = read_identified(path, joint, |file: &File| &file.joint).map_err(refused)?;
         let Entry { value: Some(value), lower: Some(lower), upper: Some(upper), is_identified: true } =
             file.inertia_kg_m2
         else {

@@ -5,7 +5,7 @@
 //! ```
 
 pub(crate) mod failure;
-mod known;
+pub(crate) mod known;
 pub(crate) mod losses;
 mod report;
 pub(crate) mod session;

@@ -1,13 +1,11 @@
 //! The mechanics of the joint: identified in this run, or from a file.
 
+use crate::identify::known::read_identified;
 use crate::tune::failure::TuneFailure;
 use motord_identify::Identified;
-use motord_terminal::InputFile;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Largest identification, bytes: a thousand times that of one joint.
-const BYTES_MAX: u64 = 1 << 20;
 /// Inertia of any joint, kg·m².
 const INERTIA: [f64; 2] = [1e-6, 100.0];
 /// Viscous friction of any joint, N·m·s/rad.
@@ -24,7 +22,7 @@ pub(crate) struct Known {
     pub(crate) viscous: f64,
     /// Lag of the drive beyond the stamps, s.
     pub(crate) lag: f64,
-    /// From a file.
+    /// It was read from a file.
     pub(crate) is_read: bool,
 }
 
@@ -79,12 +77,7 @@ impl Known {
             joint: joint.to_owned(),
             reason,
         };
-        let text = InputFile::open(path).and_then(|file| file.read_text(BYTES_MAX));
-        let text = text.map_err(|error| refused(error.to_string()))?;
-        let file: File = serde_json::from_str(&text).map_err(|error| refused(error.to_string()))?;
-        if file.joint != joint {
-            return Err(refused(format!("it is that of {}", file.joint)));
-        }
+        let file: File = read_identified(path, joint, |file: &File| &file.joint).map_err(&refused)?;
         file.known().map_err(refused)
     }
 

@@ -78,7 +78,7 @@ struct Proposed {
     bound: Option<&'static str>,
 }
 
-/// Everything, as `--json` prints it.
+/// The report, as `--json` prints it.
 #[derive(Debug, Serialize)]
 pub(crate) struct Report {
     pub(crate) joint: String,
