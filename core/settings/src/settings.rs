@@ -295,7 +295,7 @@ impl MotorSettings {
     #[must_use]
     #[inline]
     pub fn accepts(&self, mode: SetpointMode) -> bool {
-        !self.capabilities.impedance || mode == SetpointMode::Impedance
+        mode == SetpointMode::Impedance || !self.capabilities.impedance
     }
 }
 

@@ -209,7 +209,7 @@ impl Control {
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
         let GroupSlot { group, slot } = self.slots[joint];
         let consequence = self.groups[group].receive(slot, reported, at, &mut self.context);
-        self.follow(joint, consequence);
+        self.apply(joint, consequence);
     }
 
     /// As [`receive`](Self::receive), for a state that arrived at `at`, the time since its command,
@@ -225,12 +225,13 @@ impl Control {
         let context = &mut self.context;
         let consequence = self.groups[group].receive_state(slot, state, (at, latency), status, context);
         if consequence != Consequence::None {
-            self.follow(joint, consequence);
+            self.apply(joint, consequence);
         }
     }
 
+    /// Applies the consequence of a reply of the motor of `joint` to the robot. Bounded by motors.
     #[cold]
-    fn follow(&mut self, joint: usize, consequence: Consequence) {
+    fn apply(&mut self, joint: usize, consequence: Consequence) {
         match consequence {
             Consequence::None => {}
             Consequence::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),

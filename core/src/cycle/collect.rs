@@ -1,7 +1,7 @@
 //! Waits for replies and reads them.
 
 use super::Cycle;
-use super::channel::{Batch, CanChannel, Role};
+use super::channel::{Batch, CanChannel, FrameRole};
 use super::link::Polled;
 use super::pass_condition;
 use crate::control::Control;
@@ -215,7 +215,7 @@ impl Cycle {
             let drive = &mut drives[motor];
             if let Some(state) = frame.and_then(|frame| drive.receive_state(frame, at)) {
                 control.receive_state(motor, state, at);
-                return Role::Answer;
+                return FrameRole::Answer;
             }
             receive_other(control, drive, motor, frame, at)
         };
@@ -276,7 +276,7 @@ fn receive_other(
     motor: usize,
     frame: Option<&Frame>,
     at: Instant,
-) -> Role {
+) -> FrameRole {
     let was_open = drive.is_open();
     let received = match frame {
         Some(frame) => drive.receive(frame, at),
@@ -292,13 +292,13 @@ fn receive_other(
             }
             let is_late = matches!(reported, Reported::Late | Reported::LateRegister(..));
             // A reply that did not close the open request answers an earlier one.
-            if is_late || !was_open || drive.is_open() { Role::Late } else { Role::Answer }
+            if is_late || !was_open || drive.is_open() { FrameRole::Late } else { FrameRole::Answer }
         }
         Received::Duplicate => {
             control.receive_duplicate(motor);
-            Role::Duplicate
+            FrameRole::Duplicate
         }
-        Received::UnexpectedId => Role::UnexpectedId,
-        Received::Malformed => Role::Malformed,
+        Received::UnexpectedId => FrameRole::UnexpectedId,
+        Received::Malformed => FrameRole::Malformed,
     }
 }

@@ -102,8 +102,6 @@ fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejec
         return Err(Rejection::Negative);
     }
     match SetpointMode::try_from(joint.mode) {
-        // Every motor accepts it.
-        Ok(SetpointMode::Impedance) => Ok(()),
         Ok(mode) if motor.accepts(mode) => Ok(()),
         _ => Err(Rejection::Mode),
     }

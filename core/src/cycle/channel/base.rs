@@ -36,7 +36,7 @@ pub(super) struct Accepted {
 
 /// The role of a frame from a motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
+pub(crate) enum FrameRole {
     /// Answers the open request.
     Answer,
     /// Answers a request of an earlier cycle.
@@ -218,7 +218,7 @@ impl ChannelBase {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        mut classify: impl FnMut(usize, Option<&Frame>, Instant) -> Role,
+        mut classify: impl FnMut(usize, Option<&Frame>, Instant) -> FrameRole,
     ) -> Arrivals {
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -238,7 +238,7 @@ impl ChannelBase {
             let role = match (routes.motor(id), frame) {
                 (Some(motor), _) => classify(motor, frame, arrival.at),
                 (None, Some(frame)) => match unrouted(sensors, foreign, frame, arrival.at) {
-                    None => Role::UnexpectedId,
+                    None => FrameRole::UnexpectedId,
                     Some(true) => {
                         (self.replied_at, answers) = (arrival.at, answers + 1);
                         continue;
@@ -248,11 +248,11 @@ impl ChannelBase {
                         continue;
                     }
                 },
-                (None, None) => Role::UnexpectedId,
+                (None, None) => FrameRole::UnexpectedId,
             };
             match role {
-                Role::Answer => (self.replied_at, answers) = (arrival.at, answers + 1),
-                Role::Late => self.replied_at = arrival.at,
+                FrameRole::Answer => (self.replied_at, answers) = (arrival.at, answers + 1),
+                FrameRole::Late => self.replied_at = arrival.at,
                 useless => count_useless(counters, useless),
             }
         }
@@ -371,12 +371,12 @@ fn note_error(error: &ErrorFrame, counters: &mut BusState, losses: &mut Losses) 
 
 /// Counts a frame that is no reply.
 #[cold]
-fn count_useless(counters: &mut BusState, role: Role) {
+fn count_useless(counters: &mut BusState, role: FrameRole) {
     match role {
-        Role::Duplicate => count(&mut counters.duplicate),
-        Role::UnexpectedId => count(&mut counters.unexpected_id),
-        Role::Malformed => count(&mut counters.malformed),
-        Role::Answer | Role::Late => {}
+        FrameRole::Duplicate => count(&mut counters.duplicate),
+        FrameRole::UnexpectedId => count(&mut counters.unexpected_id),
+        FrameRole::Malformed => count(&mut counters.malformed),
+        FrameRole::Answer | FrameRole::Late => {}
     }
 }
 

@@ -10,7 +10,7 @@ mod line;
 mod routes;
 
 use base::Arrivals;
-pub(super) use base::{ChannelBase, Role};
+pub(super) use base::{ChannelBase, FrameRole};
 pub(super) use can::{Batch, CanChannel};
 use foreign::ForeignCommands;
 pub(super) use line::LineChannel;
@@ -78,7 +78,7 @@ impl BusChannel {
     pub(super) fn receive(
         &mut self,
         now: Instant,
-        classify: impl FnMut(usize, Option<&Frame>, Instant) -> Role,
+        classify: impl FnMut(usize, Option<&Frame>, Instant) -> FrameRole,
     ) -> Arrivals {
         match self {
             Self::Can(channel) => channel.begin_read(),

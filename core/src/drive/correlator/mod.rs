@@ -156,8 +156,7 @@ impl Correlator {
     /// answers it, and if it asks for a state.
     #[inline(always)]
     pub(super) fn state_latency(&self, at: Instant) -> Option<Duration> {
-        let asks_for_state = |open: &Request| open.question == Question::State;
-        let open = self.open.filter(|open| asks_for_state(open) && self.may_answer(*open, at))?;
+        let open = self.open.filter(|open| open.question == Question::State && self.may_answer(*open, at))?;
         (at >= self.distrusted_until).then(|| at.since(open.sent_at))
     }
 
