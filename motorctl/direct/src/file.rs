@@ -21,8 +21,8 @@ use std::path::Path;
 /// Items and their values.
 type Values = Vec<(&'static ConfigurationItem, Value)>;
 
-/// The id of a new motor. Not documented by the vendor.
-const FACTORY_ID: u8 = 1;
+/// The id of a new motor. Not documented by the vendors.
+pub(crate) const FACTORY_ID: u8 = 1;
 
 /// A file of `motorctl config dump`.
 #[derive(Deserialize)]

@@ -86,7 +86,7 @@ impl<'d> Dialog<'d> {
     }
 
     /// Prints a sentence.
-    pub(super) fn say(&mut self, sentence: &str) -> Result<(), Halt> {
+    pub(super) fn print(&mut self, sentence: &str) -> Result<(), Halt> {
         Ok(writeln!(self.output, "{}", printable(sentence))?)
     }
 
@@ -195,7 +195,7 @@ impl Input for Keyboard<'_> {
 /// Returns whether the guide can go on after this failure, once the person has removed its cause.
 pub(super) const fn is_curable(failure: &DirectFailure) -> bool {
     match failure {
-        // The motor has lost its power: nobody acknowledges.
+        // The motor has lost its power, and no node acknowledges a frame.
         DirectFailure::Motor(Error::Bus(Refusal::Full)) => true,
         DirectFailure::Motor(Error::Bus(_) | Error::Interrupted) => false,
         DirectFailure::Motor(_)

@@ -15,6 +15,7 @@ mod steps;
 mod tests;
 
 use crate::failure::DirectFailure;
+use crate::file::FACTORY_ID;
 use crate::setup;
 use crate::target::{self, OpenLine, Protocol, Session};
 use dialog::{Answer, Dialog, Halt, Keyboard, Watched, is_curable};
@@ -23,8 +24,8 @@ use motord_configuration as config;
 use motord_protocol::commissioning::{Family, Found, LISTEN};
 use motord_settings::settings::MotorSettings;
 use motord_terminal::Interrupt;
-use progress::{Progress, Record, Step};
-use search::{Candidate, FACTORY_ID, Search};
+use progress::{Configured, Progress, Record, Step};
+use search::{Candidate, Search};
 use std::io::{self, IsTerminal};
 use std::path::Path;
 use steps::{Ended, JointGuide};
@@ -109,7 +110,7 @@ impl Guide<'_> {
                 let next =
                     format!("\nEverything is saved. Go on with:\n  motorctl setup --guide --config {path}");
                 // The terminal may be closed.
-                let _unread = self.dialog.say(&next);
+                let _unread = self.dialog.print(&next);
                 Ok(())
             }
             Err(Halt::Failure(failure)) => Err(failure),
@@ -118,16 +119,16 @@ impl Guide<'_> {
 
     fn introduce(&mut self, closed: &[String]) -> Result<(), Halt> {
         let path = self.file.path.display().to_string();
-        self.dialog.say(&format!(
+        self.dialog.print(&format!(
             "This sets up the motors of {path}, one after the other. Nothing moves before you allow it.\n\
              Enter goes on, b undoes the last step, s leaves a joint out, q leaves, ? explains."
         ))?;
         for reason in closed {
-            self.dialog.say(&format!("Left out: {reason}"))?;
+            self.dialog.print(&format!("Left out: {reason}"))?;
         }
         for joint in self.progress.reopen(&self.file.settings)? {
             self.dialog
-                .say(&format!("{joint} has another bus, id or model by now: its steps begin again"))?;
+                .print(&format!("{joint} has another bus, id or model by now: its steps begin again"))?;
         }
         for joint in self.file.settings.motors.clone() {
             let bus = self.file.settings.buses[joint.bus].device();
@@ -139,7 +140,7 @@ impl Guide<'_> {
                 }
                 _ => "to do".to_owned(),
             };
-            self.dialog.say(&format!("  {:12} {} on {bus}: {state}", joint.name, joint.model))?;
+            self.dialog.print(&format!("  {:12} {} on {bus}: {state}", joint.name, joint.model))?;
         }
         Ok(())
     }
@@ -195,17 +196,15 @@ impl Guide<'_> {
         match ended? {
             Ended::SetUp => {
                 for difference in stored? {
-                    self.dialog.say(&difference)?;
+                    self.dialog.print(&difference)?;
                 }
-                self.progress.change(&joint.name, |record| {
-                    record.unmark(Step::Motion);
-                    record.done.push(Step::Motion);
-                })?;
+                let configured = Configured::of(&joint, &self.file.settings);
+                self.progress.change(&joint.name, |record| record.mark(Step::Motion, configured))?;
                 let power = match joint.id {
                     FACTORY_ID => "Take its power: new motors have its id, 1",
                     _ => "It may keep its power",
                 };
-                self.dialog.say(&format!("{} is done. {power}.", joint.name))
+                self.dialog.print(&format!("{} is done. {power}.", joint.name))
             }
             Ended::Skipped => {
                 self.skipped.push(joint.name);
@@ -228,15 +227,15 @@ impl Guide<'_> {
                 Watched::Answer(Answer::Back) => {
                     let last = self.progress.last().map(|record| record.name.clone());
                     let Some(last) = last.filter(|last| self.progress.is_done(last)) else {
-                        self.dialog.say("there is no step to undo")?;
+                        self.dialog.print("there is no step to undo")?;
                         continue;
                     };
                     self.progress.change(&last, |record| record.unmark(Step::Motion))?;
-                    self.dialog.say(&format!("{last} is open again: give power to its motor"))?;
+                    self.dialog.print(&format!("{last} is open again: give power to its motor"))?;
                     return Ok(None);
                 }
                 Watched::Answer(Answer::Skip) => {
-                    self.dialog.say("a joint can be left out when its motor answers; q leaves")?;
+                    self.dialog.print("a joint can be left out when its motor answers; q leaves")?;
                 }
                 Watched::Answer(Answer::Enter | Answer::Text(_)) => {}
             }
@@ -252,7 +251,7 @@ impl Guide<'_> {
                 return self
                     .refuse(&format!("A motor answers on {bus} with the id of {}. {reason}", joint.name));
             }
-            self.dialog.say(&format!("{}: its motor answers on {bus}, as id {}", joint.name, joint.id))?;
+            self.dialog.print(&format!("{}: its motor answers on {bus}, as id {}", joint.name, joint.id))?;
             return Ok(Some(joint.clone()));
         }
         if left.is_empty() {
@@ -296,7 +295,7 @@ impl Guide<'_> {
                     Some(reason) => reason,
                 },
             };
-            self.dialog.say(&reason)?;
+            self.dialog.print(&reason)?;
         }
     }
 
@@ -334,7 +333,7 @@ impl Guide<'_> {
                 }
                 Answer::Back | Answer::Skip => return Ok(false),
                 Answer::Enter | Answer::Text(_) => {
-                    self.dialog.say("only `new` takes another motor; `b` goes back to the joints")?;
+                    self.dialog.print("only `new` takes another motor; `b` goes back to the joints")?;
                 }
             }
         }
@@ -346,21 +345,21 @@ impl Guide<'_> {
             self.file.settings.motors.iter().filter(|motor| !self.progress.is_done(&motor.name)).collect();
         if !undone.is_empty() {
             let names = undone.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>().join(", ");
-            self.dialog.say(&format!("\nLeft out: {names}"))?;
+            self.dialog.print(&format!("\nLeft out: {names}"))?;
             return Err(Halt::Leave);
         }
         let path = self.file.path.display().to_string();
         let loaded = config::load(&self.file.path)?;
-        self.dialog.say(&format!("\nAll joints are done, and motord accepts {path}."))?;
+        self.dialog.print(&format!("\nAll joints are done, and motord accepts {path}."))?;
         for warning in &loaded.warnings {
-            self.dialog.say(&format!("warning: {warning}"))?;
+            self.dialog.print(&format!("warning: {warning}"))?;
         }
         let lock = config::lock::Lock::path(&self.file.path);
-        self.dialog.say(&format!(
+        self.dialog.print(&format!(
             "The reports of the motors are in {}. Next, after the power of all motors was off once:",
             lock.display()
         ))?;
-        self.dialog.say(&format!("  motorctl setup --config {path}\n  motord run --config {path}"))
+        self.dialog.print(&format!("  motorctl setup --config {path}\n  motord run --config {path}"))
     }
 }
 

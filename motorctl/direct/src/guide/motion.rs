@@ -28,8 +28,8 @@ const KP: f64 = 30.0;
 const KD: f64 = 1.0;
 /// The joint is back within this distance, rad.
 const BACK: f64 = 0.01;
-/// Longest time for each way.
-const WAY_MAX: Duration = Duration::from_secs(2);
+/// Longest time to move by [`DISTANCE`], or back.
+const TRAVEL_TIME_MAX: Duration = Duration::from_secs(2);
 
 /// Returns the largest torque, N·m, of the first motion of a joint.
 pub(super) fn torque_max(session: &Session) -> f64 {
@@ -55,18 +55,15 @@ pub(super) fn move_a_little(
     interrupt: &Interrupt,
 ) -> Result<f64, DirectFailure> {
     let (torque, allowed) = (torque_max(session), session.allowed());
+    let held = |what| format!("does not {what} with {torque:.1} N·m: free it, and check that it is not held");
     let mut motor = StopOnDrop::new(Jogged::new(session, KD as f32));
     let begin = motor.start()?;
     let mut pull = Pull { begin, sign, torque, allowed, at: 0.0, reference: 0.0, farthest: 0.0 };
     if !pull.travel(&mut motor, RATE, interrupt, |at| at >= DISTANCE)? {
-        let reason =
-            format!("does not move by 2° with {torque:.1} N·m: free it, and check that it is not held");
-        return Err(pull.unfit(&motor, &reason));
+        return Err(pull.unfit(&motor, &held("move by 2°")));
     }
     if !pull.travel(&mut motor, -RATE, interrupt, |at| at <= BACK)? {
-        let reason =
-            format!("does not come back with {torque:.1} N·m: free it, and check that it is not held");
-        return Err(pull.unfit(&motor, &reason));
+        return Err(pull.unfit(&motor, &held("come back")));
     }
     let id = motor.id();
     motor.stop().map_err(|error| DirectFailure::Unfit {
@@ -101,7 +98,7 @@ impl Pull {
         is_there: impl Fn(f64) -> bool,
     ) -> Result<bool, DirectFailure> {
         self.reference = self.at;
-        let until = Instant::now() + WAY_MAX;
+        let until = Instant::now() + TRAVEL_TIME_MAX;
         while !is_there(self.at) {
             if Instant::now() > until {
                 return Ok(false);

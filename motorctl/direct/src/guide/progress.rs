@@ -134,6 +134,13 @@ impl Record {
         *zero = zero.or(stored);
     }
 
+    /// Records that a step of a motor in this place is done, as the last one.
+    pub(super) fn mark(&mut self, step: Step, configured: Configured) {
+        self.done.retain(|done| *done != step);
+        self.done.push(step);
+        self.configured = Some(configured);
+    }
+
     /// Forgets a step and what it has replaced. An undone bit rate stays known: the motor stores it
     /// when it answers at that rate.
     pub(super) fn unmark(&mut self, step: Step) {

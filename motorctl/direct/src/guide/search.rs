@@ -4,6 +4,7 @@ use super::dialog::{Halt, Reading};
 use super::edit::Configuration;
 use super::motor;
 use super::progress::{Progress, Step};
+use crate::file::FACTORY_ID;
 use crate::target::OpenLine;
 use motord_bus::{Duration, Refusal};
 use motord_protocol::commissioning::{Error, Family, Found, Registers, Scan, scan};
@@ -11,8 +12,6 @@ use motord_protocol::register;
 use motord_settings::settings::{BusSettings, MotorSettings};
 use std::collections::VecDeque;
 
-/// The id of a new motor. Not documented by the vendors.
-pub(super) const FACTORY_ID: u8 = 1;
 /// Ids of each bus that a round asks beyond the likely ones.
 const OTHERS: usize = 8;
 /// Time for late answers, after a bus was full or another question was open.
@@ -125,7 +124,7 @@ impl<'s> Search<'s> {
         Ok(())
     }
 
-    /// Asks no further ids of a bus in this round. Without a motor with power nobody acknowledges
+    /// Asks no further ids of a bus in this round. Without a motor with power no node acknowledges
     /// a CAN frame, and requests wait in the send buffer.
     fn leave_out(&mut self, bus: usize) {
         self.queue.retain(|(queued, _)| *queued != bus);
@@ -189,9 +188,9 @@ impl<'s> Search<'s> {
         let is_it =
             |joint: &&MotorSettings| joint.bus == bus && joint.id == id && self.has_address(&joint.name);
         let joint = self.file.settings.motors.iter().find(is_it);
-        let whose = joint.map_or_else(String::new, |joint| format!(", which is that of {}", joint.name));
+        let owner = joint.map_or_else(String::new, |joint| format!(", which is that of {}", joint.name));
         let bus = self.bus(bus).device();
-        format!("{bus}: several motors answer as id {id}{whose}: take the power from all but one")
+        format!("{bus}: several motors answer as id {id}{owner}: take the power from all but one")
     }
 
     fn describe_known(&self, known: &[Answer]) -> String {
@@ -202,7 +201,9 @@ impl<'s> Search<'s> {
             None if !self.full.is_empty() => {
                 let full: Vec<_> = self.full.iter().map(|bus| self.bus(*bus).device()).collect();
                 let full = full.join(", ");
-                format!("{full}: nobody acknowledges: no motor has power, or its wires or bit rate are wrong")
+                format!(
+                    "{full}: no node acknowledges: no motor has power, or its wires or bit rate are wrong"
+                )
             }
             None if self.rounds < QUIET_ROUNDS => LOOKING.to_owned(),
             None => {

@@ -229,13 +229,13 @@ fn new_motors_of_two_vendors_share_bus() {
     }
 }
 
-/// Goal: a CAN bus on which no motor has power, and so nobody acknowledges, is not the end.
+/// Goal: a CAN bus on which no motor has power, and so no node acknowledges, is not the end.
 #[test]
 fn bus_without_powered_motor_is_waited_for() {
     let robot = Robot::new_motors("no-ack");
     robot.bus.lock().inject(clock::monotonic(), &"can0 no-ack".parse().unwrap()).unwrap();
     let script = [
-        ("can0: nobody acknowledges", Act::Verb("can0 ok".into())),
+        ("can0: no node acknowledges", Act::Verb("can0 ok".into())),
         ("Give power to one motor", Act::Verb("hip on".into())),
         ("Which joint", Act::Type("hip")),
         ("write id", Act::Verb("can0 no-ack".into())),
@@ -318,7 +318,7 @@ fn native_zero_is_restored_in_mit() {
     assert!(robot.memory("hip").contains("int 0x12 1\n"));
 }
 
-/// Goal: a second new motor that gets power while a question is open does not get the id, too.
+/// Goal: a second new motor that gets power while a question is open does not get the id.
 #[test]
 fn second_motor_during_question_prevents_writing() {
     for [one, other] in [["hip", "thigh"], ["elbow", "wrist"]] {

@@ -1,6 +1,6 @@
 //! The steps in which a hand moves the joint: zero, direction and range.
 
-use super::{JointGuide, Seen, Taken, degrees};
+use super::{JointGuide, Seen, Taken, degrees, to_joint};
 use crate::guide::dialog::{Answer, Halt};
 use crate::guide::{edit, motor};
 use crate::target::Protocol;
@@ -70,7 +70,7 @@ impl JointGuide<'_, '_> {
                 })?;
                 return Ok(Taken::Done);
             }
-            self.say(&format!("the joint turned by {} only", degrees(turned)))?;
+            self.print(&format!("the joint turned by {} only", degrees(turned)))?;
         }
     }
 
@@ -82,14 +82,13 @@ impl JointGuide<'_, '_> {
         let help = "The limits are written with a margin of 3°, or 5 % of a small range. motord keeps the joint within them.";
         let transmission = self.joint.transmission;
         let ends = move |seen: &Seen| {
-            let [a, b] =
-                [seen.low, seen.high].map(|end| f64::from(transmission.position_to_joint(end as f32)));
+            let [a, b] = [seen.low, seen.high].map(|end| to_joint(transmission, end));
             [a.min(b), a.max(b)]
         };
         loop {
             let show = |seen: &Seen| {
                 let [low, high] = ends(seen).map(degrees);
-                let now = degrees(f64::from(transmission.position_to_joint(seen.last as f32)));
+                let now = degrees(to_joint(transmission, seen.last));
                 format!("now at {now}, from {low} to {high}")
             };
             let (answer, seen) = self.watch_answer(&question, help, show)?;
@@ -97,14 +96,14 @@ impl JointGuide<'_, '_> {
                 Answer::Back => return Ok(Taken::Back),
                 Answer::Skip => return Ok(Taken::Skip),
                 Answer::Text(text) if text == "keep" => return Ok(Taken::Done),
-                Answer::Text(text) => self.say(&format!("`{text}` is no answer here"))?,
+                Answer::Text(text) => self.print(&format!("`{text}` is no answer here"))?,
                 Answer::Enter => {
                     let [low, high] = ends(&seen);
                     if high - low >= RANGE_MIN {
                         self.write_range(low, high)?;
                         return Ok(Taken::Done);
                     }
-                    self.say(&format!("the joint moved by {} only", degrees(high - low)))?;
+                    self.print(&format!("the joint moved by {} only", degrees(high - low)))?;
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! The step in which the joint moves by itself.
 
-use super::{JointGuide, Seen, Taken, degrees};
+use super::{JointGuide, Seen, Taken, degrees, to_joint};
 use crate::failure::DirectFailure;
 use crate::guide::dialog::{Answer, Halt};
 use crate::guide::motion::{self, TRAVEL_MAX};
@@ -66,7 +66,7 @@ impl JointGuide<'_, '_> {
             if side.has_clearance(self.position()?, self.limits(), CLEARANCE_MIN) {
                 return self.move_to(side);
             }
-            self.say("the joint was moved meanwhile, and is too near its limits")?;
+            self.print("the joint was moved meanwhile, and is too near its limits")?;
         }
     }
 
@@ -81,8 +81,7 @@ impl JointGuide<'_, '_> {
 
     /// Reads the position of the joint, rad.
     fn position(&mut self) -> Result<f64, Halt> {
-        let position = zero::position(&mut self.motor)?;
-        Ok(f64::from(self.joint.transmission.position_to_joint(position as f32)))
+        Ok(to_joint(self.joint.transmission, zero::position(&mut self.motor)?))
     }
 
     fn limits(&self) -> [f64; 2] {
@@ -93,7 +92,7 @@ impl JointGuide<'_, '_> {
         let question = format!("{}: {reason}. Move it by hand, and press Enter", self.joint.name);
         let help = "If its limits are wrong, `b` goes back to its range.";
         let transmission = self.joint.transmission;
-        let show = |seen: &Seen| degrees(f64::from(transmission.position_to_joint(seen.last as f32)));
+        let show = |seen: &Seen| degrees(to_joint(transmission, seen.last));
         self.watch(&question, help, "", show).map(|(taken, _)| taken)
     }
 
@@ -127,7 +126,7 @@ impl JointGuide<'_, '_> {
                     failure => failure.into(),
                 },
             )?;
-        self.say(&format!("moved by {} and stopped", degrees(moved)))?;
+        self.print(&format!("moved by {} and stopped", degrees(moved)))?;
         self.check_motion(side.name())
     }
 
@@ -138,13 +137,13 @@ impl JointGuide<'_, '_> {
             match self.dialog.ask(&question, "If another joint moved, its motor was taken for this one.")? {
                 Answer::Text(text) if ["y", "yes"].contains(&text.as_str()) => return Ok(Taken::Done),
                 Answer::Text(text) if ["n", "no"].contains(&text.as_str()) => {
-                    self.say("then its direction is wrong, or the motor is that of another joint: `b` undoes further steps")?;
+                    self.print("then its direction is wrong, or the motor is that of another joint: `b` undoes further steps")?;
                     while self.record().has(Step::Range) && self.undo()? {}
                     return Ok(Taken::Back);
                 }
                 Answer::Back => return Ok(Taken::Back),
                 Answer::Skip => return Ok(Taken::Skip),
-                Answer::Enter | Answer::Text(_) => self.say("type y or n")?,
+                Answer::Enter | Answer::Text(_) => self.print("type y or n")?,
             }
         }
     }

@@ -23,6 +23,7 @@ use crate::zero;
 use motord_bus::FrameId;
 use motord_configuration::lock::{Finding, Verdict, findings};
 use motord_protocol::commissioning::{Question, Wire, constants, survey};
+use motord_protocol::drive::Transmission;
 use motord_settings::settings::MotorSettings;
 use motord_terminal::{Interrupt, number};
 
@@ -96,7 +97,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
                 Taken::Done if step == Step::Motion => return Ok(Ended::SetUp),
                 Taken::Done => {
                     self.mark(step)?;
-                    self.say(&format!("{}: saved", step.name()))?;
+                    self.print(&format!("{}: saved", step.name()))?;
                 }
                 Taken::Back if self.undo()? => {}
                 Taken::Back => return Ok(Ended::Back),
@@ -110,7 +111,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
     fn cure(&mut self) -> Result<Taken, Halt> {
         loop {
             let health = Health::read(&mut self.motor)?;
-            self.say(&health.describe())?;
+            self.print(&health.describe())?;
             let Some(problem) = health.problem() else { return Ok(Taken::Done) };
             let question = format!("{}: {problem}. Enter clears its fault and reads again", self.joint.name);
             let help = "A motor is set up without a fault, with a usual supply and temperature.";
@@ -220,7 +221,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         let (Some(rate), Some(present)) = (self.other_bit_rate(), self.motor.line.bitrate) else {
             return Ok(Taken::Done);
         };
-        // An undone rate is stored here, too.
+        // Also stores a rate that was undone.
         self.motor.gim().refresh()?;
         let question = format!(
             "{}: the interface has {present} bit/s, and the configuration {rate}. Write {rate} bit/s into the motor? It then answers at that rate only",
@@ -239,7 +240,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
     /// Ends the guide, because the motor does not answer on this bus until its interface has `rate`.
     fn leave_bus(&mut self, rate: u32) -> Result<Taken, Halt> {
         let bus = self.motor.line.name.clone();
-        self.say(&format!(
+        self.print(&format!(
             "the motor has {rate} bit/s now, and stores it when the guide goes on: keep its power, and give its interface the same rate:\n  sudo ip link set {bus} down; sudo ip link set {bus} type can bitrate {rate}; sudo ip link set {bus} up"
         ))?;
         Err(Halt::Leave)
@@ -314,15 +315,11 @@ impl<'g, 'd> JointGuide<'g, 'd> {
 
     fn mark(&mut self, step: Step) -> Result<(), DirectFailure> {
         let configured = Configured::of(&self.joint, &self.file.settings);
-        self.progress.change(&self.joint.name, |record| {
-            record.done.retain(|done| *done != step);
-            record.done.push(step);
-            record.configured = Some(configured);
-        })
+        self.progress.change(&self.joint.name, |record| record.mark(step, configured))
     }
 
-    fn say(&mut self, sentence: &str) -> Result<(), Halt> {
-        self.dialog.say(&format!("{}: {sentence}", self.joint.name))
+    fn print(&mut self, sentence: &str) -> Result<(), Halt> {
+        self.dialog.print(&format!("{}: {sentence}", self.joint.name))
     }
 
     /// Asks until `word`, `b` or `s` is typed. Without a word Enter goes on.
@@ -330,7 +327,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
         loop {
             match taken(self.dialog.ask(question, help)?, word) {
                 Ok(taken) => return Ok(taken),
-                Err(reason) => self.say(&reason)?,
+                Err(reason) => self.print(&reason)?,
             }
         }
     }
@@ -347,7 +344,7 @@ impl<'g, 'd> JointGuide<'g, 'd> {
             let (answer, seen) = self.watch_answer(question, help, &show)?;
             match taken(answer, word) {
                 Ok(taken) => return Ok((taken, seen)),
-                Err(reason) => self.say(&reason)?,
+                Err(reason) => self.print(&reason)?,
             }
         }
     }
@@ -385,6 +382,11 @@ fn taken(answer: Answer, word: &str) -> Result<Taken, String> {
         }
         Answer::Enter | Answer::Text(_) => Err(format!("only `{word}` goes on")),
     }
+}
+
+/// Returns the position of a joint, rad, for that of its motor.
+fn to_joint(transmission: Transmission, position: f64) -> f64 {
+    transmission.position_to_joint(position as f32).into()
 }
 
 /// Formats an angle, rad, in degrees.

@@ -17,7 +17,7 @@ impl JointGuide<'_, '_> {
         let begun = record.before.zero_at.filter(|_| !record.has(Step::Zero)).map(|_| Step::Zero);
         for step in record.done.into_iter().chain(begun).rev() {
             if let Some(reason) = self.stays(step) {
-                self.say(&format!("{}: {reason}", step.name()))?;
+                self.print(&format!("{}: {reason}", step.name()))?;
                 if step == Step::Protocol {
                     continue;
                 }
@@ -29,7 +29,7 @@ impl JointGuide<'_, '_> {
             }
             if self.revert(step, &record.before)? {
                 self.unmark(step)?;
-                self.say(&format!("{}: undone", step.name()))?;
+                self.print(&format!("{}: undone", step.name()))?;
             }
             return Ok(true);
         }
@@ -92,7 +92,7 @@ impl JointGuide<'_, '_> {
                 Taken::Back => return Ok(false),
                 Taken::Skip => {
                     self.unmark(Step::Zero)?;
-                    self.say("zero: the new one is kept")?;
+                    self.print("zero: the new one is kept")?;
                     return Ok(false);
                 }
             }
@@ -101,7 +101,7 @@ impl JointGuide<'_, '_> {
                 self.set_zero()?;
                 return Ok(true);
             }
-            self.say(&format!("the joint is not there yet: it reads {}", degrees(off)))?;
+            self.print(&format!("the joint is not there yet: it reads {}", degrees(off)))?;
         }
     }
 
