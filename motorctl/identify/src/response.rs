@@ -199,15 +199,15 @@ fn settling(response: &[[f64; 2]], end: f64, band: f64) -> Option<f64> {
 fn ring(response: &[[f64; 2]], end: f64, least: f64) -> Option<Ring> {
     let mut extremes: Vec<[f64; 2]> = Vec::new();
     for [time, position] in response {
-        let away = position - end;
+        let deviation = position - end;
         match extremes.last_mut() {
-            _ if away.abs() < least => {}
-            Some(last) if last[1].signum() == away.signum() => {
-                if away.abs() > last[1].abs() {
-                    *last = [*time, away];
+            _ if deviation.abs() < least => {}
+            Some(last) if last[1].signum() == deviation.signum() => {
+                if deviation.abs() > last[1].abs() {
+                    *last = [*time, deviation];
                 }
             }
-            _ => extremes.push([*time, away]),
+            _ => extremes.push([*time, deviation]),
         }
     }
     // The first extreme is the step itself: it has no other before it.

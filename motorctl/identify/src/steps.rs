@@ -10,9 +10,9 @@ use core::fmt;
 
 /// Time in which the gains change, s.
 const RAMP: f64 = 1.0;
-/// Share of the torque limit that the weight of a joint uses at most: the rest of that of a step.
+/// Share of the torque limit that the weight of a joint uses at most: a step uses the rest.
 const WEIGHT_SHARE: f64 = 1.0 - TORQUE_SHARE;
-/// Largest way of an undamped joint, by the step.
+/// Largest distance that an undamped joint moves, in steps.
 const SWING: f64 = 2.0;
 /// Share of the time between two steps after which a joint swings less than a step.
 const SWUNG: f64 = 0.6;
@@ -350,8 +350,8 @@ mod tests {
             times.find_map(|time| {
                 let target = STEPS.command(time).unwrap().position;
                 let (_, passed) = STEPS.step(time);
-                let away = 0.05 * (-decay * passed).exp() * (90.0 * time).cos();
-                guard.check(time, target + away).err()
+                let deviation = 0.05 * (-decay * passed).exp() * (90.0 * time).cos();
+                guard.check(time, target + deviation).err()
             })
         };
         assert_eq!(swings(3.0), None);
