@@ -72,6 +72,9 @@ pub enum DirectFailure {
         /// The reason and a remedy.
         reason: String,
     },
+    /// A bus does not have exactly one new motor and one missing one.
+    #[error("{0}")]
+    NotReplaced(String),
     /// A transaction failed.
     #[error(transparent)]
     Motor(#[from] Error),
@@ -134,6 +137,7 @@ impl DirectFailure {
             Self::Declined
             | Self::Imu { .. }
             | Self::Unfit { .. }
+            | Self::NotReplaced(_)
             | Self::Motor(_)
             | Self::Apply { .. }
             | Self::Differs { .. } => 1,

@@ -20,7 +20,9 @@ mod jog;
 mod journal;
 mod memory;
 mod motion;
+mod motor;
 mod output;
+mod replace;
 mod service;
 mod setup;
 mod status;
@@ -176,6 +178,14 @@ pub enum DirectCommand {
         after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --json | jq .answered\n  motorctl setup --config motord.toml --write\n  motorctl setup --guide --config motord.toml"
     )]
     Setup(setup::Arguments),
+    /// Give a new motor the place of a broken one.
+    ///
+    /// Exactly one joint of the bus has no motor, and exactly one new motor answers: otherwise nothing
+    /// is written. The motor gets the id, host id and protocol of the configuration, and the limits and
+    /// gains that the lock file has of the former one. Its zero is the present pose, because the
+    /// zero of the former motor fits no other.
+    #[command(after_help = "Example:\n  motorctl replace fl-knee --config motord.toml")]
+    Replace(replace::Arguments),
     /// Change the protocol that a motor speaks over CAN.
     ///
     /// A motor in MIT mode cannot be changed back over CAN. Its serial port (RS485, RS232) keeps
@@ -392,6 +402,7 @@ pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
             Some((config, joints)) => guide::run(config, joints),
             None => setup::run(&arguments),
         },
+        DirectCommand::Replace(arguments) => replace::run(&arguments),
         DirectCommand::Parameter(command) => parameter(command),
         DirectCommand::Config(command) => config(command),
         DirectCommand::Protocol { to, change } => address::protocol(&change.target, to, change.confirm),

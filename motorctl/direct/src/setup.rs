@@ -137,7 +137,7 @@ pub(crate) fn record(
 }
 
 /// Opens the bus, and listens for drivers that report without a request; `None` for a simulated bus and for one without chosen motors.
-fn open(
+pub(crate) fn open(
     settings: &Settings,
     index: usize,
     motors: &[&MotorSettings],
@@ -199,17 +199,21 @@ fn changes(asked: &ComparedMotor<'_>) -> Vec<(&'static ConfigurationItem, Value)
     let Some(constants) = asked.motor.constants.filter(|_| is_native) else { return Vec::new() };
     let values = [constants.torque_constant, constants.gear_ratio, constants.pole_pairs.into()];
     let differs = |name: &str| asked.open_findings().any(|finding| finding.value == name);
-    let value = |item: &ConfigurationItem, value: f64| match item.value_type {
-        ValueType::Integer => Some(Value::Integer(value.round() as i32)),
-        ValueType::Float => Finite::new(value as f32).map(Value::Float),
-    };
     let named = ConfigurationItem::CONSTANTS.into_iter().zip(values).filter(|(name, _)| differs(name));
     named
         .filter_map(|(name, wanted)| {
             let item = ConfigurationItem::by_name(name)?;
-            Some((item, value(item, wanted)?))
+            Some((item, value_of(item, wanted)?))
         })
         .collect()
+}
+
+/// Returns the number as a value of the item; `None` when it is not finite.
+pub(crate) fn value_of(item: &ConfigurationItem, number: f64) -> Option<Value> {
+    match item.value_type {
+        ValueType::Integer => Some(Value::Integer(number.round() as i32)),
+        ValueType::Float => Finite::new(number as f32).map(Value::Float),
+    }
 }
 
 /// Writes the lock file. A motor that did not answer keeps its former entry.

@@ -41,18 +41,30 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     confirm.ask(&format!(
         "This permanently stores a new zero in {name}: it will report {at:.3} rad where it reports {before:.3} rad now.{range}"
     ))?;
+    let after = set(&mut session, at)?;
+    print_line(&format!("{name}: reports {after:.3} rad now"))
+}
+
+/// Makes the motor report `at`, rad, in its present pose; 0 in MIT mode. Returns the position that it
+/// then reports, rad.
+///
+/// # Errors
+///
+/// The motor does not answer, or reports another position.
+pub(crate) fn set(session: &mut Session, at: f64) -> Result<f64, DirectFailure> {
+    let before = position(session)?;
     match session.protocol {
         Protocol::Mit => session.mit().set_zero().map(drop)?,
-        Protocol::Gim => move_zero(&mut session, before, at)?,
+        Protocol::Gim => move_zero(session, before, at)?,
     }
-    let after = position(&mut session)?;
-    if off_by(after, at) > TOLERANCE {
-        let reason = format!(
-            "it reports {after:.3} rad afterwards, not {at:.3} rad: find the cause before you start it"
-        );
-        return Err(session.unfit(&reason));
+    let after = position(session)?;
+    if off_by(after, at) <= TOLERANCE {
+        return Ok(after);
     }
-    print_line(&format!("{name}: reports {after:.3} rad now"))
+    let reason = format!(
+        "it reports {after:.3} rad after its zero was set, not {at:.3} rad: hold it still, and set its zero again"
+    );
+    Err(session.unfit(&reason))
 }
 
 /// Stops the motor. Returns the position that it reports, rad.
@@ -89,7 +101,7 @@ fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, Direc
 }
 
 /// Stores a new zero, which is an encoder position within one turn.
-pub(crate) fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
+fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
     let id = session.id;
     let mut motor = session.gim();
     let key = ConfigurationItem::ZERO_POSITION;

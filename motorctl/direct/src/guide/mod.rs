@@ -7,7 +7,6 @@
 mod dialog;
 mod edit;
 mod motion;
-mod motor;
 mod progress;
 mod search;
 mod steps;
@@ -247,7 +246,7 @@ impl Guide<'_> {
         let bus = self.file.settings.buses[candidate.bus].device().to_owned();
         let left: Vec<_> = self.left().into_iter().filter(|joint| joint.bus == candidate.bus).collect();
         if let Some(joint) = left.iter().find(|joint| candidate.joint.as_ref() == Some(&joint.name)) {
-            if let Some(reason) = mismatch(candidate, joint) {
+            if let Some(reason) = candidate.mismatch(joint) {
                 return self
                     .refuse(&format!("A motor answers on {bus} with the id of {}. {reason}", joint.name));
             }
@@ -289,7 +288,7 @@ impl Guide<'_> {
                 None if name.is_empty() => format!("type one of: {names}"),
                 None if self.progress.is_done(&name) => format!("{name} is done already"),
                 None => format!("no joint {name} is to do on {bus}: {names}"),
-                Some(joint) => match mismatch(candidate, joint) {
+                Some(joint) => match candidate.mismatch(joint) {
                     None if self.may_take(&joint.name)? => return Ok(Some(joint.clone())),
                     None => continue,
                     Some(reason) => reason,
@@ -308,7 +307,7 @@ impl Guide<'_> {
     ) -> Option<&'l MotorSettings> {
         let Found { id, host_id, .. } = candidate.found;
         let fits = |joint: &&MotorSettings| {
-            mismatch(candidate, joint).is_none() && !self.progress.has_begun(&joint.name)
+            candidate.mismatch(joint).is_none() && !self.progress.has_begun(&joint.name)
         };
         let has_address = |joint: &&MotorSettings| joint.id == id && Some(joint.host_id) == host_id;
         left.iter().filter(fits).find(has_address).or_else(|| left.iter().find(fits))
@@ -361,21 +360,4 @@ impl Guide<'_> {
         ))?;
         self.dialog.print(&format!("  motorctl setup --config {path}\n  motord run --config {path}"))
     }
-}
-
-/// Returns why the motor cannot be that of `joint`, in words.
-fn mismatch(candidate: &Candidate, joint: &MotorSettings) -> Option<String> {
-    let MotorSettings { name, model, profile, protocol, .. } = joint;
-    if candidate.vendor != profile.name {
-        return Some(format!(
-            "{name} has the model {model} ({}) in the configuration, and this motor answers like one of {}: take another joint, or \
-             correct the model",
-            profile.name, candidate.vendor
-        ));
-    }
-    let is_mit = candidate.found.family != Family::Native;
-    let is_wrong = is_mit && protocol.name() == Protocol::Gim.name();
-    is_wrong.then(|| {
-        format!("{name} has the protocol gim in the configuration, and this motor speaks MIT: only its serial port can change that")
-    })
 }

@@ -2,13 +2,12 @@
 
 use super::dialog::{Halt, Reading};
 use super::edit::Configuration;
-use super::motor;
 use super::progress::{Progress, Step};
 use crate::file::FACTORY_ID;
+use crate::motor;
 use crate::target::OpenLine;
 use motord_bus::{Duration, Refusal};
-use motord_protocol::commissioning::{Error, Family, Found, Registers, Scan, scan};
-use motord_protocol::register;
+use motord_protocol::commissioning::{Error, Found, Scan, scan};
 use motord_settings::settings::{BusSettings, MotorSettings};
 use std::collections::VecDeque;
 
@@ -34,6 +33,13 @@ pub(super) struct Candidate {
     pub(super) joint: Option<String>,
     /// The name of its vendor's profile, as far as its answers show it.
     pub(super) vendor: &'static str,
+}
+
+impl Candidate {
+    /// Returns why the motor cannot be that of `joint`, in words.
+    pub(super) fn mismatch(&self, joint: &MotorSettings) -> Option<String> {
+        motor::mismatch(self.vendor, self.found.family, joint)
+    }
 }
 
 /// Asks the ids of all buses, in rounds. A round asks the likely ids, that of a motor
@@ -250,14 +256,8 @@ impl<'s> Search<'s> {
         Ok(motor::is_alone(&mut line.link, found)?)
     }
 
-    /// Asks a motor in MIT mode for a register: Damiao's have registers.
     fn vendor(&mut self, bus: usize, found: &Found) -> Result<&'static str, Halt> {
-        let (Family::OtherMit { .. }, Some(host_id), Some(line)) =
-            (found.family, found.host_id, &mut self.lines[bus])
-        else {
-            return Ok(if matches!(found.family, Family::Unknown { .. }) { "unknown" } else { "steadywin" });
-        };
-        let has_registers = Registers::new(&mut line.link, found.id, host_id).read(register::ID)?.is_some();
-        Ok(if has_registers { "damiao" } else { "robstride" })
+        let Some(line) = &mut self.lines[bus] else { return Ok("unknown") };
+        Ok(motor::vendor(&mut line.link, found)?)
     }
 }

@@ -2,8 +2,8 @@
 
 use super::{JointGuide, Seen, Taken, degrees, to_joint};
 use crate::guide::dialog::{Answer, Halt};
-use crate::guide::{edit, motor};
-use crate::target::Protocol;
+use crate::guide::edit;
+use crate::motor;
 use crate::zero;
 
 /// Smallest turn by which a direction is recognised, rad: 10°.
@@ -34,19 +34,7 @@ impl JointGuide<'_, '_> {
 
     /// Makes the present position zero, and checks it.
     pub(super) fn set_zero(&mut self) -> Result<(), Halt> {
-        let before = zero::position(&mut self.motor)?;
-        match self.motor.protocol {
-            Protocol::Mit => self.motor.mit().set_zero().map(drop)?,
-            Protocol::Gim => zero::move_zero(&mut self.motor, before, 0.0)?,
-        }
-        let after = zero::position(&mut self.motor)?;
-        if zero::off_by(after, 0.0) <= zero::TOLERANCE {
-            return Ok(());
-        }
-        let reason = format!(
-            "it reports {after:.3} rad after its zero was set: hold the joint still, and set it again"
-        );
-        Err(self.motor.unfit(&reason).into())
+        Ok(zero::set(&mut self.motor, 0.0).map(drop)?)
     }
 
     pub(super) fn direction(&mut self) -> Result<Taken, Halt> {

@@ -3,8 +3,9 @@
 use super::{JointGuide, Seen, Taken, degrees};
 use crate::failure::DirectFailure;
 use crate::guide::dialog::Halt;
+use crate::guide::edit;
 use crate::guide::progress::{Before, Step};
-use crate::guide::{edit, motor};
+use crate::motor;
 use crate::target::Protocol;
 use crate::zero;
 use motord_bus::FrameId;

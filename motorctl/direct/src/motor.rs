@@ -1,4 +1,4 @@
-//! Reads and writes the values of one motor for the guide.
+//! Reads and writes the values of one motor that is set up: for the guide and for `motorctl replace`.
 
 use crate::address::{self, BAUD, CAN_ID, HOST_ID, PROTOCOL};
 use crate::failure::DirectFailure;
@@ -6,9 +6,12 @@ use crate::target::{Protocol, Session};
 use motord_bus::FrameId;
 use motord_protocol::Faults;
 use motord_protocol::commissioning::{
-    Apply, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, changes, identify, is_taken,
+    Apply, Change, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, changes, identify,
+    is_taken,
 };
 use motord_protocol::gim::{Command, ConfigurationItem, Indicator, Value};
+use motord_protocol::register;
+use motord_settings::settings::MotorSettings;
 use motord_shared::Fault;
 use std::convert::Infallible;
 use std::ops::RangeInclusive;
@@ -20,12 +23,12 @@ const VOLTAGES: RangeInclusive<f32> = 8.0..=70.0;
 const TEMPERATURES: RangeInclusive<f32> = -20.0..=70.0;
 
 /// The state that a motor reports.
-pub(super) struct Health {
-    pub(super) firmware: Option<u32>,
+pub(crate) struct Health {
+    pub(crate) firmware: Option<u32>,
     /// Supply, V, where the motor reports it.
-    pub(super) voltage: Option<f32>,
+    pub(crate) voltage: Option<f32>,
     /// The highest temperature, °C, where the motor reports one.
-    pub(super) temperature: Option<f32>,
+    pub(crate) temperature: Option<f32>,
     faults: Faults,
 }
 
@@ -35,7 +38,7 @@ impl Health {
     /// # Errors
     ///
     /// The motor does not answer.
-    pub(super) fn read(session: &mut Session) -> Result<Self, Error> {
+    pub(crate) fn read(session: &mut Session) -> Result<Self, Error> {
         if session.protocol == Protocol::Gim {
             let mut motor = session.gim();
             let faults = motor.fault()?.faults();
@@ -54,7 +57,7 @@ impl Health {
     }
 
     /// Describes it in words.
-    pub(super) fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         let firmware =
             self.firmware.map_or_else(String::new, |version| format!("firmware {version:#010X}, "));
         let voltage = self.voltage.map_or("supply not reported".to_owned(), |volts| format!("{volts:.1} V"));
@@ -65,7 +68,7 @@ impl Health {
     }
 
     /// Returns what must be cured before the motor is set up, in words.
-    pub(super) fn problem(&self) -> Option<String> {
+    pub(crate) fn problem(&self) -> Option<String> {
         if !self.faults.is_none() {
             let named =
                 Fault::of_bits(self.faults.0).map(|fault| format!("{}: {}", fault.name(), fault.sentence()));
@@ -89,7 +92,7 @@ fn highest(temperatures: [Option<f32>; 2]) -> Option<f32> {
 }
 
 /// Clears the fault of a motor. It returns while its cause remains.
-pub(super) fn clear_fault(session: &mut Session) -> Result<(), Error> {
+pub(crate) fn clear_fault(session: &mut Session) -> Result<(), Error> {
     match session.protocol {
         Protocol::Gim => session.gim().acknowledge_fault(),
         Protocol::Mit => session.mit().clear_fault(),
@@ -102,7 +105,7 @@ pub(super) fn clear_fault(session: &mut Session) -> Result<(), Error> {
 ///
 /// Another motor has the former or the new id, the motor does not keep it, or its protocol has no
 /// such command.
-pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
+pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
     must_be_alone(session)?;
     let has_registers = session.settings.as_ref().is_some_and(|motor| motor.profile.has_registers);
     match (session.protocol, session.host_id) {
@@ -126,13 +129,44 @@ pub(super) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
     Ok(())
 }
 
+/// Returns the name of its vendor's profile, as far as its answers show it. Asks a motor in MIT mode
+/// for a register: Damiao's have registers.
+///
+/// # Errors
+///
+/// The bus accepts no frame.
+pub(crate) fn vendor(link: &mut Link, found: &Found) -> Result<&'static str, Error> {
+    let (Family::OtherMit { .. }, Some(host_id)) = (found.family, found.host_id) else {
+        return Ok(if matches!(found.family, Family::Unknown { .. }) { "unknown" } else { "steadywin" });
+    };
+    let has_registers = Registers::new(link, found.id, host_id).read(register::ID)?.is_some();
+    Ok(if has_registers { "damiao" } else { "robstride" })
+}
+
+/// Returns why a motor of this vendor and family cannot be that of `joint`, in words.
+pub(crate) fn mismatch(vendor: &str, family: Family, joint: &MotorSettings) -> Option<String> {
+    let MotorSettings { name, model, profile, protocol, .. } = joint;
+    if vendor != profile.name {
+        return Some(format!(
+            "{name} has the model {model} ({}) in the configuration, and this motor answers like one of {vendor}: take another joint, or \
+             correct the model",
+            profile.name
+        ));
+    }
+    let is_mit = family != Family::Native;
+    let is_wrong = is_mit && protocol.name() == Protocol::Gim.name();
+    is_wrong.then(|| {
+        format!("{name} has the protocol gim in the configuration, and this motor speaks MIT: only its serial port can change that")
+    })
+}
+
 /// Returns whether one motor answers. Several new ones send the same bytes, except for what they
 /// measure: a scan has received the angle of motors in MIT mode, not of native ones.
 ///
 /// # Errors
 ///
 /// The bus accepts no frame.
-pub(super) fn is_alone(link: &mut Link, found: &Found) -> Result<bool, Error> {
+pub(crate) fn is_alone(link: &mut Link, found: &Found) -> Result<bool, Error> {
     if found.family != Family::Native {
         return Ok(true);
     }
@@ -186,7 +220,7 @@ fn must_be_free(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), D
 /// # Errors
 ///
 /// The stored number has no known unit, or the motor refuses.
-pub(super) fn set_bit_rate(session: &mut Session, rate: u32) -> Result<(), DirectFailure> {
+pub(crate) fn set_bit_rate(session: &mut Session, rate: u32) -> Result<(), DirectFailure> {
     let present = address::integer(&address::read(session)?, BAUD);
     let code = address::rate_code(present, session.line.bitrate, rate).map_err(|why| session.unfit(&why))?;
     write(session, &[(BAUD, code)])
@@ -197,7 +231,7 @@ pub(super) fn set_bit_rate(session: &mut Session, rate: u32) -> Result<(), Direc
 /// # Errors
 ///
 /// The motor refuses.
-pub(super) fn set_mit(session: &mut Session) -> Result<(), DirectFailure> {
+pub(crate) fn set_mit(session: &mut Session) -> Result<(), DirectFailure> {
     write(session, &[(PROTOCOL, address::protocol_number(Protocol::Mit))])?;
     session.protocol = Protocol::Mit;
     Ok(())
@@ -208,8 +242,16 @@ fn write(session: &mut Session, items: &[(&str, i32)]) -> Result<(), DirectFailu
     let present = address::read(session)?;
     let wanted =
         items.iter().fold(present.clone(), |wanted, (name, value)| address::with(&wanted, name, *value));
-    let changes = changes(&present, &wanted);
-    let apply = Apply { changes: &changes };
+    write_items(session, &changes(&present, &wanted))
+}
+
+/// Writes items into a motor in native mode, and reads each back.
+///
+/// # Errors
+///
+/// The motor does not answer, refuses an item, or does not keep it.
+pub(crate) fn write_items(session: &mut Session, changes: &[Change]) -> Result<(), DirectFailure> {
+    let apply = Apply { changes };
     apply.check(&mut session.gim())?;
     apply.run(&mut session.gim(), &mut |_| Ok::<(), Infallible>(())).map_err(|failed| match failed {
         Failed::Motor { source, .. } => source.into(),
@@ -222,7 +264,7 @@ fn write(session: &mut Session, items: &[(&str, i32)]) -> Result<(), DirectFailu
 /// # Errors
 ///
 /// The motor does not answer.
-pub(super) fn stored_zero(session: &mut Session) -> Result<Option<i32>, Error> {
+pub(crate) fn stored_zero(session: &mut Session) -> Result<Option<i32>, Error> {
     if session.protocol == Protocol::Mit {
         return Ok(None);
     }
@@ -237,7 +279,7 @@ pub(super) fn stored_zero(session: &mut Session) -> Result<Option<i32>, Error> {
 /// # Errors
 ///
 /// The motor does not keep it.
-pub(super) fn restore_zero(session: &mut Session, zero: i32) -> Result<(), Error> {
+pub(crate) fn restore_zero(session: &mut Session, zero: i32) -> Result<(), Error> {
     let key = ConfigurationItem::ZERO_POSITION;
     let Some(item) = key.item() else { return Ok(()) };
     session.gim().store_configuration(item, Value::Integer(zero)).map(drop)
