@@ -316,7 +316,10 @@ fn every_bus_example_of_motorctl_works() {
 #[test]
 fn every_other_example_of_motorctl_works() {
     let mut examples = examples("motorctl", &[]);
-    examples.retain(|example| !needs_bus(example) && !CONTROLLERS.contains(&command_of(example)));
+    // `verify/rigs/test-guide` replaces a motor: that takes a bus with a new one.
+    examples.retain(|example| {
+        !needs_bus(example) && command_of(example) != "replace" && !CONTROLLERS.contains(&command_of(example))
+    });
     assert!(examples.len() >= 20, "{examples:?}");
     // `release` ends the claim of the controller, so it is the last.
     examples.sort_by_key(|example| example.contains(" release "));
