@@ -243,6 +243,15 @@ impl Running {
     }
 }
 
+/// Ends the reconnector, also after a failed check: the scope waits for its thread.
+struct End<'s>(&'s AtomicBool);
+
+impl Drop for End<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Runs a robot for `time`, and applies `misfortunes` to its line. Returns its CAN buses, and the
 /// counters of the line.
 fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord_shared::BusState) {
@@ -255,6 +264,7 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
     scope(|threads| {
         let (mut robot, mut reconnector) = Running::new(&settings, broken);
         let (settings, stop) = (&settings, &stop);
+        let _end = End(stop);
         threads.spawn(move || reconnector.run(settings, &broken_buses, || stop.load(Ordering::Relaxed)));
         prepare_thread(50);
         let is_enabled = robot.enable();
@@ -284,7 +294,6 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         }
         assert!(robot.all_answer(), "the arm answers again");
         let line = robot.client.state().buses()[LINE];
-        stop.store(true, Ordering::Relaxed);
         (robot.can, line)
     })
 }
