@@ -235,7 +235,7 @@ impl State {
     }
 
     fn _repr_html_<'py>(slf: Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        slf.py().import("motord._html")?.call_method1("state", (slf,))
+        slf.py().import("motord._notebook")?.call_method1("state", (slf,))
     }
 
     fn __repr__(&self) -> String {

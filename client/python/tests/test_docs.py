@@ -1,9 +1,18 @@
-"""Each program in Python of README.md and docs runs as it is printed: beside a daemon, and in the twin of a robot."""
+"""Documents of the package.
 
+Each program in Python of README.md and docs runs as it is printed: beside a daemon, and in the twin of a robot. Each public
+member has a docstring at run time, and those of the compiled part are those of its stub.
+"""
+
+import ast
+import importlib
+import inspect
+import pkgutil
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType, WrapperDescriptorType
 from typing import Any
 
 import pytest
@@ -11,6 +20,7 @@ import pytest
 import motord
 import motord.sim
 from conftest import TREE, Daemon
+from motord import _motord
 from motord.examples import FILES, MODEL
 from motord.sim import Mujoco, Twin
 from test_twin import Level
@@ -135,13 +145,14 @@ def test_controller_of_start_runs_in_twin(twin_of: Callable[[int, str], Twin]) -
 def test_policy_command_starts_in_twin(twin_of: Callable[[int, str], Twin], folder: Path, seed: int) -> None:
     pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
-    from motord.policy.__main__ import parse, run
+    from motord.policy import _run
+    from motord.policy.__main__ import parse
     from policies import save
 
     twin = twin_of(seed, "imu")
     policy = motord.Policy(save(folder / "walk.onnx"))
     options = parse(["run", "walk.onnx", "--group", "legs", "--start-seconds", "0.5", "--seconds", "0"])
-    assert run(policy, twin, options) == 1  # type: ignore[arg-type]
+    assert _run.run(policy, twin, options) == 1  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -186,3 +197,64 @@ def test_other_blocks_of_twin_run(folder: Path) -> None:
     env = execute(TWIN[2])["env"]
     env.reset(seed=1)
     assert env.step(env.action_space.sample())[4] == {}
+
+
+STUB = Path(motord.__file__).with_name("_motord.pyi")
+
+
+def modules() -> Iterator[ModuleType]:
+    """The package and its public modules; without those that need a package which is not installed."""
+    yield motord
+    for found in pkgutil.walk_packages(motord.__path__, "motord."):
+        if any(part.startswith("_") for part in found.name.split(".")):
+            continue
+        try:
+            yield importlib.import_module(found.name)
+        except ModuleNotFoundError as error:
+            assert error.name is not None and not error.name.startswith("motord")
+
+
+def public(owner: Any) -> Iterator[tuple[str, Any]]:
+    """The public functions, classes, methods and properties that motord defines here."""
+    for name, member in vars(owner).items():
+        member = getattr(member, "__func__", member)
+        kinds = (inspect.isclass, inspect.isroutine, inspect.isdatadescriptor)
+        module = getattr(member, "__module__", None) or "motord"
+        if not name.startswith("_") and any(is_one(member) for is_one in kinds) and module.startswith("motord"):
+            yield name, member
+
+
+def undocumented(owner: Any, path: str) -> Iterator[str]:
+    if not owner.__doc__:
+        yield path
+    if inspect.isclass(owner) or inspect.ismodule(owner):
+        for name, member in public(owner):
+            yield from undocumented(member, f"{path}.{name}")
+
+
+def test_each_public_member_has_a_docstring() -> None:
+    found = {module.__name__: module for module in modules()}
+    assert {"motord", "motord.bench", "motord.policy", "motord.recording", "motord.sim", "motord.sim.twin"} <= found.keys()
+    assert [path for name, module in found.items() for path in undocumented(module, name)] == []
+    assert [name for name, member in public(_motord) for _ in undocumented(member, name)] == []
+
+
+def stubs(owner: Any, node: "ast.Module | ast.ClassDef") -> Iterator[tuple[Any, str, str]]:
+    """Each documented class and function of a stub: its owner at run time, its name, and its text."""
+    for child in node.body:
+        if isinstance(child, (ast.ClassDef, ast.FunctionDef)):
+            text = ast.get_docstring(child)
+            if text is not None:
+                yield owner, child.name, text
+            if isinstance(child, ast.ClassDef) and not child.name.startswith("_"):
+                yield from stubs(getattr(owner, child.name), child)
+
+
+def test_stub_and_code_have_the_same_docstrings() -> None:
+    described = list(stubs(_motord, ast.parse(STUB.read_text(encoding="utf-8"))))
+    assert len(described) > 80
+    for owner, name, text in described:
+        member = getattr(owner, name)
+        # Python describes its operators itself.
+        if not isinstance(member, WrapperDescriptorType):
+            assert inspect.cleandoc(member.__doc__ or "") == text, f"{owner.__name__}.{name}"

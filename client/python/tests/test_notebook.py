@@ -12,7 +12,7 @@ import pytest
 
 import motord
 from conftest import CONFIG
-from motord import Recording, State, _html, _notebook
+from motord import Recording, State, _notebook
 from motord.examples import copy
 from motord.sim import Twin
 
@@ -50,7 +50,7 @@ def test_tables_escape_names_and_texts() -> None:
     stop = SimpleNamespace(time=0.0, group=EVIL, cause=EVIL, joint=EVIL)
     values = np.full((2, 1), np.nan)
     run = Run(path=EVIL, joints=[EVIL], q=values, tau=values, time=np.array([0.0, 1.0]), stops=[stop])
-    for shown in (_html.state(cast(State, state)), _html.recording(cast(Recording, run))):
+    for shown in (_notebook.state(cast(State, state)), _notebook.recording(cast(Recording, run))):
         assert shown.count(SAFE) >= 4 and "<script" not in shown
 
 
@@ -60,7 +60,7 @@ def test_long_tables_are_cut() -> None:
     state = SimpleNamespace(
         cycle=1, phase=None, stop=None, joints=names, q=many, dq=many, tau=many, temperature=many, mode=names, faults=[[]] * 100
     )
-    shown = _html.state(cast(State, state))
+    shown = _notebook.state(cast(State, state))
     assert shown.count("<tr>") == 66 and "36 more" in shown
 
 

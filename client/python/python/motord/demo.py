@@ -15,7 +15,7 @@ from typing import Any
 
 from ._install import command
 from ._motord import Error, Stopped
-from ._text import lines
+from ._untrusted import lines
 from .examples import CONFIG, FILES, MODEL
 from .sim import Mujoco, Twin
 from .sim.mujoco import ViewedMujoco

@@ -12,11 +12,10 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _html
-from ._files import FileError, open_regular
+from . import _notebook
 from ._mcap import Damage, messages
 from ._signals import deferred
-from ._text import printable
+from ._untrusted import FileError, open_regular, printable
 
 _Floats = NDArray[np.float64]
 
@@ -191,7 +190,7 @@ class Recording:
         return pandas.DataFrame(columns, index=index)
 
     def _repr_html_(self) -> str:
-        return _html.recording(self)
+        return _notebook.recording(self)
 
     def __repr__(self) -> str:
         seconds = self.time[-1] if len(self) else 0.0

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from .._install import command, is_installed
-from .._text import lines
+from .._untrusted import lines
 from . import EXAMPLES, copy
 
 

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import FileError, check_regular
 from .._install import command
 from .._signals import deferred
-from .._text import printable
+from .._untrusted import FileError, check_regular, printable
 from ._bounded import Bounded, Unfinished, Watchdog
 from ._metadata import JOINT_POS, Metadata, PolicyError
 from ._observation import TERMS, Term, terms_of

@@ -11,7 +11,7 @@ from typing import Any
 
 import motord
 
-from .._text import lines, printable
+from .._untrusted import lines, printable
 from . import Estimator, JointValues, Policy, PolicyError, _robots
 from ._plot import Plot
 from ._run import run

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .._text import printable
+from .._untrusted import printable
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import argparse
 import json
 import sys
 
-from .._text import lines
+from .._untrusted import lines
 from .compare import compare
 from .live import live
 from .mujoco import Mujoco, ViewedMujoco, fit_mjcf

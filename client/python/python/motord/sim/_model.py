@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._files import FileError, check_regular
+from .._untrusted import FileError, check_regular
 
 BYTES_MAX = 256 << 20
 """Largest file of a model, without its meshes."""

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 
-from ..._files import FileError, check_regular
 from ..._install import command
 from ..._signals import deferred
+from ..._untrusted import FileError, check_regular
 from .. import BYTES_MAX, Policy, PolicyError
 from . import deploy, descriptors, env, legged_gym
 from ._export import Export, Given

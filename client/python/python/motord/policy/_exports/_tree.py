@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, cast
 
-from ..._files import FileError, open_regular
 from ..._install import command
 from ..._signals import deferred
+from ..._untrusted import FileError, open_regular
 from .. import PolicyError
 
 BYTES_MAX = 1 << 20
