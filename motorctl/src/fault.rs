@@ -11,18 +11,21 @@ use std::io::{self, Write};
 /// The object that `--json` prints.
 #[derive(Serialize)]
 struct FaultReport {
+    /// The instance.
     instance: String,
-    /// Joints without a fault are not in it.
+    /// The joints whose motors report a fault; others are left out.
     joints: Vec<JointFaults>,
 }
 
 #[derive(Serialize)]
 struct JointFaults {
+    /// The joint.
     name: String,
-    /// The bits from the daemon.
+    /// The faults, a bit each.
     bits: u32,
+    /// The faults that have a name.
     faults: Vec<NamedFault>,
-    /// The bits without a name.
+    /// The bits that no name stands for.
     unknown_bits: u32,
 }
 

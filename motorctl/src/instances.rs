@@ -9,19 +9,24 @@ use std::io::{self, Write};
 /// A daemon, as `--json` prints it.
 #[derive(Debug, Serialize)]
 struct Entry {
+    /// The instance.
     instance: String,
+    /// Its runtime directory.
     runtime_directory: String,
+    /// The daemon's process; 0 if unknown.
     pid: u32,
+    /// The user that it runs as; 4294967295 if unknown, because its socket takes no connection.
     uid: u32,
-    /// Its user is neither root, nor this one, nor that of the service. It may be no daemon.
+    /// Its user is neither root, nor the caller, nor that of the service: it may be no daemon. Only
+    /// with `--all`.
     foreign: bool,
-    /// The line that shows its state. Empty if foreign: nothing in the directory of another user is
-    /// to be opened.
+    /// The line that shows its state. Empty if foreign.
     command: String,
 }
 
 impl Entry {
     fn new(running: RunningInstance, foreign: bool) -> Self {
+        // Nothing in the directory of another user is to be opened.
         let command = if foreign { String::new() } else { format!("{} status", line(&running)) };
         let RunningInstance { name, runtime, pid, uid } = running;
         Self { instance: name, runtime_directory: runtime.display().to_string(), pid, uid, foreign, command }

@@ -26,9 +26,13 @@ pub(crate) struct Sim {
 /// The object that `--json` prints.
 #[derive(Serialize)]
 struct InjectedFault<'a> {
+    /// The daemon's instance.
     instance: &'a str,
+    /// The motor or the bus.
     target: &'a str,
+    /// The fault that it has now; `ok`: none any more.
     fault: &'a str,
+    /// The argument of the fault, as it was given; null when it has none.
     argument: Option<&'a str>,
 }
 

@@ -19,6 +19,8 @@ pub struct Field {
     pub proto: Option<(&'static str, u32)>,
     /// Number in `motord_quantity` of C.
     pub quantity: Option<u32>,
+    /// Property of `State` in Python, an array of all joints.
+    pub python: Option<&'static str>,
 }
 
 /// Type and shape of a field: how it is stored in a message, and how JSON and Protobuf represent

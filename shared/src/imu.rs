@@ -43,6 +43,7 @@ macro_rules! define {
                     json: optional!($(stringify!($json))?),
                     proto: optional!($((stringify!($name), $number))?),
                     quantity: None,
+                    python: None,
                 },)+
                 $(Field {
                     name: stringify!($flag),
@@ -53,6 +54,7 @@ macro_rules! define {
                     json: Some(stringify!($flag)),
                     proto: Some((stringify!($flag), $flag_number)),
                     quantity: None,
+                    python: None,
                 },)+
                 $(Field {
                     name: stringify!($set),
@@ -63,6 +65,7 @@ macro_rules! define {
                     json: Some(stringify!($set)),
                     proto: Some((stringify!($set), $set_number)),
                     quantity: None,
+                    python: None,
                 },)+
             ];
         }

@@ -41,20 +41,21 @@ plain! {
 /// The rows have the order of the memory. A row has the name in the message, its type, its [`Kind`]
 /// in brackets, and where the field appears. `view` is the name in the client library, `json` the
 /// key in JSON, `proto` the name and number in recordings. `measured` quantities are `f32`, have
-/// the same name everywhere, and are plotted; `quantity` is the number in `motord_quantity` of C.
-/// `flags` are bits of the field `flags`. Numbers are never reused. A key in JSON ends with its unit.
+/// the same name everywhere but in Python, and are plotted; `quantity` is the number in `motord_quantity`
+/// of C, `python` the property of `State` in Python. `flags` are bits of the field `flags`. Numbers are
+/// never reused. A key in JSON ends with its unit.
 #[macro_export]
 macro_rules! joint_state {
     ($list:ident $with:ident) => {
         $crate::joint_list! {
             $list $with
             measured {
-                /// Position as last received. `age_cycles` is its age.
-                position, unit "rad", json position_rad, proto 2, quantity 0;
+                /// Position as last received.
+                position, unit "rad", json position_rad, proto 2, quantity 0, python q;
                 /// Velocity as last received.
-                velocity, unit "rad/s", json velocity_rad_s, proto 3, quantity 1;
+                velocity, unit "rad/s", json velocity_rad_s, proto 3, quantity 1, python dq;
                 /// Torque as the motor estimates it.
-                torque, unit "N·m", json torque_nm, proto 4, quantity 2;
+                torque, unit "N·m", json torque_nm, proto 4, quantity 2, python tau;
             }
             fields {
                 /// Temperature of the motor.
@@ -107,7 +108,7 @@ macro_rules! joint_list {
         $list:ident $with:ident
         measured { $(
             #[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident,
-            proto $measured_number:literal, quantity $quantity:literal;
+            proto $measured_number:literal, quantity $quantity:literal, python $python:ident;
         )+ }
         fields { $(
             #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
@@ -123,9 +124,9 @@ macro_rules! joint_list {
                     $({ $doc ($($unit)?) $name $type })+
                 }
                 {
-                    $({ $measured_doc ($measured_unit) $measured $measured [Measured] ($measured_json) ($measured $measured_number) ($quantity) })+
-                    $({ $doc ($($unit)?) $name $name $kind ($($($json)?)?) ($($proto $number)?) () })+
-                    $({ $flag_doc () $flag flags [Flag $bits] ($($flag_json)?) ($($flag $flag_number)?) () })+
+                    $({ $measured_doc ($measured_unit) $measured $measured [Measured] ($measured_json) ($measured $measured_number) ($quantity) ($python) })+
+                    $({ $doc ($($unit)?) $name $name $kind ($($($json)?)?) ($($proto $number)?) () () })+
+                    $({ $flag_doc () $flag flags [Flag $bits] ($($flag_json)?) ($($flag $flag_number)?) () () })+
                 }
             }
             {
@@ -145,17 +146,22 @@ macro_rules! joint_list {
                 }
                 { $($({ $flag $bits $flag_number })?)+ }
             }
+            {
+                $({ $measured_doc $measured_unit $measured $python })+
+            }
         }
     };
     // `{ doc (unit) name type }` of each field in the memory;
-    // `{ doc (unit) name field [kind] (json) (proto number) (quantity) }` of each row.
-    (@memory $with:ident $list:tt $client:tt $json:tt $recording:tt) => { $with! $list };
+    // `{ doc (unit) name field [kind] (json) (proto number) (quantity) (python) }` of each row.
+    (@memory $with:ident $list:tt $client:tt $json:tt $recording:tt $python:tt) => { $with! $list };
     // `{ doc unit name }` of measured quantities; `{ doc [kind] name view }`; `{ doc flag BITS }`.
-    (@client $with:ident $memory:tt $list:tt $json:tt $recording:tt) => { $with! $list };
+    (@client $with:ident $memory:tt $list:tt $json:tt $recording:tt $python:tt) => { $with! $list };
     // `{ doc [kind] view key }`.
-    (@json $with:ident $memory:tt $client:tt $list:tt $recording:tt) => { $with! $list };
+    (@json $with:ident $memory:tt $client:tt $list:tt $recording:tt $python:tt) => { $with! $list };
     // `{ [kind] name proto }`; `{ flag BITS number }`.
-    (@recording $with:ident $memory:tt $client:tt $json:tt $list:tt) => { $with! $list };
+    (@recording $with:ident $memory:tt $client:tt $json:tt $list:tt $python:tt) => { $with! $list };
+    // `{ doc unit name python }` of measured quantities.
+    (@python $with:ident $memory:tt $client:tt $json:tt $recording:tt $list:tt) => { $with! $list };
 }
 
 /// The [`Kind`] of a row.
@@ -178,7 +184,7 @@ macro_rules! define {
     (
         { $({ $doc:literal ($($unit:literal)?) $name:ident $type:ident })+ }
         { $({ $about:literal ($($in:literal)?) $row:ident $field:ident $kind:tt ($($json:ident)?)
-            ($($proto:ident $number:literal)?) ($($quantity:literal)?) })+ }
+            ($($proto:ident $number:literal)?) ($($quantity:literal)?) ($($python:ident)?) })+ }
     ) => {
         plain! {
             /// One joint in a cycle. [`FIELDS`](Self::FIELDS) describes the fields.
@@ -199,6 +205,7 @@ macro_rules! define {
                     json: optional!($(stringify!($json))?),
                     proto: optional!($((stringify!($proto), $number))?),
                     quantity: optional!($($quantity)?),
+                    python: optional!($(stringify!($python))?),
                 },)+
             ];
         }

@@ -95,24 +95,6 @@ impl State {
         Ok(self.joints())
     }
 
-    /// Measured positions, rad.
-    #[getter]
-    fn q<'py>(&self, py: Python<'py>) -> Array<'py> {
-        self.array(py, Joint::position)
-    }
-
-    /// Measured velocities, rad/s.
-    #[getter]
-    fn dq<'py>(&self, py: Python<'py>) -> Array<'py> {
-        self.array(py, Joint::velocity)
-    }
-
-    /// Measured torques, N·m.
-    #[getter]
-    fn tau<'py>(&self, py: Python<'py>) -> Array<'py> {
-        self.array(py, Joint::torque)
-    }
-
     /// Temperatures of the motors, °C; NaN where they report none.
     #[getter]
     fn temperature<'py>(&self, py: Python<'py>) -> Array<'py> {
@@ -242,6 +224,26 @@ impl State {
         format!("<motord.State of cycle {}: {} joints>", self.state.cycle(), self.order.joints.len())
     }
 }
+
+macro_rules! measured {
+    ($({ $doc:literal $unit:literal $name:ident $python:ident })+) => {
+        /// The measured quantities of the joints, from the table of a joint's state.
+        #[pymethods]
+        impl State {
+            $(
+                #[doc = $doc]
+                ///
+                #[doc = concat!("A number for each joint, ", $unit, "; NaN until its motor has reported it.")]
+                #[getter]
+                fn $python<'py>(&self, py: Python<'py>) -> Array<'py> {
+                    self.array(py, Joint::$name)
+                }
+            )+
+        }
+    };
+}
+
+motord_shared::joint_state!(python measured);
 
 const WITHOUT_SAMPLES: &CStr =
     c"the IMUs of this twin get no samples, and their values are NaN: its plant measures none. Give \

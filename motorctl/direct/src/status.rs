@@ -32,9 +32,9 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailur
 /// A fault with its meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct NamedFault {
-    /// Its name.
+    /// A word for scripts.
     pub name: &'static str,
-    /// Its meaning, a sentence.
+    /// The fault in a sentence.
     pub meaning: &'static str,
 }
 

@@ -46,8 +46,7 @@ pub struct Joint {
     /// Number of the cycle.
     #[prost(uint64, tag = "1")]
     pub cycle: u64,
-    /// Position as last received. `age_cycles` is its age. Unit: rad. Absent before the motor has
-    /// reported it.
+    /// Position as last received. Unit: rad. Absent before the motor has reported it.
     #[prost(float, optional, tag = "2")]
     pub position: ::core::option::Option<f32>,
     /// Velocity as last received. Unit: rad/s. Absent before the motor has reported it.

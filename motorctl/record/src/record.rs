@@ -40,12 +40,17 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 /// The result, as `--json` prints it.
 #[derive(Debug, Serialize)]
 struct RecordReport {
+    /// The file; `-` for the standard output.
     file: String,
     /// Cycles in the file.
     recorded: u64,
+    /// Number of the first cycle; 0 when there is none.
     first_cycle: u64,
+    /// Number of the last cycle that the recorder took; 0 when there is none.
     last_cycle: u64,
+    /// From the first cycle to the last one, s.
     seconds: f64,
+    /// Bytes that were written.
     bytes: u64,
     /// Ticks that the daemon missed: they have no cycle.
     missed_ticks: u64,
@@ -55,8 +60,7 @@ struct RecordReport {
     lost: u64,
     /// Cycles that the disk was too slow for, or did not accept.
     dropped: u64,
-    /// The reason for the end of the recording: `interrupted`, `seconds`, `max-size`, `disk` or
-    /// `daemon`.
+    /// Why the recording ended.
     ended: &'static str,
 }
 

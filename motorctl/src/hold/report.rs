@@ -7,15 +7,15 @@ use std::io::{self, Write};
 /// A held joint at one time.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct HeldJoint {
-    /// Its name.
+    /// The joint.
     pub(crate) name: String,
     /// The position that the setpoint asks for, rad.
     pub(crate) goal_rad: f32,
-    /// Its position, rad.
+    /// Position, rad. null before the motor has reported it.
     pub(crate) position_rad: Option<f32>,
-    /// Its velocity, rad/s.
+    /// Velocity, rad/s. null before the motor has reported it.
     pub(crate) velocity_rad_s: Option<f32>,
-    /// Its torque, N·m.
+    /// Torque, N·m. null before the motor has reported it.
     pub(crate) torque_nm: Option<f32>,
 }
 
@@ -29,11 +29,11 @@ impl HeldJoint {
 /// The held joints at one time: a line of `--json`.
 #[derive(Debug, Serialize)]
 pub(crate) struct Line {
-    /// Time since the motors follow, s.
+    /// Time since the motors follow setpoints, s.
     pub(crate) time_s: f64,
-    /// The group.
+    /// The claimed group.
     pub(crate) group: String,
-    /// The held joints.
+    /// The held joints. The others of the group are only damped.
     pub(crate) joints: Vec<HeldJoint>,
 }
 

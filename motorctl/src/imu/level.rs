@@ -49,10 +49,14 @@ pub(crate) struct Arguments {
 /// The measured mount.
 #[derive(Debug, Serialize)]
 struct Level<'a> {
+    /// The IMU.
     imu: &'a str,
+    /// Samples that were measured.
     samples: usize,
     /// Angle between gravity and z of the body with the present mount, °.
     tilt_deg: f64,
+    /// Roll, pitch and yaw of the mount, °. Yaw is that of the present mount, or measured with
+    /// `--two-poses`.
     mount_rpy_deg: [f64; 3],
     /// The line for the configuration.
     line: String,

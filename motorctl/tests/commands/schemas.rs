@@ -5,10 +5,9 @@
 use crate::line::Line;
 use crate::programs::{commands, help, program};
 use crate::schema::{assert_lines_valid, schema, schemas};
-use motord_client::{Field, Kind};
 use motord_harness::daemon;
 use motord_harness::daemon::Daemon;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
@@ -49,55 +48,6 @@ fn schemas_are_valid_and_belong_to_commands() {
             assert!(jsonschema::meta::is_valid(&schema(name)), "{name}");
         }
     }
-}
-
-/// The keys of a joint and of an IMU, their types and descriptions come from the tables of their
-/// states.
-#[test]
-fn state_schemas_are_generated_from_their_tables() {
-    let status = &schema("motorctl-status")["properties"];
-    let tables = [("joints", motord_client::JointState::FIELDS), ("imus", motord_client::ImuState::FIELDS)];
-    for (list, fields) in tables {
-        let item = &status[list]["items"];
-        for (key, field) in fields.iter().filter_map(|field| Some((field.json?, field))) {
-            assert_eq!(
-                item["properties"][key],
-                expected(field, list),
-                "properties.{list}.items.properties.{key}"
-            );
-            assert!(item["required"].as_array().unwrap().contains(&key.into()), "{key} is required");
-        }
-    }
-}
-
-/// The schema of a field of a state.
-fn expected(field: &Field, list: &str) -> Value {
-    let mut expected = match field.kind {
-        Kind::Measured | Kind::Optional => json!({ "type": ["number", "null"] }),
-        Kind::Vector(length) => json!({
-            "type": ["array", "null"], "items": { "type": "number" }, "minItems": length, "maxItems": length
-        }),
-        Kind::Latency => json!({ "type": "number" }),
-        Kind::Count | Kind::Total => json!({ "type": "integer", "minimum": 0 }),
-        Kind::Code(names) => json!({ "enum": ([names, &["unknown"]].concat()) }),
-        Kind::Set(_) => json!({ "type": "array", "items": { "type": "string" } }),
-        Kind::Flag(_) => json!({ "type": "boolean" }),
-        Kind::FlagSet(_, names) => json!({ "type": "array", "items": { "enum": names } }),
-        Kind::Time | Kind::Flags | Kind::Command | Kind::Reserved => panic!("{} has no form", field.name),
-    };
-    let unit = if field.kind == Kind::Latency { "µs" } else { field.unit };
-    let unit = if unit.is_empty() { String::new() } else { format!(" Unit: {unit}.") };
-    let note = match field.kind {
-        Kind::Measured => " null before the motor has reported it.",
-        Kind::Optional if list == "joints" => " null where the motor does not report it.",
-        Kind::Optional => " null where it is not reported.",
-        Kind::Vector(_) => " null before the first sample.",
-        Kind::Code(_) => " `unknown` for one of a newer daemon.",
-        Kind::Set(_) => " Bits without a name are one hexadecimal number.",
-        _ => "",
-    };
-    expected["description"] = format!("{}{unit}{note}", field.doc).into();
-    expected
 }
 
 /// A command that prints JSON and has no schema is not documented.

@@ -120,15 +120,26 @@ class State:
     @property
     def names(self) -> list[str]:
         """Deprecated: joints."""
+    # The measured quantities: MOTORD_WRITE_DOCS=1 cargo test -p motord-house generated
     @property
     def q(self) -> _Array:
-        """Measured positions, rad."""
+        """Position as last received.
+
+        A number for each joint, rad; NaN until its motor has reported it.
+        """
     @property
     def dq(self) -> _Array:
-        """Measured velocities, rad/s."""
+        """Velocity as last received.
+
+        A number for each joint, rad/s; NaN until its motor has reported it.
+        """
     @property
     def tau(self) -> _Array:
-        """Measured torques, N·m."""
+        """Torque as the motor estimates it.
+
+        A number for each joint, N·m; NaN until its motor has reported it.
+        """
+    # End of the measured quantities.
     @property
     def temperature(self) -> _Array:
         """Temperatures of the motors, °C; NaN where they report none."""

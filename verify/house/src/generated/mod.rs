@@ -1,11 +1,16 @@
 //! Committed files that come from the tables in `shared`: the messages of recordings, so that a
-//! build does without the compiler of Protobuf, and enumerations of `motord.h`.
+//! build does without the compiler of Protobuf, enumerations of `motord.h`, the stub of the Python
+//! package, and schemas of JSON. Schemas of structures come from the code of these.
 //!
 //! The tests are not in the crates with these files, which do not compile before they have a new
 //! field.
 
 mod header;
+mod json;
+mod json_schema;
 mod schema;
+mod status;
+mod stub;
 
 use crate::sources::root;
 use prost::Message;
@@ -43,4 +48,21 @@ fn generated_messages_are_those_of_schema() {
 #[test]
 fn generated_enumerations_are_those_of_tables() {
     assert_current("client/c/src/generated.rs", header::of_tables().unwrap().as_bytes());
+}
+
+#[test]
+fn generated_stub_is_that_of_its_table() {
+    assert_current("client/python/python/motord/_motord.pyi", stub::of_table().as_bytes());
+}
+
+#[test]
+fn generated_status_schema_is_that_of_tables() {
+    assert_current("docs/schema/motorctl-status.json", status::of_tables().as_bytes());
+}
+
+#[test]
+fn generated_schemas_are_those_of_types() {
+    for schema in json_schema::SCHEMAS {
+        assert_current(&schema.path(), schema.of_type().as_bytes());
+    }
 }
