@@ -1,4 +1,4 @@
-//! The pages as a person sees them, drawn into a buffer. The pictures stand in `snapshots/`; after
+//! The pages as a person sees them, drawn into a buffer. The pictures stand in `pictures.txt`; after
 //! a change on purpose `MOTORD_WRITE_DOCS=1 cargo test -p motorctl monitor` writes them anew.
 
 mod curves;
@@ -15,8 +15,9 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::{Buffer, Cell};
 use robot::{bus, picture, stopped, trotting};
-use std::path::Path;
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 fn buffer(width: u16, height: u16, picture: &Picture, view: &mut View) -> Buffer {
@@ -39,18 +40,42 @@ fn text(buffer: &Buffer) -> String {
     cells.chunks(usize::from(buffer.area.width.max(1))).map(line).collect()
 }
 
-/// Compares a picture with the one in the repository.
-fn check(name: &str, drawn: &str) {
-    check_file(&format!("src/monitor/snapshots/{name}.txt"), drawn);
+/// The pictures as text, each below a line with [`TITLE`] and its title.
+const TEXTS: &str = "src/monitor/tests/pictures.txt";
+const TITLE: &str = "==== ";
+
+/// Compares a picture with the one of this title in the repository.
+fn check(title: &str, drawn: &str) {
+    // Tests run at the same time, and each writes the whole file.
+    static FILE: Mutex<()> = Mutex::new(());
+    let guard = FILE.lock().unwrap_or_else(PoisonError::into_inner);
+    let text = std::fs::read_to_string(path(TEXTS)).unwrap_or_default();
+    let mut pictures: BTreeMap<&str, &str> =
+        text.split(TITLE).filter_map(|picture| picture.split_once('\n')).collect();
+    if writes() {
+        pictures.insert(title, drawn);
+        let text: String = pictures.iter().map(|(title, drawn)| format!("{TITLE}{title}\n{drawn}")).collect();
+        std::fs::write(path(TEXTS), text).unwrap();
+    }
+    drop(guard);
+    assert!(pictures.get(title) == Some(&drawn), "{title} in {TEXTS} has changed:\n{drawn}");
 }
 
 fn check_file(name: &str, drawn: &str) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
-    if std::env::var_os("MOTORD_WRITE_DOCS").is_some() {
-        std::fs::write(&path, drawn).unwrap();
+    if writes() {
+        std::fs::write(path(name), drawn).unwrap();
     }
-    let known = std::fs::read_to_string(&path).unwrap_or_default();
+    let known = std::fs::read_to_string(path(name)).unwrap_or_default();
     assert!(known == drawn, "{name} has changed:\n{drawn}");
+}
+
+/// Returns whether this run writes the pictures.
+fn writes() -> bool {
+    std::env::var_os("MOTORD_WRITE_DOCS").is_some()
+}
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
 #[test]

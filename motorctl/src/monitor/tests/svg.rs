@@ -106,10 +106,4 @@ fn pictures_of_documents_are_the_current_monitor() {
     let stopped = picture(stopped());
     check_file("../docs/monitor.svg", &svg(&buffer(80, 24, &stopped, &mut View::default()), &DARK));
     check_file("../docs/monitor-large.svg", &svg(&buffer(160, 50, &stopped, &mut View::default()), &LIGHT));
-    for (width, height) in [(60, 20), (80, 24)] {
-        for (theme, name) in [(&DARK, "dark"), (&LIGHT, "light")] {
-            let small = svg(&buffer(width, height, &stopped, &mut View::default()), theme);
-            check_file(&format!("src/monitor/snapshots/stopped-{width}x{height}-{name}.svg"), &small);
-        }
-    }
 }
