@@ -152,7 +152,6 @@
 
 #![forbid(unsafe_code)]
 
-mod answers;
 mod claim;
 mod client;
 mod error;

@@ -2,9 +2,9 @@
 
 use crate::advice::motorctl;
 use crate::confirmation;
-use crate::effect::print_effect;
 use crate::failure::Failure;
 use crate::instances::{foreign, line, listener_of};
+use crate::outcome::print_effect;
 use crate::report::FirstStopReport;
 use crate::status::{self, TIMEOUT};
 use motord_client::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in, running_instances};

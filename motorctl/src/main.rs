@@ -9,18 +9,15 @@
 mod advice;
 mod confirmation;
 mod demo;
-mod effect;
 mod estop;
 mod exit_status;
 mod explain;
 mod failure;
 mod fault;
-mod history;
 mod hold;
 mod identify;
 mod imu;
 mod imu_report;
-mod indicator;
 mod instances;
 mod joint_report;
 mod monitor;
@@ -411,7 +408,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         }
         Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
         Command::Direct(direct::DirectCommand::Indicator(asked)) if asked.joint().is_some() => {
-            indicator::run(instance, &asked)
+            fault::print_indicators(instance, &asked)
         }
         Command::Direct(command) => Ok(direct::run(command)?),
         Command::Imu(command) => imu::run(instance, &command),

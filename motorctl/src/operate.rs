@@ -2,9 +2,9 @@
 
 use crate::advice::motorctl;
 use crate::confirmation;
-use crate::effect::print_effect;
 use crate::estop;
 use crate::failure::Failure;
+use crate::outcome::print_effect;
 use crate::status::{self, TIMEOUT};
 use clap::Subcommand;
 use motord_client::{Client, Error, JointDescription, Phase, Refusal};

@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use crate::instances;
 use motord_terminal::printable;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 /// Prints the error of a command, and returns its exit status.
@@ -19,5 +20,14 @@ pub(crate) fn exit_status_of(outcome: Result<(), Failure>) -> ExitCode {
             }
             ExitCode::from(failure.status())
         }
+    }
+}
+
+/// Prints the effect of a request. An error of the output is not an error of the command: the
+/// request was carried out, and the other groups follow.
+pub(crate) fn print_effect(sentence: &str) {
+    if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
+        let _closed =
+            writeln!(io::stderr(), "motorctl: done, but standard output cannot be written: {error}");
     }
 }

@@ -1,12 +1,11 @@
-//! `motorctl status`: the state of the robot, once.
+//! `motorctl status`: the state of the robot, once, with the telemetry of its groups.
 
 use crate::failure::Failure;
-use crate::history::History;
 use crate::report::RobotReport;
-use motord_client::{Client, Error};
+use motord_client::{Cause, Client, Error, Lease, Phase, State, Telemetry};
 use motord_terminal::{Palette, json, printable};
 use std::io::{self, Write};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest wait for a state before a command reports an error.
 pub(crate) const TIMEOUT: Duration = Duration::from_millis(300);
@@ -43,4 +42,35 @@ pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Fail
         report.write(out, Palette::of_stdout())?;
     }
     if troubles.is_empty() { Ok(()) } else { Err(Failure::Troubled) }
+}
+
+/// Time between two requests of telemetry while no group changes.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// The last telemetry, and the groups at the time of its request.
+#[derive(Default)]
+pub(crate) struct History {
+    telemetry: Telemetry,
+    asked: Option<(Instant, u64, Vec<GroupKey>)>,
+}
+
+/// Lease, phase and cause of a group. A change makes the telemetry of the group obsolete.
+type GroupKey = (Option<Lease>, Option<Phase>, Option<Cause>);
+
+impl History {
+    /// Returns telemetry that matches the groups of `state` and is at most a second old. If the
+    /// daemon does not answer, it is older or empty.
+    pub(crate) fn telemetry(&mut self, client: &Client, state: &State) -> &Telemetry {
+        let boot_id = client.description().boot_id;
+        let groups = state.groups().map(|group| (group.lease, group.phase, group.cause)).collect();
+        let is_known = |(asked, known_id, known): &(Instant, u64, Vec<GroupKey>)| {
+            asked.elapsed() < PERIOD && *known_id == boot_id && *known == groups
+        };
+        if !self.asked.as_ref().is_some_and(is_known) {
+            self.asked = Some((Instant::now(), boot_id, groups));
+            // Old telemetry is better than none.
+            self.telemetry = client.telemetry().unwrap_or_else(|_| std::mem::take(&mut self.telemetry));
+        }
+        &self.telemetry
+    }
 }

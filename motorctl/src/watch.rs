@@ -1,9 +1,9 @@
 //! `motorctl watch`: the state of the robot, repeatedly, also across restarts of the daemon.
 
 use crate::failure::Failure;
-use crate::history::History;
 use crate::report::RobotReport;
 use crate::status;
+use crate::status::History;
 use motord_client::{Client, State};
 use motord_terminal::{Absence, Interrupt, Palette, json, within};
 use std::io::{self, Write};

@@ -18,7 +18,6 @@ pub mod generated;
 #[expect(unsafe_code, reason = "the callers are written in C")]
 pub mod handle;
 pub mod joint;
-mod names;
 pub mod status;
 #[expect(unsafe_code, reason = "its objects belong to callers in C")]
 pub mod table;

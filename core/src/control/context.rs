@@ -2,7 +2,7 @@
 
 use super::answers::{Answers, Refused};
 use super::event::{Event, Events, LOSS_TIME};
-use super::wake::Wake;
+use super::time_base::Wake;
 use motord_bus::{Duration, Instant};
 use motord_settings::settings::{SafetySettings, Settings};
 use motord_shared::limits::BUSES_MAX;

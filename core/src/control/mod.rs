@@ -25,25 +25,22 @@ mod gravity;
 mod group;
 mod imu;
 mod indicators;
-mod leases;
 mod motor;
 mod repetition;
 mod requester;
 mod time_base;
-mod wake;
 
 pub use event::{Event, Events, Losses};
 pub use imu::ImuReading;
 pub use motor::{Applied, Circumstances, ForeignFrames, damp, limit};
 pub use repetition::Repetition;
-pub use wake::Wake;
+pub use time_base::Wake;
 
 use bus_health::BusHealth;
 use context::Context;
 use group::{Consequence, Group};
 use imu::Imus;
 use indicators::Indicators;
-use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::drive::{Command, JointSide, Measured, Reported, Status};
@@ -52,6 +49,7 @@ use motord_shared::{
     AdminReply, BusCondition, Cause, GroupState, ImuState, JointIndicators, JointState, Lease, Phase,
     SetpointMessage,
 };
+use requester::Leases;
 use time_base::TimeBase;
 
 /// The knowledge of a sensor's reader, and the index of the sensor in the configuration.

@@ -1,4 +1,4 @@
-//! The sender of a request, and the right that it claims.
+//! The sender of a request, the right that it claims, and the leases that give it.
 
 use motord_shared::{AdminRequest, Lease};
 
@@ -36,5 +36,25 @@ impl Requester {
             Right::Owner(lease) => Some(lease),
             Right::Operator | Right::Invalid => None,
         }
+    }
+}
+
+/// Creates leases. Each differs from every other, also from those of the previous daemon.
+#[derive(Debug)]
+pub(super) struct Leases {
+    boot_id: u64,
+    epoch: u32,
+}
+
+impl Leases {
+    pub(super) const fn new(boot_id: u64) -> Self {
+        Self { boot_id, epoch: 0 }
+    }
+
+    /// Returns a lease of `group`; `None` after the last epoch.
+    pub(super) fn next(&mut self, group: usize) -> Option<Lease> {
+        let lease = Lease::new(self.boot_id, self.epoch + 1, group)?;
+        self.epoch = lease.epoch();
+        Some(lease)
     }
 }

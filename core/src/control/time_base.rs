@@ -1,4 +1,4 @@
-//! Checks the timing of the cycle.
+//! The beginning of a cycle, and the check of its timing.
 //!
 //! | observation | cause |
 //! |---|---|
@@ -6,8 +6,7 @@
 //! | the computer was suspended since the cycle before | suspended |
 //! | more ticks missed over the last second than `max-missed` | overload |
 
-use super::wake::Wake;
-use motord_bus::Duration;
+use motord_bus::{Duration, Instant};
 use motord_settings::settings::CycleSettings;
 use motord_shared::Cause;
 
@@ -53,4 +52,20 @@ impl TimeBase {
             (self.missed > self.max_missed).then_some(Cause::Overload)
         }
     }
+}
+
+/// The beginning of a cycle: tick and time of the wake-up.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Wake {
+    /// Its number, from 1.
+    pub cycle: u64,
+    /// When the cycle should begin: the tick that its thread slept until. Missed ticks come after
+    /// it.
+    pub scheduled: Instant,
+    /// When it began.
+    pub begun: Instant,
+    /// Ticks missed just before it.
+    pub missed_ticks: u64,
+    /// Total time that the computer was suspended since it was started.
+    pub suspended: Duration,
 }

@@ -13,7 +13,6 @@
 //! | busy polling, where configured | 1, and the reads that [`Polled`] counts |
 //! | questions | 1 send per bus that is asked, and the calls for its reply |
 
-mod assemble;
 mod channel;
 mod collect;
 mod emergency;
@@ -26,13 +25,12 @@ mod run;
 mod timing;
 mod transmit;
 
-pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
 pub use history::{Histories, History};
 pub use link::{Alarms, Counters, Ends, Polled, REQUESTS_MAX, RealTimeEnd, Record, link};
 pub use local::{ANSWER_CYCLES, LocalClient, outcome};
 pub use replacement::Supply;
-pub use run::Order;
+pub use run::{Order, assemble};
 pub use timing::Tick;
 
 use crate::control::{Control, Wake};

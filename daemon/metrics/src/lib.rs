@@ -10,7 +10,6 @@ mod connection;
 mod distributions;
 mod encoded;
 mod histogram;
-mod hosts;
 mod http;
 mod latest;
 mod metrics;

@@ -2,7 +2,7 @@
 //! thread, and a panic in one ends that output only.
 
 use crate::connection::Limits;
-use crate::hosts::Hosts;
+use crate::http::Hosts;
 use crate::http::{self, Pages};
 use crate::latest::Latest;
 use crate::textfile;

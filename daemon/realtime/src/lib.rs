@@ -1,7 +1,6 @@
 //! Real-time scheduling and locked memory for a thread, file descriptors, other processes and their
 //! deaths, and systemd.
 
-pub mod deaths;
 pub mod denial;
 pub mod descriptors;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]

@@ -4,7 +4,7 @@
 use crate::arming;
 use crate::buses::other_senders::{self, Listened};
 use crate::buses::{self, BusError, Buses};
-use crate::host::watchdog::Watchdog;
+use crate::host::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
 use motord_bus::{Duration, Monotonic, clock};

@@ -8,19 +8,19 @@
 
 use core::time::Duration;
 use motord_ports::instance::pid_namespace;
-use motord_realtime::deaths::{self, deaths};
+use motord_realtime::process::{self, deaths};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::{AdminRequest, Lease};
 use nix::errno::Errno;
 
 /// The owners that are watched, by group: the end of the ipc thread.
 pub struct Owners {
-    processes: deaths::Watched,
+    processes: process::Watched,
     namespace: u64,
 }
 
 /// Their deaths: the end of the thread that waits.
-pub struct Deaths(deaths::Deaths);
+pub struct Deaths(process::Deaths);
 
 /// Both ends.
 ///

@@ -12,8 +12,8 @@
 //!
 //! Frequent changes of a motor or bus are summed up once a second, missed ticks once a minute.
 
-use super::asked::Asked;
 use super::programs::Programs;
+use super::questions::Asked;
 use super::registers::RegisterLog;
 use super::unexpected::OtherFormats;
 use motord_core::control::{Event, Losses};

@@ -12,7 +12,6 @@
 //!
 //! No thread waits for it. Records and events that it is too slow for are dropped and counted.
 
-mod asked;
 mod groups;
 mod log;
 mod measurements;
@@ -24,7 +23,6 @@ mod unexpected;
 
 use crate::buses::watch::BusWatch;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
-use asked::Asked;
 use groups::Groups;
 use log::Log;
 use measurements::Measurements;
@@ -35,6 +33,7 @@ use motord_metrics::Outputs;
 use motord_ports::Recorders;
 use motord_settings::settings::Settings;
 use motord_shared::{AdminReply, AdminRequest, BusCondition, MotorMode, Operation};
+use questions::Asked;
 pub use questions::{Answers, Questions, questions};
 pub use recordings::Recorder;
 use rtrb::Consumer;

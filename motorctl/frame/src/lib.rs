@@ -7,7 +7,6 @@
 
 mod agreement;
 mod codec;
-mod failure;
 mod gim;
 mod hex;
 mod imu;
@@ -25,7 +24,7 @@ mod scale;
 mod serial;
 mod strict;
 
-pub use failure::FrameFailure;
+pub use rejected::FrameFailure;
 
 use clap::{Args, Subcommand};
 use codec::Codec;

@@ -1,7 +1,7 @@
 //! The lines that the command prints.
 
-use crate::failure::FrameFailure;
 use crate::object::Object;
+use crate::rejected::FrameFailure;
 use crate::rejected::Rejected;
 use serde_json::{Value, json};
 use std::io::{self, BufWriter, Stdout, Write};

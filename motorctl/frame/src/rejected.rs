@@ -1,11 +1,14 @@
-//! The reason why a frame was rejected.
+//! The reason why a frame was rejected, and the errors of the command.
 
 use motord_bus::candump::InvalidLine;
 use motord_bus::frame::ControllerState;
 use motord_bus::serial::framing::FrameError;
 use motord_bus::{ErrorFrame, FrameId};
+use motord_configuration::ConfigError;
 use motord_protocol::imu::SampleError;
 use motord_protocol::{DecodeError, ScaleError};
+use motord_terminal::exit_status;
+use std::io;
 
 /// The reason why a frame was rejected.
 #[derive(Debug, thiserror::Error)]
@@ -98,6 +101,41 @@ impl Rejected {
             Some(ControllerState::Active) => Self::Controller { state: "error active again" },
             None if names.is_empty() => Self::ErrorFrame { class, names: "unknown".into() },
             None => Self::ErrorFrame { class, names: names.join(", ") },
+        }
+    }
+}
+
+/// The error of the command.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameFailure {
+    /// Some inputs were rejected. The output has the reason of each.
+    #[error("{refused} of {total} inputs were rejected")]
+    Rejected {
+        /// The number of rejected inputs.
+        refused: usize,
+        /// The number of inputs.
+        total: usize,
+    },
+    /// The torque constant or the gear ratio is not a positive number.
+    #[error(transparent)]
+    Scale(#[from] ScaleError),
+    /// The configuration has mistakes.
+    #[error(transparent)]
+    Configuration(#[from] ConfigError),
+    /// Standard input or output failed.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+impl FrameFailure {
+    /// Returns the exit status.
+    #[must_use]
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::Rejected { .. } => exit_status::DATA,
+            Self::Scale(_) => exit_status::USAGE,
+            Self::Configuration(_) => exit_status::CONFIG,
+            Self::Io(_) => exit_status::IO,
         }
     }
 }

@@ -1,13 +1,11 @@
 //! The fit: weighted least squares over the windows, with intervals from leaving out blocks of
 //! time.
 
-use crate::delay::{BusTiming, Delay};
 use crate::interval::{Value, Why};
 use crate::law::Torque;
 use crate::model::Model;
-use crate::motion::velocities;
 use crate::regression::{Fit, blocks};
-use crate::sample::Sample;
+use crate::sample::{BusTiming, Delay, Sample, velocities};
 use crate::stiction::{code_of, stiction};
 use crate::terms::{By, CONSTANT, COSINE, COULOMB, INERTIA, Motion, SINE, Term, VISCOUS};
 use crate::windows::rows;

@@ -18,14 +18,12 @@
 
 #![forbid(unsafe_code)]
 
-mod delay;
 mod excitation;
 mod fit;
 mod interval;
 mod law;
 mod load;
 mod model;
-mod motion;
 mod normal;
 mod regression;
 mod response;
@@ -36,13 +34,12 @@ mod terms;
 mod tuning;
 mod windows;
 
-pub use delay::{BusTiming, Delay};
 pub use excitation::{Command, Limits, Plan, PlanError, Shape, Stage};
 pub use fit::{Identified, Note, identify};
 pub use interval::{Value, Why};
 pub use load::{KnownLoad, torque_scale};
 pub use response::{Point, Response, Ring};
-pub use sample::{Applied, Sample};
+pub use sample::{Applied, BusTiming, Delay, Sample};
 pub use steps::{Guard, StepError, Steps, Swing};
 pub use terms::By;
 pub use tuning::{

@@ -1,12 +1,13 @@
-//! Changes from cycle to cycle, as sentences.
+//! Changes from cycle to cycle, as sentences, and the safe stops.
 //!
 //! Events that begin and end between two recorded cycles are not detected.
 
 use motord_shared::description::RobotDescription;
+use motord_shared::limits::GROUPS_MAX;
 use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN, IMU_LOST};
 use motord_shared::{
-    BusCondition, Cause, Fault, GroupState, ImuContradiction, ImuState, JointState, MotorMode, Phase,
-    StateMessage,
+    BusCondition, Cause, CycleRecord, Fault, GroupState, ImuContradiction, ImuState, JointState, MotorMode,
+    Phase, StateMessage,
 };
 use std::fmt;
 
@@ -162,6 +163,36 @@ fn of_imu(events: &mut Vec<Event>, name: &str, before: &ImuState, imu: &ImuState
             let names: Vec<_> = ImuContradiction::of_bits(now).map(ImuContradiction::name).collect();
             push(events, Level::Warning, name, format!("contradicts gravity: {}", names.join(", ")));
         }
+    }
+}
+
+/// Detects the groups that are stopped for a cause.
+#[derive(Debug, Default)]
+pub struct Stops {
+    /// The causes of the previous cycle, by group; `None` before the first.
+    causes: Option<[u32; GROUPS_MAX]>,
+    is_leaving: bool,
+}
+
+impl Stops {
+    /// Returns the cause if a group was stopped in this cycle. A cause latched before the first
+    /// cycle does not count.
+    pub fn of(&mut self, record: &CycleRecord) -> Option<Cause> {
+        self.is_leaving = record.state.flags & FLAG_SHUTDOWN != 0;
+        let mut causes = [0; GROUPS_MAX];
+        for (cause, group) in causes.iter_mut().zip(record.state.groups()) {
+            *cause = group.cause;
+        }
+        let known = self.causes.replace(causes).unwrap_or(causes);
+        let changed = causes.iter().zip(known).find(|(cause, known)| **cause != *known && **cause != 0);
+        changed.and_then(|(cause, _)| Cause::try_from(*cause).ok())
+    }
+
+    /// Returns `true` if the daemon was shutting down in the last cycle: a missing next cycle is
+    /// then no death.
+    #[must_use]
+    pub fn is_leaving(&self) -> bool {
+        self.is_leaving
     }
 }
 

@@ -28,15 +28,13 @@ mod events;
 mod memory;
 mod messages;
 mod reader;
-mod stops;
 mod writer;
 
 pub use clock::{Clock, ClockStep, Origin, Reading};
-pub use events::{Event, Events, Level};
+pub use events::{Event, Events, Level, Stops};
 pub use memory::{Memory, Remembered};
 pub use messages::ReadError;
 pub use reader::Reader;
-pub use stops::Stops;
 pub use writer::{Counts, Writer};
 
 /// The messages, made from `proto/`: `verify/house/src/generated.rs`.

@@ -15,7 +15,6 @@ mod bitmap;
 mod disk;
 mod failure;
 mod flight;
-mod marks;
 mod picture;
 mod plot;
 mod record;
@@ -24,9 +23,8 @@ mod store;
 
 pub use failure::RecorderFailure;
 pub use flight::{FlightArguments, run as flight};
-pub use marks::{concerns, is_mark};
 pub use motord_mcap::{Event, Events};
 pub use picture::{Curve, Layout, Mark, Panel, Row, png, svg};
 pub use plot::{PlotArguments, run as plot};
 pub use record::{RecordArguments, run as record};
-pub use recording::Recording;
+pub use recording::{Recording, concerns, is_mark};

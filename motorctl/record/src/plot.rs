@@ -1,9 +1,8 @@
 //! `motorctl plot`: draws joints and IMUs of a recording.
 
 use crate::failure::RecorderFailure;
-use crate::marks::{concerns, is_mark};
 use crate::picture::{self, Curve, Layout, Mark, Panel, Row};
-use crate::recording::Recording;
+use crate::recording::{Recording, concerns, is_mark};
 use motord_client::{
     CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, Setpoint, SetpointMode, State,
 };

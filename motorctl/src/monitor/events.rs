@@ -1,10 +1,14 @@
-//! Messages of the monitor's threads to the drawing thread.
+//! Messages of the monitor's threads to the drawing thread, and the thread that reads the robot's
+//! state.
 
 use super::picture::Reading;
 use super::view::Action;
+use crate::status::{History, TIMEOUT};
 use crossterm::event::KeyEvent;
+use motord_client::{Client, Error};
 use std::io;
 use std::sync::mpsc::Sender;
+use std::time::{Duration, Instant};
 
 /// A message.
 #[derive(Debug)]
@@ -67,5 +71,27 @@ impl Drop for PanicReport {
             let _receiver_dropped =
                 self.events.send(Event::Ended(format!("the thread {} panicked", self.name)));
         }
+    }
+}
+
+/// Reads the newest state once per `period`, until the drawing thread ends.
+pub(super) fn read(client: &Client, period: Duration, events: &Sender<Event>) {
+    let mut history = History::default();
+    let mut next = Instant::now();
+    loop {
+        let outcome = match client.wait(TIMEOUT) {
+            Ok(state) => {
+                let telemetry = history.telemetry(client, &state);
+                Some(Event::Reading(Box::new(Reading::new(&client.description(), &state, telemetry))))
+            }
+            // No state arrived, but the last one is too young to count as silence.
+            Err(Error::Timeout { .. }) => None,
+            Err(error) => Some(Event::Lost(error.to_string())),
+        };
+        if outcome.is_some_and(|outcome| events.send(outcome).is_err()) {
+            return;
+        }
+        next = (next + period).max(Instant::now());
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
     }
 }

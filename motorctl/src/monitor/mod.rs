@@ -12,7 +12,6 @@ mod events;
 mod keys;
 mod picture;
 mod question;
-mod reader;
 mod replay;
 mod request;
 mod selection;
@@ -93,7 +92,7 @@ impl Monitor {
         let stopping = requests.clone();
         let screen = Screen::open(move || stopping.stop(), &sender)?;
         let period = Duration::from_secs_f64(1.0 / hz);
-        events::start("motorctl-read", &sender, move |events| reader::read(&client, period, events))?;
+        events::start("motorctl-read", &sender, move |events| events::read(&client, period, events))?;
         Ok(Self {
             screen,
             requests,

@@ -1,6 +1,6 @@
 //! `motorctl estop` where motors do not answer, and where the daemon is not the one that was named.
 
-use crate::robots::text;
+use crate::text;
 use motord_harness::daemon::{BENCH, Daemon};
 use motord_harness::programs::{directory, lacks};
 use serde_json::Value;

@@ -6,7 +6,7 @@
 
 use crate::line::Line;
 use crate::programs::help;
-use crate::robots::text;
+use crate::text;
 use motord_client::{Client, Setpoint};
 use motord_harness::daemon::until;
 use motord_harness::programs::{directory, lacks, program};

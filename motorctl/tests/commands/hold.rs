@@ -1,7 +1,7 @@
 //! `motorctl hold`: the first motion, through a daemon with simulated motors.
 
-use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
+use crate::{assert_free, started, text};
 use motord_client::{Client, State};
 use motord_harness::daemon::{BENCH, Daemon, slow_quadruped};
 use nix::sys::signal::{Signal, kill};

@@ -1,7 +1,7 @@
 //! Arguments and environment variables that are not UTF-8.
 
 use crate::programs::program;
-use crate::robots::text;
+use crate::text;
 use motord_harness::daemon::{BENCH, Daemon};
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;

@@ -1,6 +1,6 @@
 //! The commands of an operator, against a running daemon with one simulated motor.
 
-use crate::robots::{started, text};
+use crate::{started, text};
 use motord_client::{Client, Error, Phase};
 use motord_harness::daemon::{BENCH, Daemon};
 use nix::sys::signal::{Signal, kill};

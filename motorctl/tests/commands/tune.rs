@@ -1,7 +1,7 @@
 //! `motorctl tune`: steps of a joint whose simulated mechanics are in its configuration.
 
-use crate::robots::{assert_free, started, text};
 use crate::schema::assert_lines_valid;
+use crate::{assert_free, started, text};
 use motord_harness::daemon::{Daemon, bench_at, until};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;

@@ -2,7 +2,17 @@
 //! heats up.
 
 use crate::settings::MotorSettings;
-use crate::shaft::Shaft;
+
+/// The state of an output shaft, on the scale of
+/// [`MotorSettings::initial_position`](crate::MotorSettings::initial_position). A set-zero command
+/// changes the motor's own zero, and not this scale.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shaft {
+    /// rad, unlimited.
+    pub position: f64,
+    /// rad/s.
+    pub velocity: f64,
+}
 
 /// Length of one step, ns. Steps end on multiples of it, or when the drive receives a frame, so a
 /// run does not depend on the times of the calls.

@@ -1,5 +1,6 @@
 //! One simulated bus: arbitration, transfer times, and delivery.
 
+use crate::body::Shaft;
 use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
 use crate::imu_node::ImuNode;
@@ -8,7 +9,6 @@ use crate::motor::{DelayedReply, Impairment, Motor};
 use crate::random::Random;
 use crate::record::{Direction, Record, Recorded};
 use crate::settings::{BusSettings, Medium, MotorSettings};
-use crate::shaft::Shaft;
 use motord_bus::arithmetic::{IdWidth, SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
 use motord_bus::frame::ControllerState;
 use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, Instant};

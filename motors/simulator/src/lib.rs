@@ -62,7 +62,6 @@ mod random;
 mod record;
 mod serial;
 mod settings;
-mod shaft;
 mod shared;
 #[cfg(feature = "bridge")]
 mod store;
@@ -70,6 +69,7 @@ mod store;
 mod terminal;
 mod wire;
 
+pub use body::Shaft;
 #[cfg(feature = "bridge")]
 pub use bridge::Bridge;
 pub use bus::SimulatedBus;
@@ -91,7 +91,6 @@ pub use settings::{
     Behaviour, BeyondRange, BusSettings, DurationEnd, HostLoss, InFault, Medium, MotorSettings, OtherBitrate,
     Persistence, ReplyTiming, RobStrideFirmware,
 };
-pub use shaft::Shaft;
 pub use shared::SharedBus;
 #[cfg(feature = "bridge")]
 pub use store::Store;

@@ -6,12 +6,12 @@ mod indicator;
 mod mit;
 mod registers;
 
+use crate::body::Shaft;
 use crate::body::{Body, Law, STEP_NS};
 use crate::dialect::{Dialect, is_classic_command};
 use crate::drives::Drive;
 use crate::fault::{Fault, InjectError};
 use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
-use crate::shaft::Shaft;
 use crate::wire::{POSITION, Scale, State, VELOCITY};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;

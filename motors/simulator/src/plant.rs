@@ -7,7 +7,7 @@
 //! Protocol, control law, torque limit, heat and faults remain those of the simulator's drives.
 //! Only the mechanics after the output shaft are the plant's.
 
-use crate::shaft::Shaft;
+use crate::body::Shaft;
 use crate::{SharedBus, body};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

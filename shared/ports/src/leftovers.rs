@@ -1,11 +1,11 @@
-//! Files of clients that were killed during registration. iceoryx2 does not know their owner and
-//! keeps them.
+//! Cleaning up after dead processes: their registrations, and the files of clients that were killed
+//! during registration. iceoryx2 does not know the owner of these files, and keeps them.
 
 use crate::directory::Directory;
-use crate::instance::{Instance, is_missing};
+use crate::instance::{Instance, InstanceLock, is_missing};
 use crate::instance_error::InstanceError;
-use crate::service::{Service, config};
-use iceoryx2::node::NodeView;
+use crate::service::{self, Service, ServiceError, config};
+use iceoryx2::node::{Node, NodeView};
 use iceoryx2::prelude::*;
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
@@ -99,12 +99,45 @@ fn is_directory_of_a_node(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.parse::<u128>().is_ok())
 }
 
+/// Removes the files of dead processes, which frees their slots. It opens files: use it about once
+/// per second, on a thread without deadlines.
+#[derive(Debug)]
+pub struct Housekeeper {
+    node: Node<Service>,
+    instance: Instance,
+}
+
+impl Housekeeper {
+    /// Creates a housekeeper of the instance of `lock`.
+    ///
+    /// # Errors
+    /// This process cannot register itself.
+    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
+        let instance = lock.instance().clone();
+        Ok(Self { node: service::node(&instance, true)?, instance })
+    }
+
+    /// Returns the time when a process last registered or deregistered. One system call.
+    #[must_use]
+    pub fn changed(&self) -> Option<SystemTime> {
+        std::fs::metadata(self.instance.root().join("nodes")).and_then(|nodes| nodes.modified()).ok()
+    }
+
+    /// Removes dead processes and returns their number. Files of processes that died during
+    /// registration stay for 10 s; files that cannot be removed stay until the next start.
+    #[must_use]
+    pub fn clean(&self) -> u64 {
+        let removed = self.node.try_cleanup_dead_nodes().cleanups;
+        let _refused = remove(&self.instance);
+        removed
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::client::ClientPorts;
     use crate::daemon::DaemonPorts;
-    use crate::housekeeper::Housekeeper;
     use nix::sys::stat::{UtimensatFlags, utimensat};
     use nix::sys::time::TimeSpec;
     use std::fs::{self, File};

@@ -22,7 +22,6 @@ mod fork;
 #[allow(unsafe_code, reason = "no safe crate registers a handler of forks")]
 mod fork_gate;
 mod futex;
-mod housekeeper;
 #[allow(unsafe_code, reason = "iceoryx2 has no other way")]
 mod iceoryx;
 mod imu;
@@ -52,10 +51,10 @@ pub mod stop_socket;
 pub use client::{ClientPorts, Question, RecordPort, SetpointPort};
 pub use daemon::{DaemonPorts, Request};
 pub use fork::{Creator, ForkGuard, Forked};
-pub use housekeeper::Housekeeper;
 pub use iceoryx::Payload;
 pub use imu::{ImuReceiver, ImuSender};
 pub use instance::{Attachment, Instance, InstanceError, InstanceLock};
+pub use leftovers::Housekeeper;
 pub use peer::{Impostor, TrustedUsers};
 pub use presence::Presence;
 pub use recorders::{RecordSender, Recorders};

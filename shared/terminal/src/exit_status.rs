@@ -1,7 +1,11 @@
-//! The exit statuses of every program, from sysexits(3) where it has one.
+//! The exit statuses of every program, from sysexits(3) where it has one, and the command line whose
+//! mistakes have one.
 //!
 //! A client library must not depend on a command line: `motord_client::Error::exit_status` repeats
 //! the numbers that it needs.
+
+use clap::Parser;
+use std::process::ExitCode;
 
 /// The command was called wrongly, or names a joint or group that does not exist.
 pub const USAGE: u8 = 64;
@@ -32,3 +36,15 @@ pub const NOT_STOPPED: u8 = 79;
 pub const MOTORS_SILENT: u8 = 80;
 /// A signal ended the command: 128 + SIGINT, as a shell reports it.
 pub const INTERRUPTED: u8 = 130;
+
+/// Parses the command line.
+///
+/// # Errors
+///
+/// The exit status, after help, version or the mistake was printed.
+pub fn parse_arguments<A: Parser>() -> Result<A, ExitCode> {
+    A::try_parse().map_err(|error| {
+        let _unwritable = error.print();
+        ExitCode::from(if error.use_stderr() { USAGE } else { 0 })
+    })
+}

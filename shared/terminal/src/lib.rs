@@ -4,20 +4,17 @@
 #![forbid(unsafe_code)]
 
 mod absence;
-mod arguments;
 pub mod exit_status;
 mod file_error;
 mod interrupt;
 pub mod json;
 mod pages;
 mod table;
-mod text;
 
 pub use absence::Absence;
-pub use arguments::parse_arguments;
+pub use exit_status::parse_arguments;
 pub use file_error::FileError;
 pub use interrupt::Interrupt;
 pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line, recreate};
 pub use pages::{Pages, Shell};
-pub use table::{Cell, Colour, Palette, Table};
-pub use text::{number, within};
+pub use table::{Cell, Colour, Palette, Table, number, within};

@@ -1,6 +1,7 @@
-//! Input files. Each path may lead to a FIFO, a device, a directory, or a file that never ends.
+//! Input files, whose paths may lead to a FIFO, a device, a directory, or a file that never ends, and
+//! output files in directories where another user may create names.
 
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
@@ -105,10 +106,26 @@ impl InputFile {
     }
 }
 
+/// Creates `path` as an empty file to write, in place of what has this name. Follows no link, and
+/// opens no FIFO that another user has created there.
+///
+/// # Errors
+///
+/// Those of the system.
+pub fn recreate(path: &Path) -> io::Result<File> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    File::create_new(path)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use nix::sys::stat::Mode;
+    use std::io::Write;
+    use std::os::unix::fs::symlink;
     use std::os::unix::net::UnixListener;
 
     #[test]
@@ -140,5 +157,17 @@ mod tests {
         assert!(matches!(read(1 << 20), Err(InputError::TooLarge { .. })));
         std::fs::write(&path, [0xE9]).unwrap();
         assert!(matches!(InputFile::open(&path).unwrap().read_text(9), Err(InputError::NotUtf8)));
+    }
+
+    #[test]
+    fn link_is_replaced_and_not_followed() {
+        let directory = tempfile::tempdir().unwrap();
+        let [target, link] = ["target", "link"].map(|name| directory.path().join(name));
+        fs::write(&target, "of another user").unwrap();
+        symlink(&target, &link).unwrap();
+        recreate(&link).unwrap().write_all(b"new").unwrap();
+        assert_eq!(fs::read_to_string(&target).unwrap(), "of another user");
+        assert_eq!(fs::read_to_string(&link).unwrap(), "new");
+        assert!(recreate(directory.path()).is_err());
     }
 }

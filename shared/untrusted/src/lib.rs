@@ -7,9 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod file;
-mod output;
 mod text;
 
-pub use file::{InputError, InputFile};
-pub use output::recreate;
+pub use file::{InputError, InputFile, recreate};
 pub use text::{is_harmless, printable, printable_line};

@@ -26,7 +26,6 @@
 mod cycle;
 mod native;
 mod received;
-mod reply;
 mod reported;
 mod slope;
 mod stop;
@@ -38,7 +37,7 @@ use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
 use motord_bus::{Duration, Frame, Instant};
 use received::ReceivedCommand;
-pub use reply::Reply;
+pub use reported::Reply;
 use reported::Velocities;
 use slope::Slopes;
 use std::collections::VecDeque;

@@ -4,10 +4,8 @@
 #![cfg(test)]
 
 mod circles;
-mod comments;
 mod docs;
 mod explanations;
-mod functions;
 mod generated;
 mod imports;
 mod links;

@@ -1,4 +1,4 @@
-//! One word per thing: retired words are rejected.
+//! One word per thing: retired words are rejected. A doc comment begins with its subject.
 
 use crate::sources::{self, Source};
 use proc_macro2::{TokenStream, TokenTree};
@@ -234,4 +234,24 @@ fn function_names_have_at_most_eight_words() {
 fn a_name_of_nine_words_is_found() {
     let code = "fn a_b_c_d_e_f_g_h() {} m! { fn a_b_c_d_e_f_g_h_i() {} }";
     assert_eq!(too_long(code.parse().unwrap()), ["a_b_c_d_e_f_g_h_i"]);
+}
+
+/// The lines of a Rust file that begin a doc comment with "What".
+fn vague(text: &str) -> Vec<usize> {
+    let is_vague =
+        |line: &str| ["/// What ", "//! What "].iter().any(|start| line.trim_start().starts_with(start));
+    text.lines().enumerate().filter(|(_, line)| is_vague(line)).map(|(at, _)| at + 1).collect()
+}
+
+#[test]
+fn no_doc_line_begins_with_what() {
+    for source in sources::rust() {
+        assert_eq!(vague(&source.text), [0_usize; 0], "{}: name the subject", source.path);
+    }
+}
+
+#[test]
+fn vague_doc_line_is_found() {
+    let bad = concat!("/// The", " time.\n    /// What", " it does.\n//! What", " this is.\n// What now?\n");
+    assert_eq!(vague(bad), [2, 3]);
 }

@@ -5,8 +5,7 @@ use crate::generated::Quantity;
 use crate::handle::{
     ClaimHandle, ClientHandle, StateHandle, array_mut, borrow, give, guarded, guarded_or, put,
 };
-use crate::joint::JointInfo;
-use crate::names::{cause_name, fault_name, limit_name, mode_name};
+use crate::joint::{JointInfo, cause_name, fault_name, limit_name, mode_name};
 use crate::status::{Failure, Status, fail};
 use motord_client::{Client, Error, GroupView, Phase, State};
 use std::ffi::c_char;

@@ -5,7 +5,6 @@ mod buses;
 mod curves;
 mod frame;
 mod groups;
-mod horizon;
 mod imus;
 mod joints;
 mod latencies;
@@ -73,7 +72,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, no
         buffer.set_line(area.x, y, line, area.width);
     }
     if let (Some(part_area), Some(reading)) = (part(area, joints), &picture.reading) {
-        horizon::draw(buffer, part_area, &reading.report.imus);
+        imus::draw_horizon(buffer, part_area, &reading.report.imus);
     }
     if let Some(part_area) = part(area, curves) {
         curves::draw(buffer, part_area, picture, &view.selection);

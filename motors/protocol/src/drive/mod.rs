@@ -15,12 +15,10 @@ mod addresses;
 mod command;
 mod dialect;
 mod joint;
-mod question;
 
 pub use addresses::Addresses;
-pub use command::{Command, Reported, Status};
+pub use command::{Command, Question, Reported, Shape, Status};
 pub use dialect::{Arrived, Dialect, DriveSettings};
 pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
-pub use question::{Question, Shape};
 
 pub(crate) use dialect::dispatch;

@@ -3,9 +3,9 @@
 use super::damiao;
 use super::error::{SampleError, SampleField};
 use super::hipnuc::can as hipnuc;
-use super::measured::Measured;
 use super::request::CanRequest;
 use super::sample::Sample;
+use super::sequence::Measured;
 use super::sequence::Parts;
 
 /// Id of a HiPNUC's messages of its state (CANopen heartbeat), without the node.

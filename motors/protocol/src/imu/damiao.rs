@@ -28,9 +28,9 @@
 
 use crate::field::Field;
 use crate::imu::error::SampleError;
-use crate::imu::measured::Measured;
 use crate::imu::request::CanRequest;
 use crate::imu::sample::{Quaternion, Sample};
+use crate::imu::sequence::Measured;
 use crate::imu::sequence::{Parts, Sequence};
 
 /// Bytes of a reply.

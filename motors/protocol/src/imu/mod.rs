@@ -28,7 +28,6 @@ mod can;
 pub mod damiao;
 mod error;
 pub mod hipnuc;
-mod measured;
 mod request;
 mod sample;
 mod sequence;
@@ -38,8 +37,7 @@ pub mod xsens;
 
 pub use can::{CanAddress, CanDecoder, CanDevice, CanProtocol};
 pub use error::{SampleError, SampleField};
-pub use measured::Measured;
 pub use request::CanRequest;
 pub use sample::{DeviceTime, Quaternion, Sample};
-pub use sequence::Parts;
+pub use sequence::{Measured, Parts};
 pub use stream::{BITS_PER_BYTE, SerialDecoder, SerialProtocol};

@@ -1,4 +1,4 @@
-//! One sample from several frames.
+//! One sample from several frames, with one quantity in each.
 //!
 //! The frames of HiPNUC's CANopen and of the DM-IMU-L1 have neither a number nor a time. The order
 //! and the time of their arrival decide which of them belong together:
@@ -11,8 +11,7 @@
 //! than the time between two samples, and more than the frames of one sample need.
 
 use super::error::{SampleError, SampleField};
-use super::measured::Measured;
-use super::sample::Sample;
+use super::sample::{Quaternion, Sample};
 
 /// The quantities in the order in which their frames arrive.
 const ORDER: [SampleField; 3] =
@@ -127,6 +126,42 @@ impl Sequence {
             }
         };
         (is_late || field != expected).then_some(SampleError::Incomplete { missing: expected })
+    }
+}
+
+/// The content of one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Measured {
+    /// Specific force along x, y, z, m/s².
+    Acceleration([f32; 3]),
+    /// Angular velocity about x, y, z, rad/s.
+    AngularVelocity([f32; 3]),
+    /// Angles of roll, pitch and yaw, rad, in the vendor's convention. No sample contains them.
+    Angles([f32; 3]),
+    /// Rotation from the sensor to the world.
+    Orientation(Quaternion),
+}
+
+impl Measured {
+    /// Returns the quantity.
+    #[must_use]
+    pub const fn field(&self) -> SampleField {
+        match self {
+            Self::Acceleration(_) => SampleField::Acceleration,
+            Self::AngularVelocity(_) => SampleField::AngularVelocity,
+            Self::Angles(_) => SampleField::Angles,
+            Self::Orientation(_) => SampleField::Orientation,
+        }
+    }
+
+    /// Stores the value in `sample`.
+    pub(super) fn store(self, sample: &mut Sample) {
+        match self {
+            Self::Acceleration(value) => sample.acceleration = Some(value),
+            Self::AngularVelocity(value) => sample.angular_velocity = Some(value),
+            Self::Orientation(value) => sample.orientation = Some(value),
+            Self::Angles(_) => {}
+        }
     }
 }
 

@@ -1,10 +1,21 @@
 //! Comparison of a published state with the replies (I6).
 
-use super::reply::Reply;
 use crate::protocol::codec::Reported;
 use crate::robot::Motor;
 use crate::state::Joint;
+use motord_bus::{Frame, Instant};
 use std::collections::VecDeque;
+
+/// A frame to the host, as recorded on the wire.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reply {
+    /// The end of the frame.
+    pub at: Instant,
+    /// Index of the bus.
+    pub bus: usize,
+    /// Id and bytes.
+    pub frame: Frame,
+}
 
 /// Greatest difference of a state from the reply, rad and rad/s, or as a share of it: single
 /// precision.

@@ -11,7 +11,6 @@ pub mod fuzz_client;
 pub mod line;
 pub mod random;
 pub mod ranges;
-mod seeds;
 
 pub use clock::{Shared, Virtual};
 pub use configurations::{motor, quadruped, settings, three_motors};
@@ -33,7 +32,7 @@ use motord_simulator::{
     BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SerialSlave, SharedBus, SimulatedBus,
     couple,
 };
-pub use seeds::{for_each_seed, number};
+pub use random::{for_each_seed, number};
 
 /// The period of the cycle.
 pub const PERIOD: Duration = Duration::from_millis(1);

@@ -18,9 +18,9 @@
 
 use super::{DEGREE, GRAVITY};
 use crate::imu::error::SampleError;
-use crate::imu::measured::Measured;
 use crate::imu::request::CanRequest;
 use crate::imu::sample::{Quaternion, Sample};
+use crate::imu::sequence::Measured;
 use crate::imu::sequence::{Parts, Sequence};
 
 /// Largest node that a CANopen device can have.
