@@ -105,7 +105,7 @@ fn value_of(item: &ConfigurationItem, value: &toml::Value) -> Result<Value, Stri
 }
 
 /// Reads the present values of the items in `wanted`.
-fn present(session: &mut Session, wanted: &Values) -> Result<Values, Error> {
+pub(crate) fn present(session: &mut Session, wanted: &Values) -> Result<Values, Error> {
     let mut motor = session.gim();
     wanted.iter().map(|(item, _)| Ok((*item, motor.configuration(item.key())?))).collect()
 }

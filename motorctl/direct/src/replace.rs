@@ -9,7 +9,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::file::FACTORY_ID;
+use crate::file::{self, FACTORY_ID};
 use crate::memory::text;
 use crate::motor::{self, Health};
 use crate::output::print_line;
@@ -19,7 +19,7 @@ use crate::zero;
 use motord_bus::FrameId;
 use motord_configuration as config;
 use motord_configuration::lock::Lock;
-use motord_protocol::commissioning::{Change, Error, Family, Found, Report, Scan, Wire, changes, scan};
+use motord_protocol::commissioning::{Change, Family, Found, Report, Scan, Wire, changes, scan};
 use motord_protocol::gim::ConfigurationItem;
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_terminal::Interrupt;
@@ -159,8 +159,7 @@ impl Replacement<'_> {
     fn session(&self, line: OpenLine, found: &Found) -> Session {
         let host_id = found.host_id.unwrap_or(self.joint.host_id);
         let settings = MotorSettings { id: found.id, host_id, ..self.joint.clone() };
-        let protocol = if found.family == Family::Native { Protocol::Gim } else { Protocol::Mit };
-        Session { line, id: found.id, host_id: found.host_id, protocol, settings: Some(settings) }
+        Session { settings: Some(settings), ..Session::with(line, found) }
     }
 
     /// Returns the items that the former motor had in the lock file, and this one has not. Refuses a
@@ -184,10 +183,7 @@ impl Replacement<'_> {
                 Some((item, setup::value_of(item, *former.values.get(*name)?)?))
             })
             .collect();
-        let mut motor = session.gim();
-        let present = wanted.iter().map(|(item, _)| Ok((*item, motor.configuration(item.key())?)));
-        let present = present.collect::<Result<Vec<_>, Error>>()?;
-        Ok(changes(&present, &wanted))
+        Ok(changes(&file::present(session, &wanted)?, &wanted))
     }
 
     fn check_constants(&self, session: &mut Session) -> Result<(), DirectFailure> {

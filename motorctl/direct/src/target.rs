@@ -265,6 +265,15 @@ struct MotorAddress {
 }
 
 impl Session {
+    /// Returns a session with a motor that a scan found, without settings.
+    pub(crate) fn with(line: OpenLine, found: &Found) -> Self {
+        let protocol = match found.family {
+            Family::Native => Protocol::Gim,
+            Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Protocol::Mit,
+        };
+        Self { line, id: found.id, host_id: found.host_id, protocol, settings: None }
+    }
+
     /// Returns the motor's GIM transactions.
     pub fn gim(&mut self) -> Native<'_> {
         Native::new(&mut self.line.link, self.id, self.host_id)

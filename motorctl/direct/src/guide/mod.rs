@@ -16,11 +16,11 @@ mod tests;
 use crate::failure::DirectFailure;
 use crate::file::FACTORY_ID;
 use crate::setup;
-use crate::target::{self, OpenLine, Protocol, Session};
+use crate::target::{self, OpenLine, Session};
 use dialog::{Answer, Dialog, Halt, Keyboard, Watched, is_curable};
 use edit::Configuration;
 use motord_configuration as config;
-use motord_protocol::commissioning::{Family, Found, LISTEN};
+use motord_protocol::commissioning::{Found, LISTEN};
 use motord_settings::settings::MotorSettings;
 use motord_terminal::Interrupt;
 use progress::{Configured, Progress, Record, Step};
@@ -174,13 +174,7 @@ impl Guide<'_> {
         let Some(candidate) = self.find()? else { return Ok(()) };
         let Some(joint) = self.joint_of(&candidate)? else { return Ok(()) };
         let Some(line) = self.lines[candidate.bus].take() else { return Ok(()) };
-        let session = Session {
-            line,
-            id: candidate.found.id,
-            host_id: candidate.found.host_id,
-            protocol: if candidate.found.family == Family::Native { Protocol::Gim } else { Protocol::Mit },
-            settings: None,
-        };
+        let session = Session::with(line, &candidate.found);
         let Self { dialog, file, progress, interrupt, .. } = self;
         let mut guide = JointGuide::new(dialog, file, progress, interrupt, session, joint.clone());
         let ended = guide.run();
