@@ -95,6 +95,10 @@ impl Bus for InjectedBus {
         self.wire.bus().receive(now, inbox);
     }
 
+    fn discard_queue(&mut self) -> bool {
+        self.wire.bus().discard_queue()
+    }
+
     fn readiness(&self) -> Readiness<'_> {
         match &self.wire {
             BusModel::Alone(bus) => bus.readiness(),

@@ -76,6 +76,13 @@ pub trait Bus: Send {
     /// full. At most one system call.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox);
 
+    /// Discards the frames that were accepted and wait for the wire, if that needs no system call.
+    /// Returns whether none waits. False for a bus of the kernel: another thread empties that one,
+    /// and opens it again.
+    fn discard_queue(&mut self) -> bool {
+        false
+    }
+
     /// Returns the event at which the next [`receive`](Self::receive) returns something.
     fn readiness(&self) -> Readiness<'_>;
 }

@@ -1,5 +1,7 @@
 //! One simulated bus: arbitration, transfer times, and delivery.
 
+mod faults;
+
 use crate::body::Shaft;
 use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
@@ -58,6 +60,10 @@ pub struct SimulatedBus {
     lost: u32,
     link: Link,
     flood: Option<Flood>,
+    /// The motors lost their power together.
+    has_no_power: bool,
+    /// The controller reported that it is error passive: no node acknowledges.
+    is_passive: bool,
     record: Record,
 }
 
@@ -106,13 +112,15 @@ impl SimulatedBus {
             begun: false,
             now: Instant::ZERO,
             // One more: a frame that was destroyed on the wire goes back to the queue.
-            queue: VecDeque::with_capacity(settings.tx_queue + 1),
+            queue: VecDeque::with_capacity(settings.tx_queue + settings.adapter.unwrap_or(0) + 1),
             answers: Answers::new(motors.len() + imus.len()),
             wire: None,
             arrivals: VecDeque::with_capacity(settings.rx_queue),
             lost: 0,
             link: Link::Up,
             flood: None,
+            has_no_power: false,
+            is_passive: false,
             record: Record::new(settings.record),
             motors,
             imus,
@@ -214,75 +222,9 @@ impl SimulatedBus {
         self.motors.iter_mut().zip(shafts).for_each(|(motor, shaft)| motor.set_shaft(*shaft));
     }
 
-    fn disturb(&mut self, fault: Fault) -> Result<(), InjectError> {
-        match fault {
-            Fault::Ok => self.recover(),
-            Fault::BusOff => {
-                self.cut(Link::Off);
-                self.report(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] });
-            }
-            Fault::TxFull(space) => self.link = Link::Full { space },
-            Fault::NoAck => {
-                self.link = Link::Unacknowledged;
-                self.report(ErrorFrame { class: ErrorFrame::NO_ACKNOWLEDGE, data: [0; 8] });
-            }
-            Fault::Down => self.cut(Link::Down),
-            Fault::Gone => self.cut(Link::Gone),
-            Fault::Flood(rate) => self.flood(rate),
-            Fault::Bitrate(bitrate) => self.set_bitrate(bitrate),
-            Fault::Report(state) => self.report(controller_report(state)),
-            Fault::Unsupported(unsupported) => self.arrive(self.now, Content::Unsupported(unsupported)),
-            // Byte 1 of CAN_ERR_CRTL in linux/can/error.h: RX buffer overflow.
-            Fault::Overrun => {
-                self.report(ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 1, 0, 0, 0, 0, 0, 0] });
-            }
-            Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
-            Fault::Echo
-            | Fault::Glue(_)
-            | Fault::Loss(_)
-            | Fault::Corruption(_)
-            | Fault::Silent
-            | Fault::Blocked => return Err(InjectError::OnlySerial),
-            _ => return Err(InjectError::NotForBuses),
-        }
-        Ok(())
-    }
-
-    fn recover(&mut self) {
-        if self.link == Link::Off {
-            self.report(ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] });
-        }
-        self.link = Link::Up;
-        self.flood = None;
-    }
-
-    /// Takes the host off the bus. Its queue and its frame on the wire are lost.
-    fn cut(&mut self, link: Link) {
-        self.link = link;
-        self.queue.clear();
-        self.wire = self.wire.filter(|transfer| transfer.sender != Sender::Host);
-    }
-
-    fn report(&mut self, error: ErrorFrame) {
-        self.arrive(self.now, Content::Error(error));
-    }
-
-    fn set_bitrate(&mut self, bitrate: u32) {
-        self.settings.bitrate = bitrate;
-        self.motors.iter_mut().for_each(|motor| motor.set_bitrate(bitrate));
-    }
-
     /// Returns the bit rate of frames on the wire, bit/s.
     fn wire_bitrate(&self) -> u32 {
         self.settings.wire_bitrate.unwrap_or(self.settings.bitrate)
-    }
-
-    fn flood(&mut self, rate: u32) {
-        let period = Duration::from_secs(1) / rate.max(1);
-        let frame = unexpected_frame(&mut self.random);
-        let duration = self.duration(&frame);
-        let contender = Contender { sender: Sender::Flood, frame, ready: self.now, duration };
-        self.flood = Some(Flood { period, contender });
     }
 
     fn arrive(&mut self, at: Instant, content: Content) {
@@ -341,6 +283,9 @@ impl SimulatedBus {
             return;
         };
         let ends = start + winner.duration;
+        // A frame of the host has waited since it was sent, also without an acknowledgement.
+        let waited = self.queue.front().filter(|_| winner.sender == Sender::Host);
+        let ready = waited.map_or(winner.ready, |frame| frame.ready);
         let is_answer = matches!(winner.sender, Sender::Motor(_));
         let sender = if is_answer && self.collide(&winner, start) {
             Sender::Several
@@ -348,7 +293,7 @@ impl SimulatedBus {
             self.withdraw(&winner, start);
             winner.sender
         };
-        self.wire = Some(Transfer { sender, frame: winner.frame, ready: winner.ready, ends });
+        self.wire = Some(Transfer { sender, frame: winner.frame, ready, ends });
     }
 
     /// Returns `true` when another motor's answer destroys the winner's.
@@ -360,11 +305,11 @@ impl SimulatedBus {
     }
 
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
-        let host = self.queue.front().filter(|_| self.link != Link::Unacknowledged);
-        host.copied()
-            .into_iter()
-            .chain(self.answers.contenders())
-            .chain(self.flood.map(|flood| flood.contender))
+        let host = self.acknowledged_from().and_then(|from| {
+            let first = self.queue.front()?;
+            Some(Contender { ready: first.ready.max(from), ..*first })
+        });
+        host.into_iter().chain(self.answers.contenders()).chain(self.flood.map(|flood| flood.contender))
     }
 
     /// Removes the winner from the waiting frames. A flood contends again one period later.
@@ -402,6 +347,9 @@ impl SimulatedBus {
             return self.arrive(ends, DESTROYED);
         }
         let from_host = sender == Sender::Host;
+        if from_host && core::mem::take(&mut self.is_passive) {
+            self.arrive(ends, Content::Error(controller_report(ControllerState::Active)));
+        }
         let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
         self.record.push(Recorded { ready, at: ends, direction, frame });
         if !from_host && !self.link.is_cut() {
@@ -489,7 +437,7 @@ impl SimulatedBus {
     /// Returns the time at which the wire is free for `contender`: after the host's frames that
     /// have priority.
     fn wire_free_for(&self, contender: &Contender) -> Instant {
-        let blocked = self.settings.medium == Medium::Serial || self.link == Link::Unacknowledged;
+        let blocked = self.settings.medium == Medium::Serial || self.acknowledged_from().is_none();
         let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());
         let before = if blocked { Duration::ZERO } else { urgent.map(|queued| queued.duration).sum() };
         self.idle_from() + before
@@ -510,7 +458,8 @@ impl Bus for SimulatedBus {
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
         self.advance(now);
         let refuse = |refusal| Sent { accepted: 0, refusal: Some(refusal) };
-        let space = self.settings.tx_queue.saturating_sub(self.queue.len());
+        let capacity = self.settings.tx_queue + self.settings.adapter.unwrap_or(0);
+        let space = capacity.saturating_sub(self.queue.len());
         let space = match self.link {
             Link::Down => return refuse(Refusal::Down),
             Link::Gone => return refuse(Refusal::Gone),
@@ -523,6 +472,10 @@ impl Bus for SimulatedBus {
             let duration = self.duration(frame);
             let contender = Contender { sender: Sender::Host, frame: *frame, ready: now, duration };
             self.queue.push_back(contender);
+        }
+        let waits = self.settings.adapter.is_some() && self.acknowledged_from().is_none_or(|from| from > now);
+        if waits && accepted > 0 && !core::mem::replace(&mut self.is_passive, true) {
+            self.report(controller_report(ControllerState::Passive));
         }
         Sent { accepted, refusal: (accepted < frames.len()).then_some(Refusal::Full) }
     }
@@ -540,6 +493,12 @@ impl Bus for SimulatedBus {
                 break;
             }
         }
+    }
+
+    /// A frame on the wire is not taken back.
+    fn discard_queue(&mut self) -> bool {
+        self.queue.clear();
+        true
     }
 
     fn readiness(&self) -> Readiness<'_> {

@@ -43,7 +43,7 @@ pub enum Fault {
     /// answers on. Its position is within one turn.
     Restart,
     /// `power-off`: the motor has no power: limp, silent, and without the values that it has not
-    /// stored.
+    /// stored. Of a bus: all its motors, until `ok`.
     PowerOff,
     /// `refuse 0x0B`: native commands that write configuration or parameters, and calibrations,
     /// return this result code (GIM document, table 5) and have no effect.
@@ -246,7 +246,12 @@ pub const VERBS: [Verb; 41] = {
             Fault::Off,
             "unplugged: neither receives nor answers, continues its last command",
         ),
-        Verb::bare("power-off", Motor, Fault::PowerOff, "has no power: limp and silent"),
+        Verb::bare(
+            "power-off",
+            Any,
+            Fault::PowerOff,
+            "has no power: limp and silent; of a bus, all its motors",
+        ),
         Verb::bare(
             "power-cycle",
             Motor,

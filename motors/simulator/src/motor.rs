@@ -4,6 +4,7 @@ mod configuration;
 mod gim;
 mod indicator;
 mod mit;
+mod power;
 mod registers;
 
 use crate::body::Shaft;
@@ -478,22 +479,6 @@ impl Motor {
     /// document 3.2.3).
     fn encoder(&self) -> u16 {
         (self.body.position.rem_euclid(TAU) * 65536.0 / TAU) as u32 as u16
-    }
-
-    fn lose_power(&mut self) {
-        self.configuration.keep_int(int::POWER_OFF_POSITION, i32::from(self.encoder()));
-        self.impairment.dead = true;
-        self.mode = Mode::Stopped;
-        self.fault = 0;
-        self.end_control();
-    }
-
-    fn boot(&mut self, at: Instant) {
-        self.impairment.dead = false;
-        self.disturbances = DISTURBANCES;
-        self.configuration.boot();
-        self.find_turn();
-        self.silent_until = at + self.settings.boot_time;
     }
 
     fn q_current(&self) -> f64 {

@@ -122,6 +122,10 @@ impl Bus for PlantBus {
         self.at(now).receive(now, inbox);
     }
 
+    fn discard_queue(&mut self) -> bool {
+        self.bus.lock().discard_queue()
+    }
+
     fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }

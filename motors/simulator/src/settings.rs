@@ -23,6 +23,10 @@ pub struct BusSettings {
     /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux
     /// has 10 by default.
     pub tx_queue: usize,
+    /// Frames that the adapter keeps, in addition to `tx_queue`, while no node has power: a frame is
+    /// repeated until another node acknowledges it. `None` is a bus on which frames also leave
+    /// without such a node, as on one with another device.
+    pub adapter: Option<usize>,
     /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's
     /// buffer.
     pub rx_queue: usize,
@@ -42,6 +46,7 @@ impl Default for BusSettings {
             wire_bitrate: None,
             data_bitrate: 5_000_000,
             tx_queue: 10,
+            adapter: None,
             rx_queue: 256,
             record: 0,
             imus: Vec::new(),
@@ -228,6 +233,9 @@ pub struct Behaviour {
     pub in_fault: InFault,
     /// The position that is reported beyond the range of its code.
     pub beyond_range: BeyondRange,
+    /// An MIT motor executes control frames only after a start command. Without it, the first
+    /// control frame after its power returns moves it.
+    pub needs_start: bool,
     /// A stopped MIT motor stores control frames, and the start command executes the last one.
     pub remembers_control: bool,
     /// An MIT motor is silent for this time after set zero.
@@ -253,6 +261,7 @@ impl Default for Behaviour {
             host_loss: HostLoss::KeepsCommand,
             in_fault: InFault::Silent,
             beyond_range: BeyondRange::Wraps,
+            needs_start: true,
             remembers_control: true,
             zeroing_silence: Duration::ZERO,
             duration_end: DurationEnd::GoesLimp,

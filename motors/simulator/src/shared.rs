@@ -32,6 +32,10 @@ impl Bus for SharedBus {
         self.lock().receive(now, inbox);
     }
 
+    fn discard_queue(&mut self) -> bool {
+        self.lock().discard_queue()
+    }
+
     fn readiness(&self) -> Readiness<'_> {
         match self.lock().readiness() {
             Readiness::At(instant) => Readiness::At(instant),

@@ -84,6 +84,10 @@ impl Motor {
                 self.set_zero();
                 self.silent_until = at + self.settings.behaviour.zeroing_silence;
             }
+            (MitCommand::Control(control), Mode::Stopped) if !self.settings.behaviour.needs_start => {
+                self.mode = Mode::Running;
+                self.execute(at, frame, self.law_of(control), self.host_loss(at));
+            }
             (MitCommand::Control(control), Mode::Running) => {
                 self.execute(at, frame, self.law_of(control), self.host_loss(at));
             }
