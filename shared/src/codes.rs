@@ -264,7 +264,7 @@ codes! {
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
         OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its limits.",
         TooSoon = 28 "too-soon" "The zero of this joint was set less than ten seconds ago, and each zero is a write to the flash of its motor: wait.",
-        TurnLost = 29 "turn-lost" "The position of a joint differs by whole turns of its motor from the one before it was silent: switch the motor off, turn the joint to within half a turn of its zero, and switch it on; or confirm the position with `motorctl fault clear JOINT`.",
+        TurnLost = 29 "turn-lost" "The position of a joint differs by whole turns of its motor from the one before it was silent, or by more than it can have moved: switch the motor off, turn the joint to within half a turn of its zero, and switch it on; or confirm the position with `motorctl fault clear JOINT`.",
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
         ImuLost = 34 "imu-lost" "An IMU delivers no samples, and the configuration stops for that: the daemon's log names it.",
         Unread = 35 "unread" "A motor of the group has not reported its registers since it answered first or again: try again; the daemon's log names a motor that does not report them.",

@@ -29,7 +29,8 @@ pub enum Event {
         /// Number of such frames since the start.
         frames: u32,
     },
-    /// The position of a motor differs by whole turns from that before it was silent.
+    /// The position of a motor differs from that before it was silent by whole turns, or by more than
+    /// the joint can have moved.
     LostTurns {
         /// Its index.
         motor: usize,

@@ -350,8 +350,8 @@ impl Log {
                 cycle,
                 motor = motor.subject.name,
                 see = "turn-lost",
-                "its position differs by {:+.2} rad from the one before it was silent: whole turns of the motor are lost. \
-                 Its group is not enabled until the position is right or confirmed",
+                "its position differs by {:+.2} rad from the one before it was silent: the motor lost whole turns, or has another \
+                 zero. Its group is not enabled until the position is right or confirmed",
                 f64::from(milliradians) / 1000.0
             );
         }

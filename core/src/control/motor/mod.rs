@@ -206,13 +206,14 @@ impl Motor {
     /// Forgets its state until it reports one again, but not where it was.
     fn leave(&mut self) {
         if let Some(state) = self.measured.take() {
-            self.absence.leave(self.settings.transmission.position_to_motor(state.position));
+            let position = self.settings.transmission.position_to_motor(state.position);
+            self.absence.leave(position, self.measured_at);
         }
     }
 
     /// Compares its position with that before it was silent.
     #[cold]
-    fn compare(&mut self, position: f32, cx: &mut Context) {
+    fn compare(&mut self, position: f32, at: Instant, cx: &mut Context) {
         let Self { settings, absence, .. } = self;
         // A motor whose position wraps while it runs has no turn to lose.
         if settings.beyond_range == BeyondRange::Wrap {
@@ -220,7 +221,8 @@ impl Motor {
         }
         let transmission = settings.transmission;
         let position = transmission.position_to_motor(position);
-        if let Some(lost) = absence.end(position, settings.capabilities.position_end) {
+        let (end, velocity) = (settings.capabilities.position_end, settings.max_velocity);
+        if let Some(lost) = absence.end((position, at), end, velocity) {
             let lost = transmission.position_to_joint(lost) - transmission.position_to_joint(0.0);
             cx.push(Event::LostTurns { motor: self.joint, milliradians: (1000.0 * lost) as i32 });
         }
@@ -354,7 +356,7 @@ impl Motor {
             self.expire_registers();
         }
         if self.measured.is_none() {
-            self.compare(measured.position, cx);
+            self.compare(measured.position, at, cx);
         }
         self.take_state(measured, at, latency, runs, cx);
         let is_off = self.is_off(&measured, at);
