@@ -150,6 +150,12 @@ pub enum OpenError {
         /// The commands that were tried.
         remedy: Remedy,
     },
+    /// Frames wait on the interface, and the process may not discard them.
+    #[error(
+        "{0}: frames that kernel and adapter hold are sent when the power of the motors returns, because motord may not take the \
+         interface down; before the power returns, as root: ip link set {0} down; ip link set {0} up"
+    )]
+    Kept(InterfaceName),
     /// A system call failed.
     #[error("{interface}: {step}: {errno}")]
     System {
@@ -172,7 +178,7 @@ impl OpenError {
             | Self::Deaf { remedy }
             | Self::BusOff { remedy }
             | Self::Refused { remedy } => Some(remedy),
-            Self::Missing(_) | Self::NotCan(_) | Self::System { .. } => None,
+            Self::Missing(_) | Self::NotCan(_) | Self::Kept(_) | Self::System { .. } => None,
         }
     }
 }
@@ -183,6 +189,9 @@ pub enum Step {
     /// Reading the settings of the interface.
     #[error("cannot read its settings")]
     Read,
+    /// Bringing the interface up.
+    #[error("cannot bring it up")]
+    Up,
     /// Opening the socket and setting its options.
     #[error("cannot open a socket on it")]
     Socket,
@@ -426,7 +435,7 @@ fn controller_state(state: CanState) -> Option<ControllerState> {
     }
 }
 
-fn netlink_errno(error: &socketcan::Error) -> Errno {
+pub(super) fn netlink_errno(error: &socketcan::Error) -> Errno {
     let raw = match error {
         socketcan::Error::Io(error) => error.raw_os_error(),
         socketcan::Error::Nl(NlError::Netlink { errno }) => Some(*errno),

@@ -22,6 +22,7 @@ mod announcements;
 mod coalescing;
 mod link;
 mod name;
+mod queue;
 mod sender;
 mod unexpected;
 mod wire;

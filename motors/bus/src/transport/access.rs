@@ -147,6 +147,17 @@ pub trait Hardware {
     /// The reason for which it cannot be used, with a remedy.
     fn open(&self, nodes: &Nodes, expected: Option<Identity>) -> Result<Opened, OpenError>;
 
+    /// Discards the frames that the kernel and the adapter keep for the wire, by taking the
+    /// interface down and up. With `expected`, only on this adapter. Returns whether it did: not
+    /// where no frame waits. A serial line keeps at most the request that is open.
+    ///
+    /// # Errors
+    ///
+    /// The reason for which the frames may be sent later, with a remedy.
+    fn discard_queue(&self, _expected: Option<Identity>) -> Result<bool, OpenError> {
+        Ok(false)
+    }
+
     /// Returns the error for a bus whose address no adapter has. `None` where an adapter has it by
     /// now; it may be another one than before.
     fn absent(&self, nodes: &Nodes) -> Option<OpenError> {

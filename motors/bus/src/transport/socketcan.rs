@@ -46,7 +46,7 @@ mod linux {
         Cause, Hardware, MotorsBus, MotorsEnd, Nodes, OpenError, Opened, OpenedAsIs, OpenedSender, SendingBus,
     };
     use super::SocketCan;
-    use crate::socketcan::{self, InterfaceName, Sender, Settings, SocketCanBus};
+    use crate::socketcan::{self, InterfaceName, Link, Sender, Settings, SocketCanBus};
     use crate::{BusLock, ErrorFrame, Holder, IdFilter, Identity, Sent};
 
     impl SocketCan {
@@ -93,6 +93,10 @@ mod linux {
             let notes = bus.notes(self.bitrate).collect();
             let identity = Some(Identity::Interface(bus.link().index));
             Ok(Opened { bus: Box::new(bus), identity, notes })
+        }
+
+        fn discard_queue(&self, expected: Option<Identity>) -> Result<bool, OpenError> {
+            Ok(Link::discard_queue(self.interface_name()?, expected.and_then(Identity::interface))?)
         }
 
         /// An interface that has the name by now may be another adapter, and is not set up.
