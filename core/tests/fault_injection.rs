@@ -118,8 +118,9 @@ fn mixed_settings() -> Settings {
     settings
 }
 
-const BUS_FAULTS: [&str; 13] = [
+const BUS_FAULTS: [&str; 14] = [
     "gone",
+    "power-off",
     "bus-off",
     "tx-full",
     "tx-full 1",
@@ -200,6 +201,8 @@ struct Run {
     pending: Vec<u32>,
     /// By motor: its memory as it was configured.
     memories: Vec<String>,
+    /// By bus: its motors have power.
+    has_power: Vec<bool>,
     /// The line damages or loses bytes.
     damages: bool,
     /// Number of times that a motor had to be configured again.
@@ -226,6 +229,7 @@ impl Run {
         let mut random = Random::new(seed);
         let interval = *random.pick(&[50, 200, 1000]);
         let memories = (0..robot.settings.motors.len()).map(|motor| robot.truth(motor).memory()).collect();
+        let has_power = vec![true; robot.buses.len()];
         Self {
             random,
             robot,
@@ -234,6 +238,7 @@ impl Run {
             interval,
             pending: Vec::new(),
             memories,
+            has_power,
             damages: false,
             damaged: 0,
         }
@@ -316,21 +321,24 @@ impl Run {
         let name = self.robot.settings.buses[bus].name.clone();
         self.checker.disturbed_bus(bus, fault);
         self.robot.disturb(&format!("{name} {fault}"));
-        if !self.robot.settings.buses[bus].is_line() {
-            return;
-        }
-        let of_line = |motor: &usize| self.robot.settings.motors[*motor].bus == bus;
-        let motors: Vec<_> = (0..self.memories.len()).filter(of_line).collect();
+        let is_line = self.robot.settings.buses[bus].is_line();
+        let on_bus = |motor: &usize| self.robot.settings.motors[*motor].bus == bus;
+        let motors: Vec<_> = (0..self.memories.len()).filter(on_bus).collect();
         let is_over = fault == "ok";
+        let had_power = self.has_power[bus];
+        self.has_power[bus] = is_over || had_power && fault != "power-off";
         for motor in motors {
             match fault {
-                "silent" => self.checker.disturbed_motor(motor, "off"),
-                "ok" => self.checker.disturbed_motor(motor, "ok"),
+                "silent" | "power-off" => self.checker.disturbed_motor(motor, "off"),
+                "ok" if is_line || !had_power => self.checker.disturbed_motor(motor, "ok"),
                 _ => {}
             }
-            if is_over && self.damages {
+            if is_line && is_over && self.damages {
                 self.recommission(motor);
             }
+        }
+        if !is_line {
+            return;
         }
         self.damages = !is_over && (self.damages || ["corrupt 1%", "loss 5%"].contains(&fault));
     }

@@ -12,7 +12,7 @@
 use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord_bus::Monotonic;
-use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
+use motord_bus::socketcan::{self, InterfaceName, Link, SocketCanBus};
 use motord_bus::transport::SocketCan;
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, IdFilter, Inbox, clock, wait};
 use motord_checker::protocol::ranges::Ranges;
@@ -419,7 +419,35 @@ fn queue_full_in_three_cycles_stops_group() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("tc qdisc add dev DEV root netem delay 100s limit 1");
     let (cause, cycles) = robot.stopped_within(&joints, 4);
-    assert_eq!((cause, cycles), (Cause::TransmitStall, 4), "told in the cycle after the third");
+    assert_eq!((cause, cycles), (Cause::PowerLost, 4), "told in the cycle after the third");
+    robot.disturb("tc qdisc del dev DEV root");
+    robot.recovers_on_request();
+}
+
+/// Goal: frames that wait in the kernel while all motors are silent are never sent. Method: the
+/// queue delays each frame by 1.5 s. motord discards the queue as its reconnector does, and the
+/// motors receive stops only.
+#[test]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
+fn power_cut_discards_waiting_frames() {
+    let (mut robot, joints) = Robot::active();
+    assert_eq!(Link::discard_queue(robot.interface, None), Ok(false), "no frame waits");
+    robot.disturb("tc qdisc add dev DEV root netem delay 1500ms limit 64");
+    robot.received();
+    let (cause, _) = robot.stopped_within(&joints, 12);
+    assert_eq!((cause, robot.condition()), (Cause::PowerLost, BusCondition::Held));
+    robot.steps(5);
+    assert_eq!(Link::discard_queue(robot.interface, None), Ok(true));
+    let opened = buses::open_one(&robot.settings, 0).unwrap().bus;
+    assert!(robot.client.supply().hand_over(0, opened));
+    robot.tick.at = clock::monotonic();
+    let mut received = Vec::new();
+    for _ in 0..500 {
+        robot.step();
+        received.extend(robot.received());
+    }
+    assert!(!received.is_empty(), "probes arrive, as late as the queue sends them");
+    assert!(received.iter().all(|(_, meaning)| meaning.is_safe()), "{received:?}");
     robot.disturb("tc qdisc del dev DEV root");
     robot.recovers_on_request();
 }
@@ -439,7 +467,7 @@ fn refused_frames_are_never_sent_later() {
     robot.disturb("tc qdisc del dev DEV root");
     let bus = robot.bus();
     let (accepted, received) = ((bus.sent - before) as usize, robot.received());
-    assert!(bus.dropped > 20, "{bus:?}");
+    assert!(bus.dropped >= 3, "{bus:?}");
     assert!(
         !received.is_empty() && received.len() <= accepted,
         "{} heard, {accepted} accepted",

@@ -132,7 +132,7 @@ fn origin(bus: &Option<String>, joint: &Option<String>, asked_by: &Option<Proces
 }
 
 const fn is_of_bus(cause: Option<Cause>) -> bool {
-    matches!(cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall))
+    matches!(cause, Some(Cause::BusOff | Cause::BusGone | Cause::TransmitStall | Cause::PowerLost))
 }
 
 fn sentence(cause: Option<Cause>) -> &'static str {
@@ -426,6 +426,8 @@ impl BusReport {
             Some(Cause::BusOff.advice())
         } else if is(BusCondition::Down) || is(BusCondition::Gone) {
             Some(Cause::BusGone.advice())
+        } else if is(BusCondition::Held) {
+            Some(Cause::PowerLost.advice())
         } else if is(BusCondition::Exchanged) {
             Some("Give each adapter a fixed name and plug it in again: `motorctl explain exchanged`")
         } else {

@@ -117,6 +117,7 @@ codes! {
         ImuLost = 34 "imu-lost" "An IMU delivered no sample for too long, and the configuration stops for that.",
         TemperatureSensor = 35 "temperature-sensor" "A motor reported a temperature that no motor can have, for a second.",
         FramesLost = 36 "frames-lost" "A motor stopped answering while its bus lost received frames.",
+        PowerLost = 37 "power-lost" "All motors of a bus stopped answering together.",
     }
 }
 
@@ -135,6 +136,9 @@ impl Cause {
             Self::MotorLost => "Check the motor's power, its CAN cable and its id",
             Self::FramesLost => {
                 "Find the line `frames-lost` of the log, which names what is too slow: the adapter and its driver, or the cycle"
+            }
+            Self::PowerLost => {
+                "Check the emergency stop, the fuse and the supply of the motors, and the cable between computer and motors"
             }
             Self::MotorFault => {
                 "Find the faults in `motorctl status`, remove their cause, and run `motorctl fault clear JOINT`"
@@ -542,6 +546,7 @@ codes! {
         Down = 4 "down" "The interface is down.",
         Gone = 5 "gone" "The interface does not exist.",
         Exchanged = 6 "exchanged" "Another adapter has the name of the interface, and is not used.",
+        Held = 7 "held" "No motor answers: the bus gets only probes until every motor has answered one.",
     }
 }
 

@@ -253,7 +253,7 @@ impl Control {
         for motor in group.motors.iter().filter(|motor| !motor.is_excluded()) {
             let joint = motor.joint;
             match motor.mode() {
-                _ if !self.buses[motor.settings.bus].is_up() => {
+                _ if !self.buses[motor.settings.bus].is_served() => {
                     return Err(Refused::joint(Refusal::BusDown, joint));
                 }
                 MotorMode::Offline => return Err(Refused::joint(Refusal::MotorOffline, joint)),
@@ -292,6 +292,9 @@ impl Control {
         let motor = &group.motors[entry.slot];
         if group.phase() != Phase::Disarmed {
             return Err(Refused::joint(Refusal::NotDisarmed, joint));
+        }
+        if self.buses[motor.settings.bus].hold.is_some() {
+            return Err(Refused::joint(Refusal::BusDown, joint));
         }
         match (motor.mode(), kind) {
             (_, _) if motor.request.is_some() => Err(Refused::joint(Refusal::Busy, joint)),

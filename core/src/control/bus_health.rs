@@ -6,11 +6,36 @@ use motord_bus::Instant;
 use motord_shared::{BusCondition, Cause};
 
 /// A bus that refused frames in this many cycles in a row is stalled.
-const STALL_CYCLES: u32 = 3;
+pub(super) const STALL_CYCLES: u32 = 3;
+
+/// The steps of a hold, which the module [`hold`](super::hold) takes.
+///
+/// ```text
+///                no motor answers           each motor         queue emptied,
+///                any more                   got one stop       or EMPTY_TIME
+///   not held ─────────────────▶ Stopping ───────────────▶ Emptying ─────────▶ Probing
+///       ▲                          │                                           ▲  │
+///       │                          └───────── a line, which has no queue ──────┘  │
+///       └──────────────────── every motor answered its last probe ────────────────┘
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Hold {
+    /// Each motor gets one stop: it may receive it even where its replies are lost.
+    Stopping,
+    /// Nothing is sent until the queue is emptied, or this time.
+    Emptying { until: Instant },
+    /// The motor with this number on the bus is probed next. The last probe was granted at `last`.
+    Probing { last: Instant, turn: usize },
+}
 
 #[derive(Debug)]
 pub(super) struct BusHealth {
+    /// As the bus reports it. A bus that is held is reported as that.
     pub(super) condition: BusCondition,
+    /// `None` for a bus that is served.
+    pub(super) hold: Option<Hold>,
+    /// It carries one request at a time, so nothing waits for it.
+    pub(super) is_line: bool,
     stalled: u32,
     /// Frames that were lost since the last event of lost frames, and its time.
     losses: Losses,
@@ -26,9 +51,11 @@ pub(super) struct BusHealth {
 }
 
 impl BusHealth {
-    pub(super) const fn new(joints: Vec<usize>, question_turn: Option<Turn>) -> Self {
+    pub(super) const fn new(joints: Vec<usize>, is_line: bool, question_turn: Option<Turn>) -> Self {
         Self {
             condition: BusCondition::Active,
+            hold: None,
+            is_line,
             stalled: 0,
             losses: Losses::NONE,
             losses_reported: None,
@@ -44,7 +71,8 @@ impl BusHealth {
         match self.condition {
             BusCondition::Off => Some(Cause::BusOff),
             BusCondition::Down | BusCondition::Gone | BusCondition::Exchanged => Some(Cause::BusGone),
-            _ if self.stalled >= STALL_CYCLES => Some(Cause::TransmitStall),
+            _ if self.hold.is_some() => Some(Cause::PowerLost),
+            _ if self.is_stalled() => Some(Cause::TransmitStall),
             _ => None,
         }
     }
@@ -52,6 +80,32 @@ impl BusHealth {
     /// Returns whether frames can be sent and received.
     pub(super) const fn is_up(&self) -> bool {
         matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
+    }
+
+    /// Returns whether a probe may show that it serves: it is up, or was down when it was used last.
+    pub(super) const fn may_be_probed(&self) -> bool {
+        self.is_up() || matches!(self.condition, BusCondition::Down)
+    }
+
+    /// Returns the condition for clients and the log.
+    pub(super) const fn reported(&self) -> BusCondition {
+        if self.hold.is_some() && self.is_up() { BusCondition::Held } else { self.condition }
+    }
+
+    /// Returns whether it refused frames in the last [`STALL_CYCLES`].
+    pub(super) const fn is_stalled(&self) -> bool {
+        self.stalled >= STALL_CYCLES
+    }
+
+    /// Returns whether it is up and served.
+    pub(super) const fn is_served(&self) -> bool {
+        self.is_up() && self.hold.is_none()
+    }
+
+    /// Begins to hold it.
+    pub(super) const fn begin_hold(&mut self) {
+        self.hold = Some(Hold::Stopping);
+        self.stalled = 0;
     }
 
     /// Records lost frames.

@@ -5,7 +5,7 @@ use super::event::{Event, Events, LOSS_TIME};
 use super::time_base::Wake;
 use motord_bus::{Duration, Instant};
 use motord_settings::settings::{SafetySettings, Settings};
-use motord_shared::limits::BUSES_MAX;
+use motord_shared::limits::{BUSES_MAX, JOINTS_MAX};
 
 /// Passed to groups and motors in every call.
 #[derive(Debug)]
@@ -19,12 +19,33 @@ pub(super) struct Context {
     pub(super) elapsed: f32,
     /// Number of publications of the states.
     pub(super) publications: u64,
+    /// The joints whose motors were lost since [`take_lost`](Self::take_lost), as bits.
+    lost: u64,
     /// When a bus lost received frames last, by bus.
     lost_at: [Option<Instant>; BUSES_MAX],
     /// When the first cycle began.
     started: Option<Instant>,
     events: Events,
     answers: Answers,
+}
+
+/// A set of joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Joints(u64);
+
+const _: () = assert!(JOINTS_MAX <= u64::BITS as usize);
+
+impl Joints {
+    pub(super) const NONE: Self = Self(0);
+
+    pub(super) const fn contains(self, joint: usize) -> bool {
+        self.0 & 1 << joint != 0
+    }
+
+    /// Returns the joints, rising.
+    pub(super) fn iter(self) -> impl Iterator<Item = usize> {
+        (0..JOINTS_MAX).filter(move |&joint| self.contains(joint))
+    }
 }
 
 impl Context {
@@ -36,6 +57,7 @@ impl Context {
             now: Instant::ZERO,
             elapsed: 0.0,
             publications: 0,
+            lost: 0,
             lost_at: [None; BUSES_MAX],
             started: None,
             events: Events::new(),
@@ -65,6 +87,22 @@ impl Context {
     /// Returns whether lost frames of `bus` may be the reason why a motor seems silent.
     pub(super) fn loses_frames(&self, bus: usize) -> bool {
         self.lost_at[bus].is_some_and(|at| self.now.since(at) <= LOSS_TIME)
+    }
+
+    /// Records that the motor of `joint` is lost.
+    pub(super) const fn note_lost(&mut self, joint: usize) {
+        self.lost |= 1 << joint;
+    }
+
+    /// Returns whether a motor was lost since [`take_lost`](Self::take_lost).
+    #[inline]
+    pub(super) const fn has_lost(&self) -> bool {
+        self.lost != 0
+    }
+
+    /// Returns the joints whose motors were lost since the last call.
+    pub(super) fn take_lost(&mut self) -> Joints {
+        Joints(core::mem::take(&mut self.lost))
     }
 
     pub(super) fn push(&mut self, event: Event) {

@@ -15,6 +15,7 @@
 //! | `gravity.rs` | whether orientation and acceleration of an IMU at rest agree about gravity |
 //! | `repetition.rs` | whether a sensor repeats one sample |
 //! | `time_base.rs`, `bus_health.rs` | the health of the time base and of the buses |
+//! | `hold.rs` | which buses are held, because none of their motors answers |
 
 mod admin;
 mod answers;
@@ -23,6 +24,7 @@ mod context;
 mod event;
 mod gravity;
 mod group;
+mod hold;
 mod imu;
 mod indicators;
 mod motor;
@@ -107,7 +109,10 @@ impl Control {
             groups: groups.map(|(index, group)| Group::new(index, group, &settings.motors, &turns)).collect(),
             slots: slots(settings),
             buses: (0..settings.buses.len())
-                .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
+                .map(|bus| {
+                    let is_line = settings.buses[bus].is_line();
+                    BusHealth::new(joints(bus), is_line, question_turn(settings, bus))
+                })
                 .collect(),
             indicators: Indicators::new(settings),
             imus: Imus::new(&settings.sensors.imus),
@@ -144,8 +149,9 @@ impl Control {
     }
 
     /// Records that `bus` was opened again: its motors may be others. Their registers are read
-    /// again before they start. Bounded by motors.
+    /// again before they start. Its queue is empty. Bounded by motors.
     pub fn bus_reopened(&mut self, bus: usize) {
+        self.bus_emptied(bus);
         let motors = self.groups.iter_mut().flat_map(|group| &mut group.motors);
         motors.filter(|motor| motor.settings.bus == bus).for_each(Motor::expire_registers);
     }
@@ -181,6 +187,8 @@ impl Control {
             self.stop_moving(Cause::ImuLost);
         }
         self.report_silence();
+        self.groups.iter_mut().for_each(|group| group.begin_turns(&mut self.context));
+        self.watch_silence();
         let Self { groups, buses, commands, context, .. } = self;
         for group in groups {
             group.decide(elapsed, buses, context, commands);
@@ -269,6 +277,7 @@ impl Control {
     pub fn end_cycle(&mut self) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.end_cycle(context));
+        self.stop_for_lost_motors();
     }
 
     /// Records that the states of this cycle are published and no longer new. Bounded by IMUs.
@@ -344,9 +353,20 @@ impl Control {
         if health.condition == condition {
             return false;
         }
+        let before = health.reported();
         health.condition = condition;
-        self.context.push(Event::Bus { bus, condition });
+        let condition = health.reported();
+        if condition != before {
+            self.context.push(Event::Bus { bus, condition });
+        }
         !health.is_up()
+    }
+
+    /// Returns the condition of a bus for clients.
+    #[must_use]
+    #[inline]
+    pub fn bus_condition(&self, bus: usize) -> BusCondition {
+        self.buses[bus].reported()
     }
 
     /// Records frames that a bus lost until `now`.

@@ -6,7 +6,7 @@ use crate::control::Wake;
 use core::sync::atomic::Ordering;
 use motord_bus::Instant;
 use motord_bus::time::nanos;
-use motord_shared::{Rejection, StateMessage, message};
+use motord_shared::{BusState, Rejection, StateMessage, message};
 
 impl Cycle {
     /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate
@@ -20,7 +20,11 @@ impl Cycle {
         state.group_count = fill(groups, control.group_states());
         state.indicator_count = fill(indicators, control.joint_indicators());
         state.imu_count = fill(imus, control.imu_states());
-        state.bus_count = fill(buses, channels.iter().map(|channel| channel.base().report()));
+        let reports = channels.iter().enumerate().map(|(bus, channel)| BusState {
+            condition: control.bus_condition(bus).code(),
+            ..channel.base().report()
+        });
+        state.bus_count = fill(buses, reports);
         for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(wrong_lease.load(Ordering::Relaxed));

@@ -32,13 +32,16 @@ impl Cycle {
         let now = self.clock.now();
         let Self { control, drives, channels, .. } = self;
         let channel = &mut channels[bus];
+        if control.is_emptying(bus) && channel.base_mut().discard_queue() {
+            control.bus_emptied(bus);
+        }
         channel.begin(now);
         let write =
             |motor: usize, frame: &mut Frame| drives[motor].write_request(control.command(motor), now, frame);
         channel.base_mut().queue_each(write);
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
-        } else if !channel.base_mut().sensors().is_empty() {
+        } else if !channel.base_mut().sensors().is_empty() && !self.control.withholds_requests(bus) {
             channel.base_mut().queue_sensors(wake.cycle, now);
         }
         let Self { control, drives, channels, timing, .. } = self;

@@ -18,6 +18,7 @@ mod imu;
 mod imu_can;
 mod late;
 mod mixed;
+mod power;
 mod publication;
 mod reads;
 mod registers;

@@ -5,7 +5,7 @@ use crate::names::Names;
 use hdrhistogram::Histogram as Distribution;
 use motord_core::control::Event;
 use motord_shared::message::{GroupState, IMU_LOST};
-use motord_shared::{Cause, ImuState, Phase, Rejection, StateMessage};
+use motord_shared::{BusCondition, Cause, ImuState, Phase, Rejection, StateMessage};
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, Metric, MetricFamily, MetricType};
 
@@ -67,6 +67,7 @@ impl Metrics {
         let mut families = self.latencies(distributions);
         families.extend(self.counters(state));
         families.push(self.states(state));
+        families.push(self.conditions(state));
         families.extend(self.imus(state));
         families.extend([
             counter(
@@ -210,6 +211,22 @@ impl Metrics {
             samples,
         )
     }
+
+    fn conditions(&self, state: &StateMessage) -> MetricFamily {
+        let buses = self.names.buses.iter().zip(state.buses());
+        let samples = buses.flat_map(|(name, bus)| {
+            BusCondition::ALL.iter().map(move |condition| {
+                let labels = labels([("bus", name), ("condition", condition.name())]);
+                flag(labels, bus.condition == condition.code())
+            })
+        });
+        family(
+            "motord_bus_condition",
+            "1 for the condition of a bus, 0 for the others.",
+            MetricType::GAUGE,
+            samples,
+        )
+    }
 }
 
 type Labels<'a> = Vec<(&'static str, &'a str)>;
@@ -336,7 +353,7 @@ mod tests {
         state.overruns = 12;
         state.joints[1].missed = 4;
         state.joints[0].foreign_commands = 3;
-        state.buses[0].dropped = 5;
+        (state.buses[0].dropped, state.buses[0].condition) = (5, BusCondition::Held.code());
         state.groups[0].phase = Phase::Active.code();
         state.groups[0].rejected[Rejection::Stale.code() as usize] = 6;
         metrics.record(Event::Stopped { group: 0, cause: Cause::Overspeed, motor: None, pid: None });
@@ -356,6 +373,8 @@ mod tests {
         assert!(text.contains("motord_motor_foreign_commands_total{motor=\"hip\"} 3\n"));
         assert!(text.contains("motord_motor_foreign_commands_total{motor=\"knee\"} 0\n"));
         assert!(text.contains("motord_bus_tx_dropped_total{bus=\"front\",reason=\"not-accepted\"} 5\n"));
+        assert!(text.contains("motord_bus_condition{bus=\"front\",condition=\"held\"} 1\n"));
+        assert!(text.contains("motord_bus_condition{bus=\"front\",condition=\"active\"} 0\n"));
         assert!(text.contains("motord_setpoint_rejected_total{group=\"leg\",reason=\"stale\"} 6\n"));
         assert!(text.contains("motord_safe_stop_total{cause=\"overspeed\"} 1\n"));
         assert!(text.contains("motord_state{group=\"leg\",phase=\"active\"} 1\n"));

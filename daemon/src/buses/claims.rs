@@ -91,6 +91,27 @@ impl Claims {
         }
     }
 
+    /// Discards the frames that wait on a bus, if no other adapter has its name by now. Returns
+    /// whether its interface was taken down and up.
+    ///
+    /// # Errors
+    ///
+    /// Why they may be sent later, with a remedy.
+    pub(super) fn discard_shared(
+        claims: &Weak<Mutex<Self>>,
+        settings: &Settings,
+        index: usize,
+    ) -> Result<bool, BusError> {
+        let bus = &settings.buses[index];
+        let Some(hardware) = bus.kind.hardware() else { return Ok(false) };
+        let claims = claims.upgrade();
+        let claims = claims.as_ref().map(|claims| claims.lock().unwrap_or_else(PoisonError::into_inner));
+        let claim = claims.as_ref().and_then(|claims| claims.0.get(index)).and_then(Option::as_ref);
+        let expected = claim.map(|claim| claim.expected(bus)).transpose()?.flatten();
+        let discarded = hardware.discard_queue(expected.map(|(identity, _)| identity));
+        discarded.map_err(|source| BusError::of(bus, source))
+    }
+
     /// Opens a bus again. Without claims, or after the cycle has given them up, it is not locked.
     pub(super) fn reopen_shared(
         claims: &Weak<Mutex<Self>>,

@@ -1,12 +1,15 @@
-//! Opens buses again that went away, in a thread of its own.
+//! Opens buses again that went away, and empties those that are held, in a thread of its own.
 //!
 //! ```text
-//!   telemetry ──bus is gone, or stays off──▶ this thread ──opened bus──▶ cycle
-//!                                                ▲                         │
-//!                                                └────── old bus ──────────┘   (closing it is a system call, too)
+//!   telemetry ──bus is gone, stays off, or is held──▶ this thread ──opened bus──▶ cycle
+//!                                                         ▲                         │
+//!                                                         └────── old bus ──────────┘   (closing it is a system call, too)
 //! ```
 //!
 //! A bus that is back has stopped motors: opening it enables nothing.
+//!
+//! A held bus has motors that fell silent together. The frames that wait on it are discarded before
+//! it is opened again, where motord may take its interface down and up.
 //!
 //! A serial port is closed before it is opened again: it is locked, and while it is open, the
 //! kernel gives another name to the adapter that is plugged in again. The cycle gets an `Unplugged`
@@ -17,6 +20,7 @@
 
 use crate::buses::claims::Claims;
 use crate::buses::opening::BusError;
+use crate::buses::watch::Task;
 use motord_bus::transport::Hardware;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
@@ -75,6 +79,8 @@ pub struct Reconnector {
     failures: BTreeMap<usize, String>,
     /// The buses whose substitute the cycle has since another adapter had their name.
     exchanged: BTreeSet<usize>,
+    /// The buses that are opened again because they are held.
+    held: BTreeSet<usize>,
 }
 
 impl Reconnector {
@@ -82,21 +88,27 @@ impl Reconnector {
     /// opened.
     #[must_use]
     pub const fn new(supply: Supply, claims: Weak<Mutex<Claims>>) -> Self {
-        Self { supply, claims, failures: BTreeMap::new(), exchanged: BTreeSet::new() }
+        Self { supply, claims, failures: BTreeMap::new(), exchanged: BTreeSet::new(), held: BTreeSet::new() }
     }
 
-    /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that
-    /// cannot be opened is tried again after 1, 2, 4, then every 8 s.
-    pub fn run(&mut self, settings: &Settings, broken: &Receiver<usize>, stop: impl Fn() -> bool) {
+    /// Executes the `tasks`, until `stop` returns true. A bus that cannot be opened is tried again
+    /// after 1, 2, 4, then every 8 s.
+    pub fn run(&mut self, settings: &Settings, tasks: &Receiver<Task>, stop: impl Fn() -> bool) {
         let mut waiting: Vec<usize> = Vec::new();
         let (mut back_off, mut wait) = (BackOff(BACK_OFF), BACK_OFF);
         while !stop() {
-            match broken.recv_timeout(wait) {
-                Ok(bus) if is_real(settings, bus) && !waiting.contains(&bus) => {
+            match tasks.recv_timeout(wait) {
+                Ok(Task::Open(bus) | Task::Empty(bus))
+                    if !is_real(settings, bus) || waiting.contains(&bus) => {}
+                Ok(Task::Open(bus)) => {
                     waiting.push(bus);
                     self.close(settings, bus);
                 }
-                Ok(_) | Err(RecvTimeoutError::Timeout) => {}
+                Ok(Task::Empty(bus)) => {
+                    self.empty(settings, bus);
+                    waiting.push(bus);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
             self.supply.close_retired();
@@ -117,15 +129,32 @@ impl Reconnector {
         }
     }
 
+    /// Discards the frames that wait on a held bus.
+    fn empty(&mut self, settings: &Settings, index: usize) {
+        self.held.insert(index);
+        let bus = &settings.buses[index].name;
+        match Claims::discard_shared(&self.claims, settings, index) {
+            Ok(true) => tracing::warn!(
+                bus,
+                see = "held",
+                "its interface was taken down and up: the frames that kernel and adapter held are discarded"
+            ),
+            Ok(false) => tracing::info!(bus, "no frame waits on it"),
+            Err(error) => tracing::error!(see = "held", "{error}"),
+        }
+    }
+
     fn reopen(&mut self, settings: &Settings, index: usize) -> bool {
         let name = &settings.buses[index].name;
         match Claims::reopen_shared(&self.claims, settings, index) {
             Ok(bus) => {
-                tracing::warn!(
-                    bus = name,
-                    see = "gone",
-                    "opened again; motors that were stopped stay stopped until they are enabled"
-                );
+                if !self.held.remove(&index) {
+                    tracing::warn!(
+                        bus = name,
+                        see = "gone",
+                        "opened again; motors that were stopped stay stopped until they are enabled"
+                    );
+                }
                 self.failures.remove(&index);
                 self.exchanged.remove(&index);
                 self.supply.hand_over(index, bus)

@@ -1,4 +1,5 @@
-//! The buses that must be opened again, as the events of the cycle and the kernel report them.
+//! The buses that must be opened again or emptied, as the events of the cycle and the kernel report
+//! them.
 
 use motord_bus::Identity;
 use motord_bus::socketcan::{Announcement, Announcements};
@@ -7,9 +8,18 @@ use motord_shared::BusCondition;
 use std::collections::BTreeSet;
 use std::sync::mpsc::Sender;
 
-/// Reports broken buses to the reconnector.
+/// A task of the reconnector, with the index of a bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Opens the bus again.
+    Open(usize),
+    /// Discards the frames that wait on a bus which the cycle holds, then opens it again.
+    Empty(usize),
+}
+
+/// Reports broken and held buses to the reconnector.
 pub struct BusWatch {
-    broken: Sender<usize>,
+    tasks: Sender<Task>,
     /// The CAN interface of each bus, by index.
     interfaces: Vec<Option<String>>,
     /// `None` where the kernel refuses them.
@@ -27,14 +37,14 @@ pub struct BusWatch {
 }
 
 impl BusWatch {
-    /// Reports to `broken`.
+    /// Reports to `tasks`.
     #[must_use]
-    pub fn new(settings: &Settings, broken: Sender<usize>) -> Self {
+    pub fn new(settings: &Settings, tasks: Sender<Task>) -> Self {
         let interface = |bus: &BusSettings| bus.interface().map(str::to_owned);
         let interfaces: Vec<_> = settings.buses.iter().map(interface).collect();
         let has_interfaces = interfaces.iter().any(Option::is_some);
         Self {
-            broken,
+            tasks,
             conditions: vec![BusCondition::Active; interfaces.len()],
             interfaces,
             announcements: has_interfaces.then(Announcements::open).and_then(Result::ok),
@@ -62,7 +72,7 @@ impl BusWatch {
         for (bus, condition) in std::mem::take(&mut self.recorded) {
             reports.extend(self.take_in(bus, condition));
         }
-        reports.into_iter().for_each(|bus| self.report(bus));
+        reports.into_iter().for_each(|bus| self.report(Task::Open(bus)));
     }
 
     /// Returns the buses whose interfaces the kernel announced, and whether they are up.
@@ -95,7 +105,15 @@ impl BusWatch {
     }
 
     fn take_in(&mut self, bus: usize, condition: BusCondition) -> Option<usize> {
-        self.conditions[bus] = condition;
+        use BusCondition::{Active, Held, Passive, Warning};
+        let before = std::mem::replace(&mut self.conditions[bus], condition);
+        // A held bus that was down meanwhile is not held for the first time.
+        if condition == Held && matches!(before, Active | Warning | Passive) {
+            if self.interfaces[bus].is_some() {
+                self.report(Task::Empty(bus));
+            }
+            return None;
+        }
         self.off.remove(&bus);
         let was_down = self.down.remove(&bus);
         match condition {
@@ -117,11 +135,11 @@ impl BusWatch {
     /// Reports the buses that are still off. A controller that left its bus returns by itself where
     /// `restart-ms` is set.
     pub fn report_off(&mut self) {
-        std::mem::take(&mut self.off).into_iter().for_each(|bus| self.report(bus));
+        std::mem::take(&mut self.off).into_iter().for_each(|bus| self.report(Task::Open(bus)));
     }
 
-    fn report(&self, bus: usize) {
-        let _ended = self.broken.send(bus);
+    fn report(&self, task: Task) {
+        let _ended = self.tasks.send(task);
     }
 }
 
@@ -130,12 +148,12 @@ mod tests {
     use super::*;
     use std::sync::mpsc::{Receiver, channel};
 
-    /// A watch of three buses without interfaces, and its reports.
-    fn watch() -> (BusWatch, Receiver<usize>) {
-        let (broken, reports) = channel();
+    /// A watch of three buses, the last one with an interface, and its reports.
+    fn watch() -> (BusWatch, Receiver<Task>) {
+        let (tasks, reports) = channel();
         let watch = BusWatch {
-            broken,
-            interfaces: vec![None; 3],
+            tasks,
+            interfaces: vec![None, None, Some("can0".into())],
             announcements: None,
             conditions: vec![BusCondition::Active; 3],
             recorded: Vec::new(),
@@ -157,11 +175,11 @@ mod tests {
         record(&mut watch, 0, BusCondition::Off);
         record(&mut watch, 1, BusCondition::Off);
         record(&mut watch, 2, BusCondition::Gone);
-        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [2]);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Open(2)]);
         record(&mut watch, 0, BusCondition::Active);
         watch.report_off();
         watch.report_off();
-        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [1]);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Open(1)]);
     }
 
     #[test]
@@ -175,7 +193,23 @@ mod tests {
         assert_eq!(reports.try_iter().count(), 0);
         record(&mut watch, 0, BusCondition::Active);
         record(&mut watch, 0, BusCondition::Warning);
-        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [0]);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Open(0)]);
+    }
+
+    #[test]
+    fn held_interface_is_emptied_once() {
+        let (mut watch, reports) = watch();
+        record(&mut watch, 0, BusCondition::Held);
+        assert_eq!(reports.try_iter().count(), 0, "a bus inside the daemon empties itself");
+        record(&mut watch, 2, BusCondition::Held);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Empty(2)]);
+        assert_eq!([false, true].map(|up| watch.announce(2, up)), [None, None], "motord took it down");
+        record(&mut watch, 2, BusCondition::Down);
+        record(&mut watch, 2, BusCondition::Held);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Open(2)]);
+        record(&mut watch, 2, BusCondition::Active);
+        record(&mut watch, 2, BusCondition::Held);
+        assert_eq!(reports.try_iter().collect::<Vec<_>>(), [Task::Empty(2)]);
     }
 
     #[test]

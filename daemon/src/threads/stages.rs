@@ -13,7 +13,7 @@ use crate::buses::Buses;
 use crate::buses::claims::SharedClaims;
 use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
-use crate::buses::watch::BusWatch;
+use crate::buses::watch::{BusWatch, Task};
 use crate::emergency_stop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
 use crate::imus::{Sources, World};
@@ -163,12 +163,12 @@ impl Served {
     ) -> Result<Observed, RunError> {
         let Self { starter, cycle, claims, observed, supply, answers, stops, unplanted, ipc } = self;
         let Starter { settings, lock, counters, .. } = &starter;
-        let (broken, broken_buses) = channel();
-        start_reconnector(&starter, Reconnector::new(supply, Arc::downgrade(&claims)), broken_buses)?;
+        let (reports, tasks) = channel();
+        start_reconnector(&starter, Reconnector::new(supply, Arc::downgrade(&claims)), tasks)?;
         let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(counters));
         let lost = directory.lost();
         let config = ConfigWatch::new(config, Arc::clone(counters));
-        let buses = BusWatch::new(settings, broken);
+        let buses = BusWatch::new(settings, reports);
         let housekeeping = Housekeeping { directory, config, buses, recorders: ipc.recorders.clone() };
         let answers = (answers, ipc.thread.thread().clone());
         let mut telemetry_loop = TelemetryLoop::new(settings, observed, answers, housekeeping, outputs);
@@ -184,10 +184,10 @@ impl Served {
 fn start_reconnector(
     starter: &Starter,
     mut reconnector: Reconnector,
-    broken: Receiver<usize>,
+    tasks: Receiver<Task>,
 ) -> Result<(), RunError> {
     let settings = starter.settings.clone();
-    let run = move |orders: &Orders| reconnector.run(&settings, &broken, || orders.are(Orders::STOP));
+    let run = move |orders: &Orders| reconnector.run(&settings, &tasks, || orders.are(Orders::STOP));
     starter.start("reconnector", run).map(drop)
 }
 

@@ -20,7 +20,7 @@
 
 use crate::port::{Motors, prepare_thread};
 use hdrhistogram::Histogram;
-use motord::buses::{self, reconnector::Reconnector};
+use motord::buses::{self, reconnector::Reconnector, watch::Task};
 use motord_bus::Monotonic;
 use motord_bus::{Bus, Clock, clock};
 use motord_core::control::Event;
@@ -126,12 +126,12 @@ struct Running {
     cycle: Cycle,
     client: LocalClient,
     tick: Tick,
-    broken: Sender<usize>,
+    tasks: Sender<Task>,
     can: Can,
 }
 
 impl Running {
-    fn new(settings: &Settings, broken: Sender<usize>) -> (Self, Reconnector) {
+    fn new(settings: &Settings, tasks: Sender<Task>) -> (Self, Reconnector) {
         let bus = |index: usize| -> Box<dyn Bus> {
             match settings.buses[index].is_line() {
                 true => buses::open_one(settings, index).unwrap().bus,
@@ -145,7 +145,7 @@ impl Running {
         let tick = Tick { number: 1, at: clock::monotonic() + Duration::from_millis(2) };
         let client = LocalClient::new(ends);
         (
-            Self { cycle, client, tick, broken, can: Can::new() },
+            Self { cycle, client, tick, tasks, can: Can::new() },
             Reconnector::new(supply, std::sync::Weak::new()),
         )
     }
@@ -163,7 +163,7 @@ impl Running {
         while let Some((_, event)) = self.client.event() {
             if let Event::Bus { bus, condition } = event {
                 match (bus, condition) {
-                    (LINE, BusCondition::Gone) => self.broken.send(bus).unwrap(),
+                    (LINE, BusCondition::Gone) => self.tasks.send(Task::Open(bus)).unwrap(),
                     (LINE, _) => {}
                     _ => self.can.conditions_changed += 1,
                 }
@@ -259,13 +259,13 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
     let device = directory.path().join("ttyUSB0");
     let settings = settings(&device);
     let motors = Motors::start(&settings, LINE, device);
-    let (broken, broken_buses) = channel();
+    let (reports, tasks) = channel();
     let stop = AtomicBool::new(false);
     scope(|threads| {
-        let (mut robot, mut reconnector) = Running::new(&settings, broken);
+        let (mut robot, mut reconnector) = Running::new(&settings, reports);
         let (settings, stop) = (&settings, &stop);
         let _end = End(stop);
-        threads.spawn(move || reconnector.run(settings, &broken_buses, || stop.load(Ordering::Relaxed)));
+        threads.spawn(move || reconnector.run(settings, &tasks, || stop.load(Ordering::Relaxed)));
         prepare_thread(50);
         let is_enabled = robot.enable();
         // The other robot waits for this one even if it fails.

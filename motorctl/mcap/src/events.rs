@@ -122,7 +122,8 @@ fn of_group(
     }
     if before.cause != group.cause && group.cause != 0 {
         let cause = Cause::try_from(group.cause);
-        let is_of_bus = matches!(cause, Ok(Cause::BusOff | Cause::BusGone | Cause::TransmitStall));
+        let is_of_bus =
+            matches!(cause, Ok(Cause::BusOff | Cause::BusGone | Cause::TransmitStall | Cause::PowerLost));
         let joint = robot.joints.get(group.cause_joint as usize);
         let origin = joint.map_or_else(String::new, |joint| match is_of_bus {
             true => format!(" (bus {})", joint.bus),

@@ -278,17 +278,18 @@ impl Checker {
         }
     }
 
-    /// Returns `true` when no fault keeps frames from the wire and the cycle uses the bus. A cycle
+    /// Returns `true` when no fault keeps frames from the wire and the cycle serves the bus. A cycle
     /// may give up a bus only after a disconnection.
     fn is_well(&mut self, bus: usize, states: [&State; 2]) -> bool {
         let [before, now] = states.map(|state| &state.buses[bus]);
         let given_up = before.given_up || now.given_up;
+        let held = before.held || now.held;
         assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
         // Where motors take turns, the host detects a disconnection only with its next frame: the
         // bus may be healthy by then.
         let uses = self.robot.turn(bus) == 1 || now.sent != before.sent;
         self.cut[bus] &= given_up || self.blocked[bus] || !uses;
-        !given_up && !self.blocked[bus]
+        !given_up && !held && !self.blocked[bus]
     }
 
     fn check_counts(&mut self, cycle: &Cycle, commands: &[Command]) {

@@ -102,6 +102,8 @@ pub enum Cause {
 pub struct Bus {
     /// The cycle has given the bus up: off, down or gone.
     pub given_up: bool,
+    /// None of its motors answers: they receive probes only.
+    pub held: bool,
     /// Frames that the bus accepted, modulo 2³².
     pub sent: u32,
     /// All counters of the bus, `sent` among them. They never fall.

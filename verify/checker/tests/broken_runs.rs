@@ -120,7 +120,7 @@ impl Script {
             begun: Instant::from_nanos(1_000_000_000),
             joints: vec![joint],
             groups: vec![group],
-            buses: vec![Bus { given_up: false, sent: 0, counters: [0; 8] }],
+            buses: vec![Bus { given_up: false, held: false, sent: 0, counters: [0; 8] }],
         };
         let reply = vec![1, 0x80, 0, 0x80, 0x08, 0];
         Self { checker: Checker::new(robot, state.begun), state, reply }

@@ -111,9 +111,6 @@ impl Group {
         cx: &mut Context,
         commands: &mut [Command],
     ) {
-        if self.has_turns {
-            self.begin_turns(cx);
-        }
         self.watch_heat(elapsed, cx);
         self.watch_buses(buses, cx);
         self.watch_owner(cx);

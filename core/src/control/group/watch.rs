@@ -187,7 +187,10 @@ impl Group {
     }
 
     /// Begins a cycle: ends the previous turn of each motor whose turn it is.
-    pub(super) fn begin_turns(&mut self, cx: &mut Context) {
+    pub(crate) fn begin_turns(&mut self, cx: &mut Context) {
+        if !self.has_turns {
+            return;
+        }
         for slot in 0..self.motors.len() {
             let turn = &mut self.motors[slot].turn;
             if turn.outlasts_cycle && turn.begin_cycle(cx.now, cx.period) {
@@ -205,21 +208,14 @@ impl Group {
         }
     }
 
-    /// Ends the turn of the motor at `slot`.
+    /// Ends the turn of the motor at `slot`. A lost motor stops the group, after the others of its
+    /// bus have been checked.
     #[inline(always)]
     fn end_turn(&mut self, slot: usize, cx: &mut Context) {
-        if self.motors[slot].end_turn(cx) {
-            self.lose(slot, cx);
+        let motor = &mut self.motors[slot];
+        if motor.end_turn(cx) {
+            motor.changed(cx);
+            cx.note_lost(motor.joint);
         }
-    }
-
-    /// Stops the group, because the motor at `slot` is lost.
-    #[cold]
-    fn lose(&mut self, slot: usize, cx: &mut Context) {
-        let motor = &self.motors[slot];
-        motor.changed(cx);
-        let (joint, loses_frames) = (motor.joint, cx.loses_frames(motor.settings.bus));
-        let cause = if loses_frames { Cause::FramesLost } else { Cause::MotorLost };
-        self.stop(cause, Some(joint), cx);
     }
 }

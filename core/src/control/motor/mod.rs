@@ -9,6 +9,7 @@ mod follow;
 mod foreign;
 mod group_command;
 mod heat;
+mod held;
 mod late;
 mod limit;
 mod mode;
@@ -26,6 +27,7 @@ pub use foreign::ForeignFrames;
 pub(super) use group_command::GroupCommand;
 pub use limit::{Applied, Circumstances, damp, limit};
 pub(super) use service::Kind;
+use turn::Access;
 pub(super) use turn::Turn;
 
 use super::Event;
@@ -67,6 +69,7 @@ pub(super) struct Motor {
     /// The motor differs from its configuration: its group is never enabled.
     pub(super) is_mismatched: bool,
     pub(super) turn: Turn,
+    access: Access,
     mode: Mode,
     measured: Option<Measured<JointSide>>,
     measured_at: Instant,
@@ -101,6 +104,7 @@ impl Motor {
             settings: settings.clone(),
             is_mismatched: false,
             turn,
+            access: Access::Free,
             mode: if settings.excluded { Mode::EXCLUDED } else { Mode::OFFLINE },
             measured: None,
             measured_at: Instant::ZERO,
@@ -290,6 +294,10 @@ impl Motor {
         if self.turn.waits {
             return Command::Wait;
         }
+        if self.is_withheld() {
+            self.replies.asked(&Command::Nothing);
+            return Command::Nothing;
+        }
         if self.backlog.is_due(cx.now) && self.probes(cx) {
             self.replies.asked(&Command::Wait);
             return Command::Wait;
@@ -433,7 +441,10 @@ impl Motor {
     pub(super) const fn record_alive(&mut self) {
         self.replies.alive();
         match &mut self.mode {
-            Mode::Offline(probe) => probe.hurry(),
+            Mode::Offline(probe) => {
+                probe.hurry();
+                self.access.hurry();
+            }
             Mode::Starting(start) => start.answered(false),
             _ => {}
         }
@@ -540,19 +551,24 @@ impl Motor {
         let is_explained = self.replies.is_awaited() && self.explains_gap(cx);
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but reports no state while it should move: it refuses its commands.
-        let lost_cycles = cx.safety.lost_cycles;
+        let lost_cycles = if self.is_held() { 1 } else { cx.safety.lost_cycles };
         let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
         let misses = counts && !is_explained;
         let lost = blind || misses && self.miss(cx) >= lost_cycles || self.is_too_late();
         if lost {
-            self.mode = Mode::OFFLINE;
-            self.leave();
-            self.forget_backlog();
-            self.registers.forget();
-            (self.replies.silent, self.replies.unanswered) = (0, 0);
-            self.replies.forget(cx.publications);
+            self.lose(cx);
         }
         lost
+    }
+
+    /// Records that it does not answer any more.
+    fn lose(&mut self, cx: &Context) {
+        self.mode = Mode::OFFLINE;
+        self.leave();
+        self.forget_backlog();
+        self.registers.forget();
+        (self.replies.silent, self.replies.unanswered) = (0, 0);
+        self.replies.forget(cx.publications);
     }
 
     /// Records a turn without an answer. Returns the consecutive unanswered turns.
@@ -568,7 +584,8 @@ impl Motor {
     /// Returns when it should be asked for its faults next, if it may be asked now: no service
     /// request is open, its state has arrived, and no late reply can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
-        self.poll_after().filter(|_| self.request.is_none() && self.replies.is_settled(cycle))
+        let may_be_asked = self.request.is_none() && !self.is_held() && self.replies.is_settled(cycle);
+        self.poll_after().filter(|_| may_be_asked)
     }
 
     /// Returns the time before which it is not asked for its faults. It only rises. `None` for a

@@ -24,6 +24,27 @@ pub(crate) struct Turn {
     pub(super) elapsed: Option<f32>,
 }
 
+/// The commands that a motor gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    /// One in each turn: its bus is served.
+    Free,
+    /// None: its bus is held.
+    Held,
+    /// One, in its next turn: its bus is held.
+    Granted,
+}
+
+impl Access {
+    /// Grants a command to a held motor that answered the last one without its state: a frame that
+    /// is answered does not wait.
+    pub(super) const fn hurry(&mut self) {
+        if matches!(self, Self::Held) {
+            *self = Self::Granted;
+        }
+    }
+}
+
 impl Turn {
     /// Every cycle.
     pub(crate) const EACH_CYCLE: Self = Self {

@@ -317,10 +317,16 @@ impl ChannelBase {
         self.condition
     }
 
-    /// Returns the counters and the condition, as they are published.
+    /// Returns the counters, without the condition.
     #[inline]
     pub(crate) const fn report(&self) -> BusState {
-        BusState { condition: self.condition.code(), ..self.counters }
+        self.counters
+    }
+
+    /// Discards the frames that wait for the wire, if the bus can do so without a system call.
+    /// Returns whether none waits.
+    pub(crate) fn discard_queue(&mut self) -> bool {
+        self.bus.discard_queue()
     }
 }
 

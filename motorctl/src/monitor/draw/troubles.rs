@@ -6,7 +6,7 @@ use super::text::{alarm, bold, wrapped};
 use crate::advice::motorctl;
 use crate::joint_report::JointReport;
 use crate::report::{BusReport, RobotReport};
-use motord_client::{Cause, MotorMode};
+use motord_client::{BusCondition, Cause, MotorMode};
 use ratatui::text::Line;
 
 /// Largest numbers of listed faults and names. Others are counted.
@@ -41,14 +41,20 @@ pub(super) fn advise(reading: &Reading, cause: &str) -> bool {
     let is_offline = |joint: &JointReport| joint.mode == MotorMode::Offline.name();
     is(Cause::BusOff) && has_bus(Cause::BusOff)
         || is(Cause::BusGone) && has_bus(Cause::BusGone)
+        || is(Cause::PowerLost) && has_bus(Cause::PowerLost)
         || (is(Cause::MotorLost) || is(Cause::FramesLost))
             && joints.iter().any(|joint| is_offline(joint) && !is_on_bus_that_is_down(reading, joint))
         || is(Cause::MotorFault) && joints.iter().any(|joint| joint.mode == MotorMode::Fault.name())
 }
 
-/// A motor on a bus that is down cannot answer. The bus is listed already.
+/// A motor on a bus that is down cannot answer. The bus is listed already. On a held bus some motors
+/// may answer again, and then the others are missing.
 fn is_on_bus_that_is_down(reading: &Reading, joint: &JointReport) -> bool {
-    reading.report.buses.iter().any(|bus| bus.name == joint.bus && bus.remedy().is_some())
+    let RobotReport { buses, joints, .. } = &reading.report;
+    let is_offline = |other: &JointReport| other.mode == MotorMode::Offline.name();
+    let is_silent = |bus: &str| joints.iter().filter(|other| other.bus == bus).all(is_offline);
+    let is_down = |bus: &BusReport| bus.condition != BusCondition::Held.name() || is_silent(&bus.name);
+    buses.iter().any(|bus| bus.name == joint.bus && bus.remedy().is_some() && is_down(bus))
 }
 
 fn of_bus(bus: &BusReport, width: usize) -> Vec<Line<'static>> {

@@ -212,6 +212,7 @@ fn bus(bus: &BusState) -> Bus {
             .map(BusCondition::code);
     Bus {
         given_up: lost_conditions.contains(&bus.condition),
+        held: bus.condition == BusCondition::Held.code(),
         sent,
         counters: [sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost],
     }
