@@ -7,7 +7,7 @@ use motord_bus::{Clock, Duration, Frame, FrameId, Instant, Readiness, Ready, Ref
 use motord_core::stopper::{BusFrames, Outlet, REFUSAL_TIMEOUT, Stopper};
 use motord_harness::robot;
 use motord_protocol::Ends;
-use motord_protocol::profile::PROFILES;
+use motord_protocol::Profile;
 use std::sync::{Arc, Mutex};
 
 /// Records its name at each send, and in capitals at each search.
@@ -157,7 +157,7 @@ fn torque_at_rest(frame: &Frame, ends: &Ends) -> f64 {
 /// Method: the mean torque at rest of the frames of one stop, for each model.
 #[test]
 fn damping_without_a_cycle_pushes_no_joint() {
-    for model in PROFILES.iter().flat_map(|profile| profile.models) {
+    for model in Profile::all().flat_map(|profile| profile.models) {
         let settings = robot::settings(&format!(
             "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\nprotocol = 'mit'\n\
              model = '{}'\nlimits = {{ position-rad = [-1.0, 1.0] }}\n",

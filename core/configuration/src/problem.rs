@@ -300,11 +300,11 @@ pub enum Wrong {
     // Motors.
     #[error("there is no bus {0:?}; {1}")]
     UnknownBus(String, String),
-    #[error("{0:?} is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
-    MitOverSerial(String),
-    #[error("motors of {motors} do not speak the GIM protocol; use protocol = \"mit\"")]
-    NoGim { motors: &'static str },
-    #[error("an MIT command has no duration; remove it, or use protocol = \"gim\"")]
+    #[error("{bus:?} is a serial bus, and {protocol:?} is spoken over CAN only; use protocol = \"gim\"")]
+    OnlyOverCan { bus: String, protocol: &'static str },
+    #[error("motors of {motors} do not speak the protocol {protocol:?}; use protocol = \"mit\"")]
+    NotSpoken { motors: &'static str, protocol: &'static str },
+    #[error("a command of this protocol has no duration; remove it, or use protocol = \"gim\"")]
     NoDuration,
     #[error(
         "a command that ends after {duration_ms} ms can end before the next, which comes every {round_ms} ms; give it at least {least_ms} ms, or 0 for none"

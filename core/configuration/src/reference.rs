@@ -1,6 +1,6 @@
 //! Writes the tables of `docs/configuration.md` from the table of keys and the known models.
 
-use motord_protocol::profile::PROFILES;
+use motord_protocol::profile::{ReplyId, shipped};
 
 use super::entry::Row;
 use super::keys;
@@ -39,11 +39,16 @@ fn models() -> String {
         "max velocity, rad/s",
         "ends: rad, rad/s, N·m, kp, kd",
     ];
-    let models = PROFILES.iter().flat_map(|profile| profile.models.iter().map(move |model| (profile, model)));
+    let models = shipped()
+        .into_iter()
+        .flat_map(|(profile, _)| profile.models.iter().map(move |model| (profile, model)));
     let rows = models.map(|(profile, model)| {
         let numbers = [model.gear_ratio, model.rated_torque, model.peak_torque, model.max_velocity];
         let [gear_ratio, rated, peak, velocity] = numbers.map(|number| number.to_string());
-        let host_id = format!("{:#x} + `id`", profile.ids.reply_offset);
+        let host_id = match profile.ids.reply {
+            ReplyId::Offset(offset) => format!("{offset:#x} + `id`"),
+            ReplyId::Shared(shared) => format!("{shared:#x}"),
+        };
         let ends = model.ends.map_or_else(
             || "by constants".to_owned(),
             |ends| format!("{}, {}, {}, {}, {}", ends.position, ends.velocity, ends.torque, ends.kp, ends.kd),

@@ -4,7 +4,7 @@
 
 use motord_bus::transport::Simulated;
 use motord_configuration::{Machine, parse};
-use motord_protocol::profile::PROFILES;
+use motord_protocol::Profile;
 use motord_protocol::{FAMILIES, MotorProtocol};
 use motord_settings::settings::{
     BusSettings, CycleSettings, GroupSettings, IpcSettings, MotorSettings, MotorSimulation, SafeStop,
@@ -44,7 +44,7 @@ fn defaults(protocol: MotorProtocol, model: &str) -> Settings {
 #[test]
 fn omitted_keys_are_these_defaults() {
     let mut robots = 0;
-    for profile in PROFILES {
+    for profile in Profile::all() {
         for model in profile.models {
             for (name, protocol) in FAMILIES.iter().filter(|(_, it)| (it.family().is_spoken_by)(profile)) {
                 let (file, default) = (parsed("", name, model.name), defaults(*protocol, model.name));

@@ -159,7 +159,7 @@ impl MotorSettings {
             name: name.to_owned(),
             bus: 0,
             id,
-            host_id: FrameId::new(profile.ids.reply_offset + u16::from(id))?,
+            host_id: FrameId::new(profile.ids.reply_id(id))?,
             protocol,
             model: model.name.to_owned(),
             profile,

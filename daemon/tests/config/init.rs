@@ -135,7 +135,7 @@ fn an_answer_that_cannot_be_used_is_named() {
         (&["--legs", "1", "--buses", "can0,can1"], "more buses than legs"),
         (&["--joints", "Hip!"], "cannot be a name"),
         (&["--buses", "a\"/b"], "cannot be an interface"),
-        (&["--model", "RS00", "--protocol", "gim"], "do not speak the GIM protocol"),
+        (&["--model", "RS00", "--protocol", "gim"], "do not speak the protocol \"gim\""),
         (&["--rate-hz", "nan"], "cycle.rate-hz"),
     ] {
         let output = init(&[arguments, &["--yes"]].concat());

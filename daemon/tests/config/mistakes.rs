@@ -20,7 +20,7 @@ pub(crate) const REFUSED: &[Case] = &[
         "damping-kd = 2.0",
         "control-duration-ms = 20 #!",
         "motor.control-duration-ms",
-        "an MIT command has no duration",
+        "a command of this protocol has no duration",
     ),
     ("[cycle]", "[cycle #!", "cycle", "write [cycle], alone in its line"),
     (
@@ -267,7 +267,7 @@ pub(crate) const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\never
 const SERIAL: &[Case] = &[
     ("device = '/dev/null'", "", "bus.device", "is missing"),
     ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
-    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
+    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "\"mit\" is spoken over CAN only"),
     (
         "every = 2",
         "every = 1 #!",

@@ -6,7 +6,7 @@ use motord::buses;
 use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant};
 use motord_configuration::{Machine, parse};
 use motord_protocol::Model;
-use motord_protocol::model::MODELS;
+use motord_protocol::profile::STEADYWIN;
 use motord_simulator::{MotorSettings, SimulatedBus};
 use std::path::Path;
 
@@ -34,7 +34,7 @@ fn ask(bus: &mut SimulatedBus, now: &mut u64, request: [u8; 8]) -> [u8; 4] {
 /// GIM document, table 7 and table 10.
 #[test]
 fn twin_of_every_model_has_its_data() {
-    for model in &MODELS {
+    for model in STEADYWIN.models {
         let (mut bus, _) = simulated(model);
         let now = &mut 0;
         let pole_pairs = i32::from_le_bytes(ask(&mut bus, now, [0x84, 0x00, 0x00, 0, 0, 0, 0, 0]));

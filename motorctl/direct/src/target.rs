@@ -282,7 +282,7 @@ impl Session {
     /// Returns the motor's MIT transactions. Without a configuration the vendor is SteadyWin, and
     /// torques are fractions of the full scale.
     pub fn mit(&mut self) -> Mit<'_> {
-        let profile = self.settings.as_ref().map_or(&STEADYWIN, |settings| settings.profile);
+        let profile = self.settings.as_ref().map_or_else(|| &*STEADYWIN, |settings| settings.profile);
         let scales = self.scales();
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
     }

@@ -35,7 +35,9 @@ impl Codec {
     pub(super) fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
         let object = object.with_scale(self.profile, self.scale)?;
         let bytes = match (self.protocol, self.direction) {
-            (FrameProtocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
+            (FrameProtocol::Mit, Direction::ToMotor) => {
+                self.profile.encode_codes(mit::command(&object)?).to_vec()
+            }
             (FrameProtocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
             (FrameProtocol::GimCan, Direction::ToMotor) => gim::encode_command(&object, mit_safe)?,
             (FrameProtocol::GimCan, Direction::ToHost) => gim::encode_reply(&object)?,

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 /// Decodes a command into `object`.
 pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Rejected> {
-    let command = CommandCodes::decode(bytes)?;
+    let command = object.profile().decode_codes(bytes)?;
     object.insert("kind", kind_of(&command));
     match command {
         CommandCodes::GetFault { f_cmd } => object.insert("f_cmd", f_cmd),
@@ -158,6 +158,6 @@ fn state(object: &Object, id: u8) -> Result<State, Rejected> {
 fn largest_fault(profile: &Profile) -> i64 {
     match profile.faults {
         FaultReport::Asked(reply) => (1 << (8 * reply.bytes)) - 1,
-        FaultReport::InEveryReply(_) => 0,
+        FaultReport::InEveryReply(_) | FaultReport::Never => 0,
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::scale::Scale;
 use clap::{Args, ValueEnum};
-use motord_protocol::profile::PROFILES;
 use motord_protocol::{Model, MotorProtocol, Profile, ScaleError, gim, mit};
 use std::str::FromStr;
 
@@ -81,7 +80,7 @@ impl FromStr for Facts {
         }
         let model = Profile::of_model(name).map(|(profile, model)| Self { profile, model: Some(model) });
         model.ok_or_else(|| {
-            let names: Vec<_> = PROFILES.iter().map(|profile| profile.name).collect();
+            let names: Vec<_> = Profile::all().map(|profile| profile.name).collect();
             format!("expected a motor model, or one of the profiles {}", names.join(", "))
         })
     }

@@ -20,7 +20,8 @@ macro_rules! faults {
             pub const $name: Self = Self(1 << $bit);)+
         }
 
-        #[cfg(test)]
+        /// The names of the constants.
+        #[cfg(any(test, feature = "models"))]
         const NAMED: &[(&str, Faults)] = &[$((stringify!($name), Faults::$name),)+];
     };
 }
@@ -48,12 +49,21 @@ impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
     /// SteadyWin's 0x20, which the documents do not define.
-    pub(crate) const UNNAMED: Self = Self(0x20);
+    #[cfg(feature = "models")]
+    const UNNAMED: Self = Self(0x20);
 
     /// Returns the fault for the vendor's number `code`, which the vendor's document does not name.
     #[must_use]
     pub const fn of_unknown_code(code: u8) -> Self {
         Self(Self::UNRECOGNISED.0 | (code as u32) << 24)
+    }
+
+    /// Returns the faults and their names in the files of vendors, in kebab-case.
+    #[cfg(feature = "models")]
+    pub(crate) fn named() -> impl Iterator<Item = (String, Self)> {
+        let names = NAMED.iter().filter(|(_, faults)| *faults != Self::UNRECOGNISED);
+        let all = names.copied().chain([("UNNAMED", Self::UNNAMED)]);
+        all.map(|(name, faults)| (name.to_ascii_lowercase().replace('_', "-"), faults))
     }
 
     /// Returns the vendor's number of an unrecognised fault, if there is one.

@@ -16,7 +16,8 @@
 //!   family. It uses the standard library.
 //! - `commissioning`, with the feature of this name: transactions with motors, one at a time.
 //! - [`mit`]: impedance control over CAN, with requests of 8 bytes and replies of 6 to 8.
-//! - [`profile`]: the differences between vendors, as data.
+//! - [`profile`]: the differences between vendors, as data. With the feature `models` it reads them
+//!   from text files, of which the crate has one for each supported vendor.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
 //! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
@@ -30,7 +31,7 @@
 //! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the bytes
 //! of a frame or by a table's length.
 
-#![cfg_attr(not(any(feature = "drive", feature = "commissioning")), no_std)]
+#![cfg_attr(not(any(feature = "drive", feature = "commissioning", feature = "models")), no_std)]
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "commissioning")]

@@ -8,8 +8,8 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
 
 use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
-use motord_protocol::profile::{FaultReport, PROFILES, Profile};
-use motord_protocol::{Faults, Model, Scales};
+use motord_protocol::profile::{FaultReport, Healthy, shipped};
+use motord_protocol::{FAMILIES, Faults, Model, Profile, Scales};
 use motord_shared::Fault;
 use std::path::Path;
 
@@ -116,12 +116,12 @@ fn assert_reply(profile: &Profile, row: &Row) {
 
 #[test]
 fn golden_frames_of_profiles_round_trip_as_sourced() {
-    for profile in PROFILES {
+    for profile in Profile::all() {
         let rows = rows(profile);
         for row in &rows {
             match row.text("direction") {
                 "to-motor" => {
-                    let bytes = command(row).encode(&row.scales()).unwrap();
+                    let bytes = profile.encode(&command(row), &row.scales()).unwrap();
                     assert_eq!(bytes[..], row.bytes(), "{:?}", row.columns);
                 }
                 "to-host" => assert_reply(profile, row),
@@ -135,7 +135,7 @@ fn golden_frames_of_profiles_round_trip_as_sourced() {
 
 #[test]
 fn every_nonzero_number_is_a_fault() {
-    for profile in PROFILES {
+    for profile in Profile::all() {
         match &profile.faults {
             FaultReport::Asked(reply) => {
                 for bit in (0..8 * reply.bytes).map(|index| 1_u32 << index) {
@@ -146,19 +146,33 @@ fn every_nonzero_number_is_a_fault() {
             FaultReport::InEveryReply(status) => {
                 let codes = 0..=u8::MAX >> status.shift;
                 let sound: Vec<u8> = codes.filter(|code| status.faults(*code).is_none()).collect();
-                assert_eq!(sound, [status.off, status.on], "{}", profile.name);
+                let healthy = match status.healthy {
+                    Healthy::Mode { off, on } => vec![off, on],
+                    Healthy::Code(code) => vec![code],
+                };
+                assert_eq!(sound, healthy, "{}", profile.name);
             }
+            FaultReport::Never => {}
         }
     }
 }
 
 #[test]
 fn names_of_profiles_and_models_are_unique() {
-    let mut names: Vec<_> = PROFILES.iter().map(|profile| profile.name).collect();
-    let models = PROFILES.iter().flat_map(|profile| profile.models);
+    let mut names: Vec<_> = Profile::all().map(|profile| profile.name).collect();
+    let models = Profile::all().flat_map(|profile| profile.models);
     names.extend(models.map(|model| model.name));
     let count = names.len();
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), count);
+}
+
+#[test]
+fn shipped_motors_speak_known_protocols() {
+    for (profile, _) in shipped() {
+        let is_known = |name: &&str| FAMILIES.iter().any(|(known, _)| known == name);
+        assert!(profile.protocols.iter().all(is_known), "{}", profile.name);
+        assert!(!profile.protocols.is_empty(), "{}", profile.name);
+    }
 }

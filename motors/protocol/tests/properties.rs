@@ -2,9 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_protocol::Profile;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance};
-use motord_protocol::profile::PROFILES;
 use motord_protocol::{Field, Scales};
 use proptest::prelude::*;
 
@@ -104,7 +104,7 @@ proptest! {
 
     #[test]
     fn arbitrary_bytes_decode_to_finite_values(bytes in payload()) {
-        for (profile, asked) in PROFILES.iter().flat_map(|profile| {
+        for (profile, asked) in Profile::all().flat_map(|profile| {
             [Asked::State, Asked::Fault, Asked::Clear].map(|asked| (profile, asked))
         }) {
             if let Ok(mit::Reply::State(state)) = profile.decode(&bytes, asked, &scales()) {

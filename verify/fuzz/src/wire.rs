@@ -6,17 +6,18 @@ use motord_bus::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
 use motord_bus::serial::framing::{Decoder, FRAME_LEN_MAX, SerialFrame};
 use motord_bus::{Duration, Instant};
 use motord_core::drive::{Drive, Received};
+use motord_protocol::Profile;
 use motord_protocol::drive::{Command, Impedance, Reported, Setpoint};
 use motord_protocol::gim::{self, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes};
-use motord_protocol::profile::{PROFILES, Profile};
+use motord_protocol::profile::shipped;
 use motord_protocol::{Scales, StateCodes};
 
 /// Decodes the replies of every protocol. A decoded state is a number within the ranges of its
 /// codes. A reply that is encoded again decodes to the same value.
 pub fn replies(bytes: &[u8]) {
     let mut input = Input::new(bytes);
-    let (profile, model) = (input.pick(PROFILES), input.any::<u8>());
+    let (profile, model) = (input.pick(&shipped()).0, input.any::<u8>());
     let model = &profile.models[usize::from(model) % profile.models.len()];
     let scales = model.scales().expect("a model in the table has scales");
     let (asked, id) = (input.pick(&[Asked::State, Asked::Fault, Asked::Clear]), input.any());
@@ -63,7 +64,7 @@ fn within(codes: StateCodes, scales: &Scales) {
 /// native one.
 pub fn commands(bytes: &[u8]) {
     let mut input = Input::new(bytes);
-    let scales = input.pick(PROFILES).models[0].scales().expect("a model in the table has scales");
+    let scales = input.pick(&shipped()).0.models[0].scales().expect("a model in the table has scales");
     let payload = input.bytes(12);
     let decoded = mit::decode_command(payload, &scales);
     assert_eq!(decoded.is_ok(), payload.len() == 8);

@@ -15,7 +15,7 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motord", &["motord-checker", "motord-client", "motord-harness"]),
     ("motord-bus", &["motord-bus"]),
     ("motord-client", &["iceoryx2"]),
-    ("motord-protocol", &["motord-checker", "motord-shared", "motord-simulator"]),
+    ("motord-protocol", &["motord-checker", "motord-protocol", "motord-shared", "motord-simulator"]),
     ("motord-core", &["motord-harness", "motord-simulator"]),
     ("motord-direct", &["motord-simulator"]),
     ("motord-identify", &["motord-configuration", "motord-shared", "motord-twin"]),
@@ -41,8 +41,16 @@ const CORE: &[&str] = &[
     "rtrb",
     "serde",
     "serde_core",
+    // The reader of the vendors' files, before a cycle starts: toml, and what it needs.
+    "serde_spanned",
+    "strsim",
     "thiserror",
+    "toml",
+    "toml_datetime",
+    "toml_parser",
+    "toml_writer",
     "triple_buffer",
+    "winnow",
 ];
 
 /// A row of the table: the folder of a crate and its imports; `None` for a crate that may import

@@ -225,7 +225,9 @@ impl Compare<'_> {
         let Self { motor, reported, bus } = self;
         let agrees = reported.protocol == (motor.protocol.family().reported)(motor.profile);
         let cure = match reported.protocol {
-            ReportedProtocol::Gim | ReportedProtocol::Mit if motor.profile.speaks_gim => {
+            ReportedProtocol::Gim | ReportedProtocol::Mit
+                if motor.profile.speaks(motord_protocol::gim::FAMILY.name) =>
+            {
                 let wanted = motor.protocol.name();
                 format!(
                     "`motorctl protocol {wanted} --bus {bus} --id {}`, or write the other protocol",

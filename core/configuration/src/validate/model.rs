@@ -1,6 +1,5 @@
 //! Finds the model of a motor, and the ends of its codes.
 
-use motord_protocol::profile::PROFILES;
 use motord_protocol::{Ends, Model, Profile, Scales};
 use motord_settings::settings::{BeyondRange, LimitSettings, REGISTERS_MAX, RegisterRange};
 
@@ -27,9 +26,12 @@ pub(super) fn model(
 /// Returns advice for an unknown model. Suggests only another spelling of the same model: codes of
 /// similar names can have other ends.
 fn hint(written: &str) -> String {
-    let known = || PROFILES.iter().flat_map(|profile| profile.models).map(|model| model.name);
+    let known = || Profile::all().flat_map(|profile| profile.models).map(|model| model.name);
     let begins = format!("{}-", written.to_uppercase());
-    let is_same = |name: &&str| number(name) == number(written) || name.starts_with(&begins);
+    let number_written = number(written);
+    let is_same = |name: &&str| {
+        !number_written.is_empty() && number(name) == number_written || name.starts_with(&begins)
+    };
     let mut same = known().filter(is_same);
     match (same.next(), same.next()) {
         (Some(name), None) => format!("did you mean `{name}`?"),

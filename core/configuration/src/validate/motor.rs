@@ -125,18 +125,22 @@ fn address(
     let settings = buses[bus].as_ref()?;
     let is_serial = settings.is_line();
     let named = keys.model.value.as_deref().and_then(Profile::of_model);
-    let profile = named.map_or(&STEADYWIN, |(profile, _)| profile);
+    let profile = named.map_or_else(|| &*STEADYWIN, |(profile, _)| profile);
     if let Some(protocol) = keys.protocol.value {
         if is_serial && protocol.family().answers_on_line.is_none() {
-            findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
+            findings.error(
+                keys.protocol.at,
+                Wrong::OnlyOverCan { bus: settings.name.clone(), protocol: protocol.name() },
+            );
         }
         if !(protocol.family().is_spoken_by)(profile) {
-            findings.error(keys.protocol.at, Wrong::NoGim { motors: profile.motors });
+            let (motors, protocol) = (profile.motors, protocol.name());
+            findings.error(keys.protocol.at, Wrong::NotSpoken { motors, protocol });
         }
     }
     let ids = &profile.ids;
     let id = at_most(&keys.id, keys.id.value?, ids.largest.into(), 1, findings)?;
-    let default = if is_serial { 0 } else { i64::from(ids.reply_offset) + id };
+    let default = if is_serial { 0 } else { i64::from(ids.reply_id(id as u8)) };
     let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
     let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
     let (id, host_id) = (id as u8, FrameId::new(host_id as u16)?);
@@ -268,7 +272,7 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             continue;
         }
         let host_id = motor.host_id.raw();
-        let default = motor.profile.ids.reply_offset + u16::from(motor.id);
+        let default = motor.profile.ids.reply_id(motor.id);
         // In another id the host id is a part, and does not decide the priority.
         let is_reply_id = replies == IdFilter::exact(motor.host_id);
         let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();

@@ -237,8 +237,11 @@ impl Motor<'_> {
         let mut text =
             format!("\n[[motor]]\nname = {}\nbus = {}\nid = {id}\n", quoted(name), quoted(&bus.name));
         if profile.name == "steadywin" {
-            let offset = if bus.is_serial() { SERIAL_REPLY_OFFSET } else { profile.ids.reply_offset.into() };
-            let _infallible = writeln!(text, "host-id = {:#x}", offset + id);
+            let host_id = match u8::try_from(*id) {
+                Ok(id) if !bus.is_serial() => profile.ids.reply_id(id).into(),
+                _ => SERIAL_REPLY_OFFSET + id,
+            };
+            let _infallible = writeln!(text, "host-id = {host_id:#x}");
         }
         let can_be =
             |protocol: &MotorProtocol| !bus.is_serial() || protocol.family().answers_on_line.is_some();

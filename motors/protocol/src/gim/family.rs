@@ -14,7 +14,7 @@ pub const FAMILY: Family = Family {
     has_codes: false,
     has_durations: true,
     has_items: true,
-    is_spoken_by: |profile| profile.speaks_gim,
+    is_spoken_by: |profile| profile.speaks(FAMILY.name),
     capabilities,
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::Gim,

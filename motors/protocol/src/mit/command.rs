@@ -2,6 +2,7 @@
 
 use crate::error::{DecodeError, EncodeError, Quantity};
 use crate::field::{self, TWELVE_BITS};
+use crate::profile::Profile;
 use crate::scale::Scales;
 
 /// The control frame, from the most significant bit: position, velocity, kp, kd, torque. Eight
@@ -108,6 +109,64 @@ pub fn decode_command(bytes: &[u8], scales: &Scales) -> Result<Command, DecodeEr
         CommandCodes::SetZero => Command::SetZero,
         CommandCodes::Control(codes) => Command::Control(codes.scaled(scales)),
     })
+}
+
+impl Profile {
+    /// Returns the frame of a command to a motor of this vendor, as [`Command::encode`] does. A motor
+    /// that has no frame for the command is sent its stop frame.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When a value of the impedance is NaN or infinite.
+    pub fn encode(&self, command: &Command, scales: &Scales) -> Result<[u8; 8], EncodeError> {
+        let special = &self.special;
+        match command {
+            Command::Start => Ok(special.start),
+            Command::Stop => Ok(special.stop),
+            Command::SetZero => Ok(special.zero),
+            Command::ClearFault => Ok(special.clear.unwrap_or(special.stop)),
+            Command::GetFault if !self.is_asked_for_faults() => Ok(special.stop),
+            Command::GetFault | Command::Control(_) => command.encode(scales),
+        }
+    }
+
+    /// Returns the frame of a command, as [`CommandCodes::encode`] does, for a motor of this vendor.
+    #[must_use]
+    pub fn encode_codes(&self, codes: CommandCodes) -> [u8; 8] {
+        let special = &self.special;
+        match codes {
+            CommandCodes::Start => special.start,
+            CommandCodes::Stop => special.stop,
+            CommandCodes::SetZero => special.zero,
+            CommandCodes::ClearFault => special.clear.unwrap_or(special.stop),
+            CommandCodes::GetFault { .. } | CommandCodes::Control(_) => codes.encode(),
+        }
+    }
+
+    /// Decodes a command as a motor of this vendor does, without scales. A fault request is always
+    /// read as one.
+    ///
+    /// # Errors
+    ///
+    /// When there are not exactly 8 bytes.
+    pub fn decode_codes(&self, bytes: &[u8]) -> Result<CommandCodes, DecodeError> {
+        let common = CommandCodes::decode(bytes)?;
+        let special = &self.special;
+        let own = [
+            (Some(special.start), CommandCodes::Start),
+            (Some(special.stop), CommandCodes::Stop),
+            (Some(special.zero), CommandCodes::SetZero),
+            (special.clear, CommandCodes::ClearFault),
+        ];
+        let known = own.into_iter().find(|(frame, _)| frame.is_some_and(|frame| frame == bytes));
+        Ok(match (known, common, <[u8; 8]>::try_from(bytes)) {
+            (Some((_, codes)), ..) => codes,
+            (None, CommandCodes::GetFault { .. } | CommandCodes::Control(_), _) | (None, _, Err(_)) => common,
+            (None, _, Ok(bytes)) => CommandCodes::Control(ControlCodes::unpack(bytes)),
+        })
+    }
 }
 
 /// A command as codes, without scales.

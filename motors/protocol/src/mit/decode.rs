@@ -3,7 +3,7 @@
 use super::{Asked, Reply, State};
 use crate::error::DecodeError;
 use crate::fault::Faults;
-use crate::profile::{FaultReply, FaultReport, Profile, Temperature};
+use crate::profile::{FaultReply, FaultReport, Profile, Status, Temperature};
 use crate::scale::Scales;
 use crate::state::StateCodes;
 
@@ -23,7 +23,7 @@ impl Profile {
     pub fn decode(&self, payload: &[u8], asked: Asked, scales: &Scales) -> Result<Reply, DecodeError> {
         let id = payload.first().map_or(0, |first| first & self.reply.id_mask);
         match (asked, &self.faults) {
-            (Asked::State, _) | (Asked::Fault, FaultReport::InEveryReply(_)) => {
+            (Asked::State, _) | (Asked::Fault, FaultReport::InEveryReply(_) | FaultReport::Never) => {
                 self.decode_state(payload, scales).map(Reply::State)
             }
             (Asked::Fault, FaultReport::Asked(reply)) => {
@@ -66,8 +66,9 @@ impl Profile {
             }
         };
         let status = match self.faults {
-            FaultReport::InEveryReply(status) => Some(first >> status.shift),
+            FaultReport::InEveryReply(status) => payload.get(status.at).map(|byte| byte >> status.shift),
             FaultReport::Asked(_) => self.flags(payload),
+            FaultReport::Never => None,
         };
         let id = first & self.reply.id_mask;
         Ok(State { id, position, velocity, torque, codes, temperatures, status })
@@ -80,13 +81,15 @@ impl Profile {
         payload.get(flags.at).map(|byte| byte >> FLAGS_SHIFT).filter(|status| *status != 0)
     }
 
-    /// Returns the faults that `state` reports; `None` where states name none.
+    /// Returns the faults that `state` reports; `None` where the motor reports them on request. A
+    /// motor that never reports a fault has none.
     #[must_use]
     #[inline]
     pub fn faults_of(&self, state: &State) -> Option<Faults> {
         match self.faults {
             FaultReport::InEveryReply(status) => Some(status.faults(state.status?)),
             FaultReport::Asked(_) => None,
+            FaultReport::Never => Some(Faults::NONE),
         }
     }
 
@@ -97,8 +100,9 @@ impl Profile {
     #[inline]
     pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
-            FaultReport::InEveryReply(status) => Some(!status.is_off(state.status?)),
+            FaultReport::InEveryReply(status) => status.is_on(state.status?),
             FaultReport::Asked(_) => self.reply.flags.as_ref()?.is_on(state.status?),
+            FaultReport::Never => None,
         }
     }
 
@@ -122,8 +126,10 @@ impl Profile {
             (Reply::State(state), faults) => {
                 bytes[1..6].copy_from_slice(&state.codes.pack());
                 let status = state.status.unwrap_or(NO_STATUS);
-                if let FaultReport::InEveryReply(layout) = faults {
-                    bytes[0] |= status << layout.shift;
+                match faults {
+                    FaultReport::InEveryReply(Status { at: 0, shift, .. }) => bytes[0] |= status << shift,
+                    FaultReport::InEveryReply(Status { at, shift, .. }) => bytes[*at] = status << shift,
+                    FaultReport::Asked(_) | FaultReport::Never => {}
                 }
                 let fields = self.reply.temperatures.iter().zip(state.temperatures);
                 fields.for_each(|(field, celsius)| field.write(celsius, &mut bytes));
@@ -199,7 +205,7 @@ const fn length(payload: &[u8], &[least, most]: &[usize; 2]) -> DecodeError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile::{PROFILES, ROBSTRIDE, STEADYWIN};
+    use crate::profile::{ROBSTRIDE, STEADYWIN};
 
     fn scales() -> Scales {
         Scales::by_current(0.1, 8.0).unwrap()
@@ -219,7 +225,7 @@ mod tests {
 
     #[test]
     fn reply_of_other_length_is_refused() {
-        for profile in PROFILES {
+        for profile in Profile::all() {
             let [least, most] = profile.reply.lengths;
             for received in 0..=64 {
                 let reply = profile.decode(&[0x55; 64][..received], Asked::State, &scales());
@@ -234,7 +240,7 @@ mod tests {
 
     #[test]
     fn every_motor_code_survives_a_round_trip() {
-        for profile in PROFILES {
+        for profile in Profile::all() {
             for code in 0..=u16::MAX {
                 let codes = StateCodes { position: code, velocity: code >> 4, torque: code & 0x0FFF };
                 let [a, b, c, d, e] = codes.pack();
@@ -307,7 +313,7 @@ mod tests {
 
     #[test]
     fn moving_state_is_never_a_fault_report() {
-        for profile in PROFILES {
+        for profile in Profile::all() {
             // Every state except those with both velocity and torque at their most negative ends.
             for velocity in 0x020..=0xFFF {
                 let codes = StateCodes { position: 0, velocity, torque: 0 };

@@ -161,7 +161,7 @@ impl MitDialect {
         if let Some(feedback) = &mut self.feedback {
             feedback.forget();
         }
-        frame.set(self.command_id, command.encode(&self.scales).ok()?);
+        frame.set(self.command_id, self.profile.encode(&command, &self.scales).ok()?);
         Some(question)
     }
 

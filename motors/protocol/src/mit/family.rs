@@ -16,7 +16,7 @@ pub const FAMILY: Family = Family {
     has_codes: true,
     has_durations: false,
     has_items: false,
-    is_spoken_by: |_| true,
+    is_spoken_by: |profile| profile.speaks(FAMILY.name),
     capabilities,
     #[cfg(feature = "commissioning")]
     reported,

@@ -1,28 +1,28 @@
 //! Vendor facts as data: a [`Profile`] describes one vendor's motors that speak MIT.
 //!
-//! The codec, the drive, the configuration and `motorctl frame` read the table [`PROFILES`]. They
-//! contain no vendor-specific code. To add a vendor, write a file like `steadywin.rs` and list it
-//! in [`PROFILES`]. Add a drive to the simulator and golden frames to `tests/golden/`.
+//! A profile is one text file. With the feature `models`, [`parse`] reads such a file, and
+//! [`Profile::all`] returns those in the folder `models` of this crate and those that the user
+//! registered. The codec, the drive, the configuration and `motorctl frame` read profiles. They
+//! contain no vendor-specific code.
 //!
 //! All vendors share one frame layout, "the common frame". A command has position 16, velocity 12,
 //! kp 12, kd 12 and torque 12 bits, big endian ([`ControlCodes`](crate::mit::ControlCodes)). A
 //! reply has position 16, velocity 12 and torque 12 bits from its second byte on.
 
 mod capabilities;
-mod damiao;
-mod robstride;
-mod steadywin;
+#[cfg(feature = "models")]
+mod catalog;
+#[cfg(feature = "models")]
+mod file;
 
 pub use capabilities::Capabilities;
-pub use damiao::DAMIAO;
-pub use robstride::ROBSTRIDE;
-pub use steadywin::STEADYWIN;
+#[cfg(feature = "models")]
+pub use catalog::{DAMIAO, NameTaken, ROBSTRIDE, STEADYWIN, register, shipped};
+#[cfg(feature = "models")]
+pub use file::{FileProblem, parse};
 
 use crate::fault::Faults;
 use crate::model::Model;
-
-/// The profiles of all supported vendors.
-pub const PROFILES: &[&Profile] = &[&STEADYWIN, &DAMIAO, &ROBSTRIDE];
 
 /// The facts of one vendor.
 #[derive(Debug, PartialEq)]
@@ -31,10 +31,12 @@ pub struct Profile {
     pub name: &'static str,
     /// The motors that it describes, as text for display.
     pub motors: &'static str,
-    /// The motors also speak the native GIM protocol.
-    pub speaks_gim: bool,
+    /// The names of the protocols that they speak ([`Family::name`](crate::Family::name)).
+    pub protocols: &'static [&'static str],
     /// The arbitration ids of its motors.
     pub ids: Ids,
+    /// Their frames that are no control frame.
+    pub special: SpecialFrames,
     /// The layout of its replies.
     pub reply: ReplyLayout,
     /// The way in which a motor reports its faults.
@@ -54,11 +56,56 @@ pub struct Ids {
     pub largest: u8,
     /// Largest reply id of a motor.
     pub largest_reply: u16,
-    /// A motor's reply id is its id plus this offset, unless the configuration specifies another.
-    pub reply_offset: u16,
+    /// A motor's reply id, unless the configuration specifies another.
+    pub reply: ReplyId,
     /// A motor also receives commands of other modes at its id plus each of these offsets. No reply
     /// may have such an id.
     pub also_receives: &'static [u16],
+}
+
+/// The reply id of a motor that the configuration gives none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReplyId {
+    /// Its id plus this offset.
+    Offset(u16),
+    /// The same for all motors of the vendor: a bus carries one of them.
+    Shared(u16),
+}
+
+impl Ids {
+    /// Returns the reply id of the motor `id`, unless the configuration specifies another.
+    #[must_use]
+    pub const fn reply_id(&self, id: u8) -> u16 {
+        match self.reply {
+            ReplyId::Offset(offset) => offset + id as u16,
+            ReplyId::Shared(shared) => shared,
+        }
+    }
+}
+
+/// The frames that are no control frame. Each begins with six bytes 0xFF, as no control frame does
+/// ([`ControlCodes::pack`](crate::mit::ControlCodes::pack)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SpecialFrames {
+    /// Enter the running state.
+    pub start: [u8; 8],
+    /// Leave the running state.
+    pub stop: [u8; 8],
+    /// Make the present position zero.
+    pub zero: [u8; 8],
+    /// Clear the fault. `None`: the motors would read such a frame as a control frame of full
+    /// position, velocity and torque, and are sent `stop` in its place.
+    pub clear: Option<[u8; 8]>,
+}
+
+impl SpecialFrames {
+    /// Those of most vendors.
+    pub const COMMON: Self = Self {
+        start: [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC],
+        stop: [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD],
+        zero: [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFE],
+        clear: Some([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB]),
+    };
 }
 
 /// The layout of a reply. The second to sixth byte are the codes of the state.
@@ -121,9 +168,11 @@ pub enum FaultReport {
     /// Only on request: six bytes 0xFF, F_CMD, 0xFB, where F_CMD 0xFF clears the fault and any
     /// other value requests it.
     Asked(FaultReply),
-    /// In the first byte of every reply. The host must never send such a motor a fault request. The
+    /// In a byte of every reply. The host must never send such a motor a fault request. The
     /// motor may read it as a control frame with the largest position, velocity and stiffness.
     InEveryReply(Status),
+    /// Never. The host must never send such a motor a fault request either.
+    Never,
 }
 
 /// The reply to a fault request: the motor's id, then a little-endian number.
@@ -141,17 +190,31 @@ pub struct FaultReply {
     pub words: &'static [(u32, Faults)],
 }
 
-/// The status code that shares the first byte of a reply with the motor's id.
+/// The status code in a byte of every reply. In the first byte it is above the motor's id.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
+    /// Index of the byte.
+    pub at: usize,
     /// Number of bits by which the code is shifted left in that byte.
     pub shift: u32,
-    /// The code of a motor that is disabled.
-    pub off: u8,
-    /// The code of a motor that is enabled.
-    pub on: u8,
+    /// The codes of a motor without a fault.
+    pub healthy: Healthy,
     /// Mapping of the other codes to faults. A code that no document lists is also a fault.
     pub words: &'static [(u8, Faults)],
+}
+
+/// The status codes of a motor without a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Healthy {
+    /// One for a disabled motor, and one for an enabled motor.
+    Mode {
+        /// The code of a motor that is disabled.
+        off: u8,
+        /// The code of a motor that is enabled.
+        on: u8,
+    },
+    /// One code. The motor does not report whether it is enabled.
+    Code(u8),
 }
 
 impl FaultReply {
@@ -169,17 +232,23 @@ impl FaultReply {
 }
 
 impl Status {
-    /// Returns `true` when a motor that reports `code` is not enabled: the code is that of a
-    /// disabled motor, or of a fault, which disables it.
+    /// Returns `true` when a motor that reports `code` is enabled. It is not where the code is that
+    /// of a disabled motor, or of a fault, which disables it. `None` where the motor does not report
+    /// it.
     #[must_use]
-    pub fn is_off(&self, code: u8) -> bool {
-        code == self.off || self.words.iter().any(|(known, _)| *known == code)
+    pub fn is_on(&self, code: u8) -> Option<bool> {
+        let Healthy::Mode { off, .. } = self.healthy else { return None };
+        Some(code != off && !self.words.iter().any(|(known, _)| *known == code))
     }
 
     /// Returns the faults of this `code`.
     #[must_use]
     pub fn faults(&self, code: u8) -> Faults {
-        if code == self.off || code == self.on {
+        let is_healthy = match self.healthy {
+            Healthy::Mode { off, on } => code == off || code == on,
+            Healthy::Code(known) => code == known,
+        };
+        if is_healthy {
             return Faults::NONE;
         }
         let word = self.words.iter().find(|(known, _)| *known == code);
@@ -187,32 +256,15 @@ impl Status {
     }
 }
 
-impl Model {
-    /// Returns the model with this name, of any vendor, upper or lower case.
-    #[must_use]
-    pub fn by_name(name: &str) -> Option<&'static Self> {
-        Profile::of_model(name).map(|(_, model)| model)
-    }
-}
-
 impl Profile {
-    /// Returns the profile with this name, in upper or lower case.
+    /// Returns `true` when its motors speak the protocol with this name.
     #[must_use]
-    pub fn by_name(name: &str) -> Option<&'static Self> {
-        PROFILES.iter().find(|profile| profile.name.eq_ignore_ascii_case(name)).copied()
+    pub fn speaks(&self, protocol: &str) -> bool {
+        self.protocols.contains(&protocol)
     }
 
-    /// Returns the model with this name, in upper or lower case, and its profile.
-    #[must_use]
-    pub fn of_model(name: &str) -> Option<(&'static Self, &'static Model)> {
-        PROFILES.iter().find_map(|profile| {
-            let model = profile.models.iter().find(|model| model.name.eq_ignore_ascii_case(name))?;
-            Some((*profile, model))
-        })
-    }
-
-    /// Returns `true` when its motors report faults only on request. Otherwise every reply reports
-    /// them.
+    /// Returns `true` when its motors report faults on request. Otherwise every reply reports
+    /// them, or none does.
     #[must_use]
     pub const fn is_asked_for_faults(&self) -> bool {
         matches!(self.faults, FaultReport::Asked(_))
@@ -223,6 +275,7 @@ impl Profile {
         let (bits, codes): (&[_], &[_]) = match self.faults {
             FaultReport::Asked(FaultReply { words, .. }) => (words, &[]),
             FaultReport::InEveryReply(Status { words, .. }) => (&[], words),
+            FaultReport::Never => (&[], &[]),
         };
         bits.iter().copied().chain(codes.iter().map(|(code, faults)| (u32::from(*code), *faults)))
     }
