@@ -5,7 +5,7 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use super::problem::Wrong;
+use super::problem::{Location, Problem, Wrong};
 
 /// Largest file that is read, bytes. 64 motors with every key take a tenth of it.
 const FILE_BYTES_MAX: u64 = 1024 * 1024;
@@ -17,6 +17,21 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Wrong> {
         return Err(Wrong::WorldWritable);
     }
     Ok(file.read(FILE_BYTES_MAX)?)
+}
+
+/// Returns the text of the file at `path`, read by the rules of [`load`](crate::load): no FIFO, device or huge
+/// file blocks the caller. The file need not be a configuration.
+///
+/// # Errors
+///
+/// The problem with the file.
+pub fn text(path: &Path) -> Result<String, Problem> {
+    let problem = |location, wrong| Problem { file: path.into(), location, wrong };
+    let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let location = Location::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
+        problem(Some(location), Wrong::no_utf8(error.as_bytes()))
+    })
 }
 
 impl From<InputError> for Wrong {

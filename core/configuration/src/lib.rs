@@ -2,7 +2,9 @@
 //!
 //! [`load`] opens a file, `table` reads it key by key, and `validate` checks it as a whole. One run
 //! reports every problem ([`Problem`]). Only a file that cannot be read or parsed has a single
-//! problem. No other file, device or bus is opened.
+//! problem. No device or bus is opened.
+//!
+//! [`vendors`] reads the user's motors beside a configuration before.
 //!
 //! `keys` is the table of all keys. [`reference()`] writes `docs/configuration.md` from it.
 
@@ -25,12 +27,14 @@ mod table;
 mod units;
 mod validate;
 mod value;
+pub mod vendors;
 
 use std::fmt;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 pub use describe::describe;
+pub use file::text;
 pub use machine::Machine;
 pub use origin::{Limit, Origin};
 pub use problem::{Location, Problem, Wrong};
@@ -105,7 +109,8 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// Reads and checks the file at `path`, against the limits of this machine.
+/// Reads and checks the file at `path`, against the limits of this machine. The files of the folder
+/// `models.d` beside it describe further motors.
 ///
 /// Follows a symbolic link, so that a robot can select one of several files. Its target must be a
 /// regular file that not every user may write.
@@ -116,22 +121,8 @@ impl std::error::Error for ConfigError {}
 pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
     let bytes =
         read(path).map_err(|wrong| ConfigError::of(Problem { file: path.into(), location: None, wrong }))?;
+    vendors::register_beside(path).map_err(|problems| ConfigError { problems, refused: None })?;
     parse(path, &bytes, &Machine::here())
-}
-
-/// Returns the text of the file at `path`, read by the rules of [`load`]: no FIFO, device or huge
-/// file blocks the caller. The file need not be a configuration.
-///
-/// # Errors
-///
-/// The problem with the file.
-pub fn text(path: &Path) -> Result<String, Problem> {
-    let problem = |location, wrong| Problem { file: path.into(), location, wrong };
-    let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
-    String::from_utf8(bytes).map_err(|error| {
-        let location = Location::at(error.as_bytes(), error.utf8_error().valid_up_to(), None);
-        problem(Some(location), Wrong::no_utf8(error.as_bytes()))
-    })
 }
 
 /// Returns whether the file at `path` has another hash than `hash`. True for a file that cannot be

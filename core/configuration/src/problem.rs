@@ -105,6 +105,9 @@ pub enum Wrong {
     // The text.
     #[error("{0}")]
     Toml(String),
+    /// Of a vendor's file.
+    #[error("{0}")]
+    Vendor(String),
     #[error("is missing; {0}")]
     Missing(String),
     #[error("unknown key `{key}`; {hint}")]

@@ -8,6 +8,7 @@
 //! daemon.
 
 mod coupled;
+mod drive;
 mod error;
 mod imus;
 mod joints;

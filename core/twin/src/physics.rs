@@ -3,6 +3,7 @@
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and
 //! change what they need.
 
+use crate::drive::drive;
 use motord_bus::Duration;
 use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
@@ -132,6 +133,7 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
         host_id: u16::try_from(motor.host_id.raw()).unwrap_or(u16::MAX),
         dialect: Dialect::by_name(motor.protocol.name()).unwrap_or(defaults.dialect),
         vendor: motor.profile.name,
+        drive: Some(drive(motor.profile)),
         ends: ends.map(|ends| [ends.position, ends.velocity, ends.torque]),
         gain_ends: [motor.scales.kp.max(), motor.scales.kd.max()],
         torque_constant: torque_constant(motor, model, gear_ratio),

@@ -2,8 +2,13 @@
 
 use crate::scale::Scale;
 use clap::{Args, ValueEnum};
+use motord_configuration::vendors::register_beside;
 use motord_protocol::{Model, MotorProtocol, Profile, ScaleError, gim, mit};
+use std::path::Path;
 use std::str::FromStr;
+
+/// The configuration beside which other motors are looked for.
+const CONFIGURATION: &str = "/etc/motord/motord.toml";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum FrameProtocol {
@@ -75,6 +80,10 @@ impl FromStr for Facts {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
+        let is_known = Profile::by_name(name).is_some() || Profile::of_model(name).is_some();
+        if !is_known && let Err(problems) = register_beside(Path::new(CONFIGURATION)) {
+            return Err(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
+        }
         if let Some(profile) = Profile::by_name(name) {
             return Ok(Self { profile, model: None });
         }

@@ -1,7 +1,7 @@
 //! Reads files of vendors as a user writes them: one that is sound, and spoiled ones, each with the
 //! problem that is reported.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
 
 use motord_protocol::profile::{FaultReport, Profile, ReplyId, SpecialFrames, parse};
 use motord_protocol::{Ends, Faults};
@@ -281,6 +281,17 @@ fn other_motors_frames_are_never_sent() {
     for command in [motord_protocol::mit::Command::ClearFault, motord_protocol::mit::Command::GetFault] {
         assert_eq!(profile.encode(&command, &scales), Ok(SpecialFrames::COMMON.stop));
     }
+}
+
+#[test]
+fn documented_example_is_a_sound_file() {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/extending.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, rest) = page.split_once("## A new motor vendor").unwrap();
+    let (_, rest) = rest.split_once("```toml\n").unwrap();
+    let (example, _) = rest.split_once("```").unwrap();
+    let profile = parse(example).unwrap_or_else(|problems| panic!("{problems:?}"));
+    assert_eq!((profile.name, profile.models.len()), ("acme", 1));
 }
 
 proptest! {

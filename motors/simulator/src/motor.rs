@@ -10,7 +10,7 @@ mod registers;
 use crate::body::Shaft;
 use crate::body::{Body, Law, STEP_NS};
 use crate::dialect::{Dialect, is_classic_command};
-use crate::drives::Drive;
+use crate::drives::AnyDrive;
 use crate::fault::{Fault, InjectError};
 use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::wire::{POSITION, Scale, State, VELOCITY};
@@ -68,7 +68,7 @@ pub struct Motor {
     origin: f64,
     mode: Mode,
     fault: u32,
-    drive: &'static Drive,
+    drive: AnyDrive,
     supply: f64,
     time: Instant,
     control_until: Instant,
@@ -126,7 +126,7 @@ impl Motor {
             origin: 0.0,
             mode: Mode::Stopped,
             fault: 0,
-            drive: Drive::of(settings.vendor),
+            drive: AnyDrive::of(settings.vendor, settings.drive.as_ref()),
             supply: settings.supply_voltage,
             time: Instant::ZERO,
             control_until: Instant::FAR_FUTURE,
@@ -304,7 +304,7 @@ impl Motor {
             return;
         }
         let conditions = self.conditions();
-        if (self.drive.raise)(self.fault, conditions) != self.fault {
+        if self.drive.raise(self.fault, conditions) != self.fault {
             self.raise(conditions);
         }
     }
@@ -426,11 +426,11 @@ impl Motor {
     fn conditions(&self) -> u32 {
         let above = |value: f64, item| value > f64::from(self.configuration.int(item));
         let below = |value: f64, item| value < f64::from(self.configuration.int(item));
-        let [over_voltage, under_voltage, over_temperature] = self.drive.conditions;
+        let [over_voltage, under_voltage, over_temperature] = self.drive.conditions();
         let mut fault = 0;
         let mut raise = |number, holds: bool| {
             if holds {
-                fault = (self.drive.raise)(fault, number);
+                fault = self.drive.raise(fault, number);
             }
         };
         raise(over_voltage, above(self.supply, int::OVER_VOLTAGE));
@@ -440,7 +440,7 @@ impl Motor {
     }
 
     fn raise(&mut self, number: u32) {
-        self.fault = (self.drive.raise)(self.fault, number);
+        self.fault = self.drive.raise(self.fault, number);
         if self.fault != 0 && self.mode != Mode::Firmware {
             self.mode = Mode::Fault;
             self.end_control();

@@ -2,6 +2,7 @@
 //! documents leave open.
 
 use crate::dialect::Dialect;
+use crate::drive_facts::DriveFacts;
 use crate::imu_node::ImuNodeSettings;
 use motord_bus::Duration;
 
@@ -85,6 +86,8 @@ pub struct MotorSettings {
     pub dialect: Dialect,
     /// Vendor of its MIT protocol: `steadywin`, or another name that the simulator supports.
     pub vendor: &'static str,
+    /// Facts of its drive, for a vendor that the simulator does not support by name.
+    pub drive: Option<DriveFacts>,
     /// Values of the largest codes of position, rad, velocity, rad/s, and torque, N·m. `None` means
     /// SteadyWin's: 12.5 rad, 65 rad/s, and the torque of 225 A.
     pub ends: Option<[f64; 3]>,
@@ -150,6 +153,7 @@ impl Default for MotorSettings {
             host_id: 0x101,
             dialect: Dialect::Mit,
             vendor: "steadywin",
+            drive: None,
             ends: None,
             gain_ends: [500.0, 5.0],
             torque_constant: 0.125,

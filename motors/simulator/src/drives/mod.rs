@@ -2,27 +2,34 @@
 //!
 //! Each is written from its vendor's sources, without the host's codec or its profiles, so that one
 //! error cannot hide in both. Both are tested with the same golden frames. To add a vendor, write a
-//! file like [`steadywin`]'s, and add a line to [`DRIVES`].
+//! file like [`steadywin`]'s, and add a line to [`DRIVES`]. Without one, [`DriveFacts`] describe the
+//! drive.
 
 mod damiao;
+mod described;
 mod drive;
 mod robstride;
 mod steadywin;
 
+pub(crate) use described::AnyDrive;
 pub(crate) use drive::{Answer, Asked, Drive, Status};
+
+use crate::drive_facts::DriveFacts;
 
 /// All supported vendors.
 const DRIVES: &[&Drive] = &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE];
 
-impl Drive {
-    /// Returns the drive of `vendor`.
+impl AnyDrive {
+    /// Returns the drive of `vendor`: the one that is written for it, or one by these facts.
     ///
     /// # Panics
     ///
-    /// When there is no such vendor. The author of the settings must notice it before a robot is
-    /// tested with them.
-    pub(crate) fn of(vendor: &str) -> &'static Self {
-        let drive = DRIVES.iter().find(|drive| drive.name == vendor);
+    /// When there is neither. The author of the settings must notice it before a robot is tested
+    /// with them.
+    pub(crate) fn of(vendor: &str, facts: Option<&DriveFacts>) -> Self {
+        let written = DRIVES.iter().find(|drive| drive.name == vendor);
+        let drive = written.map(|drive| Self::Written(drive));
+        let drive = drive.or_else(|| facts.cloned().map(Self::Described));
         drive.unwrap_or_else(|| panic!("no simulated drive of the vendor {vendor}"))
     }
 }

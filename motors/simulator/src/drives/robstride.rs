@@ -16,6 +16,7 @@ pub(super) const DRIVE: Drive = Drive {
     decode: MitCommand::decode,
     answer,
     answers_in_fault: |firmware| firmware == RobStrideFirmware::Manual2026,
+
     conditions: [1 << 3, 1 << 2, 1 << 0],
     raise: bits,
 };

@@ -9,6 +9,7 @@ pub(super) const DRIVE: Drive = Drive {
     decode: MitCommand::decode,
     answer,
     answers_in_fault: |_| false,
+
     conditions: [0x02, 0x04, 0x08],
     raise: bits,
 };

@@ -1,5 +1,5 @@
 //! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The
-//! [`Drive`](crate::drives::Drive) holds the differences between vendors.
+//! [`AnyDrive`](crate::drives::AnyDrive) holds the differences between vendors.
 
 use super::configuration::int;
 use super::{Mode, Motor};
@@ -12,12 +12,12 @@ use motord_bus::{Frame, FrameId, Instant};
 impl Motor {
     /// Executes any eight bytes: those that are not a special frame are a control frame.
     pub(super) fn mit(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
-        let command = (self.drive.decode)(frame.payload())?;
+        let command = self.drive.decode(frame.payload())?;
         // A change of id takes effect after its own answer.
         let host_id = self.host_address();
         let behaviour = &self.settings.behaviour;
         let is_silent =
-            behaviour.in_fault == InFault::Silent && !(self.drive.answers_in_fault)(behaviour.firmware);
+            behaviour.in_fault == InFault::Silent && !self.drive.answers_in_fault(behaviour.firmware);
         match command {
             MitCommand::GetFault => {
                 let state = self.state(at);
@@ -49,7 +49,7 @@ impl Motor {
         };
         let (id, fault, filler) = (self.mit_id(), self.fault, self.filler());
         let firmware = self.settings.behaviour.firmware;
-        (self.drive.answer)(&Answer {
+        self.drive.answer(&Answer {
             asked,
             host_id,
             id,

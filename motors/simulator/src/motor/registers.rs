@@ -17,7 +17,7 @@ const REQUEST_ID: u16 = 0x7FF;
 impl Motor {
     /// Returns the id of the requests to its registers, if it has some.
     pub(super) fn register_requests(&self) -> Option<FrameId> {
-        if self.settings.vendor == "damiao" { FrameId::new(REQUEST_ID) } else { None }
+        if self.drive.has_registers(self.settings.vendor) { FrameId::new(REQUEST_ID) } else { None }
     }
 
     /// Returns whether `frame` is a request to the registers of this drive.
