@@ -317,6 +317,8 @@ enum Command {
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::FrameCommand),
+    /// List the known motors, print the file of a vendor, or check one.
+    Models(frame::ModelsArguments),
     #[command(flatten)]
     Pages(Pages),
     /// Print the words that may follow on a command line, for the completions of a shell.
@@ -416,6 +418,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
+        Command::Models(models) => Ok(frame::run_models(&models)?),
         Command::Pages(pages) => Ok(pages.write(Arguments::command())?),
         Command::CompleteWords { line } => {
             words::print(&Arguments::command(), instance, &line);

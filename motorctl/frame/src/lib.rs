@@ -2,18 +2,22 @@
 //!
 //! One object per frame, with the same keys in both directions. `encode` reads the output of
 //! `decode`. The command needs no daemon and no bus.
+//!
+//! `motorctl models`: the known motors, and the frames of a vendor's file.
 
 #![forbid(unsafe_code)]
 
 mod agreement;
 mod codec;
 mod gim;
+mod golden;
 mod hex;
 mod imu;
 mod input;
 mod log;
 mod member;
 mod mit;
+mod models;
 mod null_bytes;
 mod object;
 mod options;
@@ -24,6 +28,7 @@ mod scale;
 mod serial;
 mod strict;
 
+pub use models::{ModelsArguments, run_models};
 pub use rejected::FrameFailure;
 
 use clap::{Args, Subcommand};

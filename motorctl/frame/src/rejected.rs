@@ -122,6 +122,9 @@ pub enum FrameFailure {
     /// The configuration has mistakes.
     #[error(transparent)]
     Configuration(#[from] ConfigError),
+    /// No vendor and no model has this name.
+    #[error("there is no vendor and no model {0}; `motorctl models` lists them")]
+    NoModel(String),
     /// Standard input or output failed.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -133,7 +136,7 @@ impl FrameFailure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Rejected { .. } => exit_status::DATA,
-            Self::Scale(_) => exit_status::USAGE,
+            Self::Scale(_) | Self::NoModel(_) => exit_status::USAGE,
             Self::Configuration(_) => exit_status::CONFIG,
             Self::Io(_) => exit_status::IO,
         }

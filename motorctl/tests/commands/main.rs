@@ -18,6 +18,7 @@ mod help;
 mod hold;
 mod identify;
 mod imu;
+mod models;
 mod monitor;
 mod not_utf8;
 mod operate;
