@@ -341,6 +341,11 @@ pub enum Wrong {
     )]
     DuplicateHostId { host_id: u32, other: String, default: u16 },
     #[error(
+        "motors of {motors} reply with the id {host_id:#05x} like {other:?}, and replies that begin together destroy each other: a bus \
+         carries one such motor; give this one another bus"
+    )]
+    SharedReplies { host_id: u32, other: String, motors: &'static str },
+    #[error(
         "host id {host_id:#04x} is that of {other:?} on the same line too, so a late reply of one can be taken for the other's; give every motor of the line its own, here and with `motorctl id --set-host-id`"
     )]
     SharedHostId { host_id: u32, other: String },

@@ -3,7 +3,7 @@
 use motord_bus::{Duration, FrameId, IdFilter};
 use motord_protocol::drive::{Addresses, Transmission};
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::profile::STEADYWIN;
+use motord_protocol::profile::{ReplyId, STEADYWIN};
 use motord_protocol::{DriveConstants, Model, Profile, Scales, register};
 use motord_settings::defaults::DAMPING_KD;
 use motord_settings::settings::{
@@ -276,11 +276,18 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         // In another id the host id is a part, and does not decide the priority.
         let is_reply_id = replies == IdFilter::exact(motor.host_id);
         let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();
+        let is_shared =
+            matches!(motor.profile.ids.reply, ReplyId::Shared(shared) if u32::from(shared) == host_id);
         if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {
-            findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
+            let (other, motors) = (named(other), motor.profile.motors);
+            let wrong = match is_shared {
+                true => Wrong::SharedReplies { host_id, other, motors },
+                false => Wrong::DuplicateHostId { host_id, other, default },
+            };
+            findings.error(keys.host_id.at, wrong);
         } else if on_bus(motor.bus).any(|(_, other)| other.obeys(replies)) {
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
-        } else if let Some(command) = last.filter(|&last| is_reply_id && last > motor.host_id) {
+        } else if let Some(command) = last.filter(|&last| is_reply_id && !is_shared && last > motor.host_id) {
             let command = command.raw();
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }

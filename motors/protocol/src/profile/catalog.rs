@@ -29,6 +29,8 @@ shipped! {
     DAMIAO = "damiao.toml",
     /// RobStride's RS series, MIT mode.
     ROBSTRIDE = "robstride.toml",
+    /// CubeMars' AK series, MIT mode.
+    CUBEMARS = "cubemars.toml",
 }
 
 /// The profiles that the user registered. Never read by a cycle.

@@ -5,6 +5,7 @@
 //! file like [`steadywin`]'s, and add a line to [`DRIVES`]. Without one, [`DriveFacts`] describe the
 //! drive.
 
+mod cubemars;
 mod damiao;
 mod described;
 mod drive;
@@ -17,7 +18,7 @@ pub(crate) use drive::{Answer, Asked, Drive, Status};
 use crate::drive_facts::DriveFacts;
 
 /// All supported vendors.
-const DRIVES: &[&Drive] = &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE];
+const DRIVES: &[&Drive] = &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE, &cubemars::DRIVE];
 
 impl AnyDrive {
     /// Returns the drive of `vendor`: the one that is written for it, or one by these facts.
