@@ -159,7 +159,7 @@ impl MotorSettings {
             name: name.to_owned(),
             bus: 0,
             id,
-            host_id: FrameId::new(profile.ids.reply_id(id))?,
+            host_id: FrameId::new((protocol.family().default_host_id)(profile, id))?,
             protocol,
             model: model.name.to_owned(),
             profile,

@@ -281,6 +281,7 @@ impl MotorSettings {
     pub const fn drive(&self, error_feedback: bool) -> DriveSettings {
         DriveSettings {
             id: self.id,
+            host_id: self.host_id,
             profile: self.profile,
             scales: self.scales,
             transmission: self.transmission,

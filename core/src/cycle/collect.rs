@@ -290,6 +290,9 @@ fn receive_other(
             {
                 drive.use_ends(ends);
             }
+            if reported == Reported::Unprompted {
+                return FrameRole::Unprompted;
+            }
             let is_late = matches!(reported, Reported::Late | Reported::LateRegister(..));
             // A reply that did not close the open request answers an earlier one.
             if is_late || !was_open || drive.is_open() { FrameRole::Late } else { FrameRole::Answer }

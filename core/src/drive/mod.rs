@@ -125,7 +125,7 @@ impl Drive {
     pub fn receive(&mut self, frame: &Frame, at: Instant) -> Received {
         let Self { dialect, correlator } = self;
         let arrived = Arrived::new(frame, at);
-        let shape = dialect.classify(arrived, correlator.question());
+        let shape = dialect.classify(arrived, correlator.question(at));
         let (question, latency) = match correlator.receive(shape, at) {
             Role::Answer(question, latency) => (question, latency),
             Role::LateReport => (Question::Fault, Duration::ZERO),
@@ -139,6 +139,7 @@ impl Drive {
                 dialect.refute();
                 return Received::Duplicate;
             }
+            Role::Unprompted => return Received::Reply(dialect.accept_unprompted(arrived)),
             Role::UnexpectedId => return Received::UnexpectedId,
             Role::Malformed => return Received::Malformed,
         };

@@ -25,6 +25,9 @@ pub struct Family {
     pub is_spoken_by: fn(&Profile) -> bool,
     /// Returns the abilities of a vendor's motor with these codes.
     pub capabilities: fn(&Profile, &Scales) -> Capabilities,
+    /// Returns the id of a vendor's motor's replies, or the part of it that names the host, where the
+    /// configuration has none.
+    pub default_host_id: fn(&Profile, u8) -> u16,
     /// Returns how the lock file names the answer of a vendor's motor.
     #[cfg(feature = "commissioning")]
     pub reported: fn(&Profile) -> crate::reported::ReportedProtocol,

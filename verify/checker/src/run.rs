@@ -397,12 +397,11 @@ impl Checker {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
-        let (Some(ranges), Meaning::Control { position, kp, kd, torque, .. }) =
-            (protocol.codec().ranges(), order)
+        let (Some(codes), Meaning::Control { position, kp, kd, torque, .. }) =
+            (protocol.codec().codes(), order)
         else {
             return self.check_native(cycle, motor, order);
         };
-        let codes = ranges.codes();
         check_gains([kp, kd], [limits.kp.most, limits.kd.most.max(*damping_kd)], &codes);
         let published = [f64::from(before.position), f64::from(before.velocity)];
         let replies = self.replies.iter().flatten().filter(|reply| reply.at <= cycle.begun);

@@ -99,6 +99,8 @@ struct Address {
     is_serial: bool,
     id: u8,
     host_id: FrameId,
+    /// That of the model and its protocol.
+    default_host_id: u16,
     on_wire: Addresses,
     profile: &'static Profile,
 }
@@ -140,12 +142,14 @@ fn address(
     }
     let ids = &profile.ids;
     let id = at_most(&keys.id, keys.id.value?, ids.largest.into(), 1, findings)?;
-    let default = if is_serial { 0 } else { i64::from(ids.reply_id(id as u8)) };
+    let family = keys.protocol.value.unwrap_or_default().family();
+    let default = if is_serial { 0 } else { (family.default_host_id)(profile, id as u8).into() };
     let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
     let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
     let (id, host_id) = (id as u8, FrameId::new(host_id as u16)?);
-    let on_wire = (keys.protocol.value.unwrap_or_default().family().addresses)(id, host_id);
-    Some(Address { bus, is_serial, id, host_id, on_wire, profile })
+    let on_wire = (family.addresses)(id, host_id);
+    let default_host_id = (family.default_host_id)(profile, id);
+    Some(Address { bus, is_serial, id, host_id, default_host_id, on_wire, profile })
 }
 
 /// Returns the id, if its vendor allows it.
@@ -272,7 +276,7 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             continue;
         }
         let host_id = motor.host_id.raw();
-        let default = motor.profile.ids.reply_id(motor.id);
+        let default = motor.default_host_id;
         // In another id the host id is a part, and does not decide the priority.
         let is_reply_id = replies == IdFilter::exact(motor.host_id);
         let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();

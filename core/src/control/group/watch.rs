@@ -115,6 +115,7 @@ impl Group {
                 motor.record_register(number, value, cx);
             }
             Reported::Late => motor.record_late(),
+            Reported::Unprompted => {}
         }
         Consequence::None
     }

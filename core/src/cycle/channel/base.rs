@@ -43,6 +43,8 @@ pub(crate) enum FrameRole {
     Late,
     /// Answers no request.
     Duplicate,
+    /// The motor sent it by itself.
+    Unprompted,
     /// It has the id of another motor.
     UnexpectedId,
     /// It does not decode, or cannot be an answer to the open request.
@@ -52,7 +54,7 @@ pub(crate) enum FrameRole {
 /// The outcome of a read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Arrivals {
-    /// The number of arrivals, without frames that sensors sent by themselves.
+    /// The number of arrivals, without frames that sensors and motors sent by themselves.
     pub(super) all: usize,
     /// Those of them that answer a request which was open.
     pub(super) answers: usize,
@@ -253,6 +255,7 @@ impl ChannelBase {
             match role {
                 FrameRole::Answer => (self.replied_at, answers) = (arrival.at, answers + 1),
                 FrameRole::Late => self.replied_at = arrival.at,
+                FrameRole::Unprompted => unasked += 1,
                 useless => count_useless(counters, useless),
             }
         }
@@ -382,7 +385,7 @@ fn count_useless(counters: &mut BusState, role: FrameRole) {
         FrameRole::Duplicate => count(&mut counters.duplicate),
         FrameRole::UnexpectedId => count(&mut counters.unexpected_id),
         FrameRole::Malformed => count(&mut counters.malformed),
-        FrameRole::Answer | FrameRole::Late => {}
+        FrameRole::Answer | FrameRole::Late | FrameRole::Unprompted => {}
     }
 }
 

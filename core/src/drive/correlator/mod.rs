@@ -60,6 +60,7 @@ struct Request {
 ///
 /// | open | payload | trusted | distrusted |
 /// |---|---|---|---|
+/// | any | unprompted | unprompted: changes nothing | the same |
 /// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
 /// | nothing, or sent too short ago | any other | unasked | unasked |
 /// | any | unreadable | malformed | malformed |
@@ -117,13 +118,10 @@ impl Correlator {
         self.open.is_some()
     }
 
-    /// Returns the question of the open request.
+    /// Returns the question of the open request, if a payload that arrived at `at` can answer it.
     #[inline]
-    pub(super) const fn question(&self) -> Option<Question> {
-        match self.open {
-            Some(open) => Some(open.question),
-            None => None,
-        }
+    pub(super) fn question(&self, at: Instant) -> Option<Question> {
+        self.open.filter(|open| self.may_answer(*open, at)).map(|open| open.question)
     }
 
     /// Opens a request that is sent at `now`. Gives up the previous one, if it is still open.
@@ -165,6 +163,7 @@ impl Correlator {
         let awaits_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match shape {
             Shape::OtherId => Role::UnexpectedId,
+            Shape::Unprompted => Role::Unprompted,
             Shape::Register if !self.awaits_register(at) => self.unasked_register(),
             Shape::Report if at < self.distrusted_until && !awaits_fault => self.late_report(),
             _ => match self.open {

@@ -18,6 +18,8 @@ pub(crate) enum Role {
     Late,
     /// Answers no request.
     Duplicate,
+    /// The motor reports it by itself: it says nothing about requests.
+    Unprompted,
     /// It is no reply, or cannot be an answer to the open request.
     Malformed,
     /// Comes from another motor.

@@ -254,3 +254,13 @@ fn unsent_request_leaves_nothing_open() {
     let before = Correlator::new(FASTEST);
     assert_eq!(asked(before, Fault, SENT).withdraw(), before);
 }
+
+#[test]
+fn unprompted_frame_changes_no_request() {
+    for open in [None, Some(State), Some(Fault), Some(Clear), Some(Question::Register)] {
+        let nothing = Correlator::new(FASTEST);
+        let state = open.map_or(nothing, |question| asked(nothing, question, SENT));
+        let after = received(state, Shape::Unprompted, SENT + Duration::from_millis(1));
+        assert_eq!(after, (state, Role::Unprompted), "{open:?}");
+    }
+}

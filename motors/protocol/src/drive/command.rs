@@ -81,6 +81,8 @@ pub enum Reported {
     Refused,
     /// The answer to a question of an earlier cycle. Not used.
     Late,
+    /// No request asked for it. Not used.
+    Unprompted,
 }
 
 /// The content that a request asks for.
@@ -110,6 +112,8 @@ pub enum Shape {
     Report,
     /// Read as a state, it continues the last state. It may be an ambiguous fault report.
     Continuation,
+    /// No request asks for it: the motor reports something by itself, or answers another program.
+    Unprompted,
     /// Any other reply.
     Plain,
 }

@@ -11,6 +11,8 @@ use motord_bus::{Duration, Format, Frame, FrameId, Instant};
 pub struct DriveSettings {
     /// Its id, at least 1.
     pub id: u8,
+    /// The id of its replies, or the part of it that names the host.
+    pub host_id: FrameId,
     /// The facts of its vendor.
     pub profile: &'static Profile,
     /// The scales of its codes.
@@ -55,7 +57,8 @@ pub trait Dialect {
     /// motor is sent no frame.
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question>;
 
-    /// Returns the shape of a frame that arrived while `open` is open. It may be late.
+    /// Returns the shape of a frame that arrived while `open` is open, and that can answer it by its
+    /// time. It may be late.
     /// Distinguishes a continuation of the motion from a plain reply only while a fault request is
     /// open.
     fn classify(&self, arrived: Arrived<'_>, open: Option<Question>) -> Shape;
@@ -74,6 +77,11 @@ pub trait Dialect {
     /// Takes a frame that may be a fault report or a late state.
     fn accept_ambiguous(&mut self, _arrived: Arrived<'_>) -> Reported {
         Reported::Alive
+    }
+
+    /// Takes a frame whose shape is [`Unprompted`](Shape::Unprompted).
+    fn accept_unprompted(&mut self, _arrived: Arrived<'_>) -> Reported {
+        Reported::Unprompted
     }
 
     /// Takes a register that answers an earlier question.
@@ -131,6 +139,11 @@ macro_rules! dispatch {
         #[cold]
         fn accept_ambiguous(&mut self, arrived: $crate::drive::Arrived<'_>) -> $crate::drive::Reported {
             match self { $($any::$family(dialect) => dialect.accept_ambiguous(arrived)),+ }
+        }
+
+        #[cold]
+        fn accept_unprompted(&mut self, arrived: $crate::drive::Arrived<'_>) -> $crate::drive::Reported {
+            match self { $($any::$family(dialect) => dialect.accept_unprompted(arrived)),+ }
         }
 
         #[cold]

@@ -15,6 +15,7 @@ mod addresses;
 mod command;
 mod dialect;
 mod joint;
+mod unwrap;
 
 pub use addresses::Addresses;
 pub use command::{Command, Question, Reported, Shape, Status};
@@ -22,3 +23,4 @@ pub use dialect::{Arrived, Dialect, DriveSettings};
 pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
 
 pub(crate) use dialect::dispatch;
+pub(crate) use unwrap::Unwrap;

@@ -16,6 +16,7 @@ pub const FAMILY: Family = Family {
     has_items: true,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     capabilities,
+    default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::Gim,
     #[cfg(feature = "drive")]

@@ -6,9 +6,9 @@ use super::feedback::Feedback;
 use super::{Asked, ControlCodes, Reply, State};
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
-    Shape, Status, Transmission,
+    Shape, Status, Transmission, Unwrap,
 };
-use crate::{Faults, Field, Profile, Scales, register};
+use crate::{Faults, Profile, Scales, register};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 
 /// The dialect of one motor in MIT mode.
@@ -62,34 +62,6 @@ struct Ambiguous {
     faults: Faults,
     /// Read as a state.
     state: Option<Last>,
-}
-
-/// Follows a position whose code wraps round. The turns are counted from accepted states only.
-#[derive(Debug)]
-struct Unwrap {
-    /// The span of all position codes, rad: a position that leaves the range comes back this far
-    /// away.
-    period: f32,
-    turns: f32,
-    last: Option<f32>,
-}
-
-impl Unwrap {
-    /// Of positions with these 65536 codes.
-    fn new(position: Field) -> Self {
-        Self { period: (65536.0 * position.step()) as f32, turns: 0.0, last: None }
-    }
-
-    /// Returns the position over any number of turns, rad. A step of more than half the range is a
-    /// wrap.
-    fn position(&mut self, reported: f32) -> f32 {
-        let step = reported - self.last.unwrap_or(reported);
-        if step.abs() > self.period / 2.0 {
-            self.turns -= step.signum();
-        }
-        self.last = Some(reported);
-        reported + self.turns * self.period
-    }
 }
 
 impl MitDialect {
@@ -380,6 +352,7 @@ mod tests {
     fn damping_at_rest_has_no_mean_torque() {
         let settings = DriveSettings {
             id: 1,
+            host_id: FrameId::from(0x11),
             profile: &STEADYWIN,
             scales: scales(),
             transmission: Transmission::new(1.0, 0.0),
@@ -402,18 +375,6 @@ mod tests {
                 sum += 2.0 * f64::from(sent.velocity - velocity) + f64::from(sent.torque);
             }
             assert!(f64::abs(sum / 1000.0) < 2e-4, "{velocity} rad/s: {} N·m", sum / 1000.0);
-        }
-    }
-
-    #[test]
-    fn a_position_that_wraps_goes_on() {
-        let mut unwrap = Unwrap::new(scales().position);
-        let turn = unwrap.period;
-        let mut turned = 0.0_f32;
-        for _ in 0..1000 {
-            turned += 0.11;
-            let reported = (turned + turn / 2.0).rem_euclid(turn) - turn / 2.0;
-            assert!((unwrap.position(reported) - turned).abs() < 1e-3, "at {turned}");
         }
     }
 }

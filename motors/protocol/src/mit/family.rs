@@ -18,6 +18,7 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     capabilities,
+    default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported,
     #[cfg(feature = "drive")]

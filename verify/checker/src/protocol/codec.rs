@@ -18,8 +18,9 @@ pub(crate) trait Codec {
     /// When it is forbidden.
     fn check(&self, frame: &Frame);
 
-    /// Returns the ranges of the codes in its impedances. `None` where a command has one value.
-    fn ranges(&self) -> Option<&Ranges>;
+    /// Returns the size of one code of each field of its impedances. `None` where a command has one
+    /// value.
+    fn codes(&self) -> Option<Ranges>;
 
     /// Returns `true` when a reply may contain a part of the state.
     fn reports_parts(&self) -> bool {

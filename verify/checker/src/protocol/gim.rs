@@ -73,7 +73,7 @@ impl Codec for Native {
         assert!(is_control || in_mit.is_safe(), "I1: {bytes:02X?} is {in_mit:?} in MIT mode");
     }
 
-    fn ranges(&self) -> Option<&Ranges> {
+    fn codes(&self) -> Option<Ranges> {
         None
     }
 

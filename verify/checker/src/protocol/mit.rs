@@ -35,8 +35,8 @@ impl Codec for Mit {
         );
     }
 
-    fn ranges(&self) -> Option<&Ranges> {
-        Some(&self.ranges)
+    fn codes(&self) -> Option<Ranges> {
+        Some(self.ranges.codes())
     }
 
     fn has_registers(&self) -> bool {

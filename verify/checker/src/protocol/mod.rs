@@ -46,6 +46,6 @@ impl Protocol {
 
     /// Returns the step of the positions in its commands, rad; 0 where they have none.
     pub(crate) fn position_code(&self) -> f64 {
-        self.codec().ranges().map_or(0.0, |ranges| ranges.codes().position)
+        self.codec().codes().map_or(0.0, |codes| codes.position)
     }
 }
