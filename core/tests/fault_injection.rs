@@ -3,8 +3,9 @@
 //! again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
-//! buses and twelve motors. One has native motors among them; half of these seeds put three on a
-//! serial line at a fifth of the rate. In every fourth seed the cycle polls for the last replies.
+//! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol.
+//! One has native motors among them; half of these seeds put three on a serial line at a fifth of
+//! the rate. In every fourth seed the cycle polls for the last replies.
 //! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
 //! `MOTORD_SEED` runs one alone, as the message of a failure describes.
 
@@ -97,10 +98,18 @@ fn settings(seed: u64) -> Settings {
     robot::settings(&text)
 }
 
+/// The frames of a knee in the private protocol are longer.
+const PRIVATE_CYCLE: &str = "[cycle]\nreply-deadline-percent = 90\n";
+
+/// Returns `true` when the RobStride knees of this seed's mixed robot speak their private protocol.
+const fn has_private(seed: u64) -> bool {
+    is_mixed(seed) && seed % 2 == 1
+}
+
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
 /// be armed again.
-fn mixed_settings() -> Settings {
+fn mixed_settings(seed: u64) -> Settings {
     let file = include_str!("../../config/mixed-simulated.toml");
     let from = file.find("[[bus]]").expect("the robot has buses");
     let to = file.find("[[group]]").expect("the robot has a group");
@@ -113,6 +122,11 @@ fn mixed_settings() -> Settings {
         joints(&["hip", "thigh"]).concat(),
         joints(&["knee"]).concat(),
     );
+    let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
+    let text = match has_private(seed) {
+        true => PRIVATE_CYCLE.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
+        false => text,
+    };
     let mut settings = robot::settings(&text);
     settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
     settings
@@ -212,7 +226,7 @@ struct Run {
 impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a fraction of a second, as one with a leg on it does.
-        let mut settings = if is_mixed(seed) { mixed_settings() } else { settings(seed) };
+        let mut settings = if is_mixed(seed) { mixed_settings(seed) } else { settings(seed) };
         if polls(seed) {
             settings.cycle.busy_poll = Duration::from_micros(30);
         }

@@ -73,6 +73,10 @@ fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus
 
 /// A motor's words, if it answers.
 fn ask(motor: &MotorSettings, link: &mut Link) -> Result<Option<Survey>, Error> {
+    // A motor with ids of 29 bits is sent no frame with 11: its number may be an id of another one.
+    if motor.addresses().command_id.is_extended() {
+        return Ok(None);
+    }
     // A motor that should speak MIT is sent nothing that only a native motor should read.
     let question = if motor.protocol.family().has_items { Question::Both } else { Question::MitOnly };
     survey(link, motor.id, question, constants())

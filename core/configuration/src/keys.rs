@@ -179,9 +179,9 @@ sections! {
             "Its CAN id. SteadyWin: ConfID 0x12. Some vendors allow fewer ids.";
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
         "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
-            "Id that its replies bear. SteadyWin: ConfID 0x13. On a serial bus 0 to 255; some vendors allow fewer ids.";
+            "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required_choice(),
-            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
+            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0).if_negative(REVERSED),

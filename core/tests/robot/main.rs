@@ -24,6 +24,7 @@ mod reads;
 mod registers;
 mod replay;
 mod response;
+mod robstride;
 mod transitions;
 mod turns;
 

@@ -42,6 +42,40 @@ fn reply_that_writes_a_parameter_is_refused() {
     }
 }
 
+/// All motors in RobStride's private protocol answer to one host, with ids of 29 bits.
+#[test]
+fn private_motors_share_host_that_is_no_motor() {
+    let motor = |name: &str, rest: &str| {
+        format!(
+            "[[motor]]\nname = '{name}'\nbus = 'leg'\n{rest}\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
+             torque-nm = 5\ntorque-slew-nm-per-s = 50\n"
+        )
+    };
+    let text = |knee: &str| {
+        let hip = motor("hip", "id = 1\nprotocol = 'robstride'\nmodel = 'RS02'");
+        let knee = motor("knee", knee);
+        format!("[[bus]]\nname = 'leg'\ntype = 'simulated'\n{hip}{knee}")
+    };
+    for good in [
+        "id = 2\nprotocol = 'robstride'\nmodel = 'CyberGear'",
+        "id = 2\nprotocol = 'mit'\nmodel = 'GIM8108-8'",
+        "id = 2\nprotocol = 'mit'\nmodel = 'RS02'\nhost-id = 0xFD",
+    ] {
+        validate(&text(good)).unwrap_or_else(|error| panic!("{good}: {error}"));
+    }
+    for (bad, expected) in [
+        ("id = 1\nprotocol = 'robstride'\nmodel = 'RS02'", "id 1 is used by \"hip\""),
+        ("id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "id 1 is used by \"hip\""),
+        ("id = 2\nprotocol = 'robstride'\nmodel = 'RS02'\nhost-id = 1", "the default of this motor is 0x0fd"),
+        ("id = 2\nprotocol = 'robstride'\nmodel = 'RS02'\nhost-id = 0x100", "out of range"),
+        ("id = 128\nprotocol = 'robstride'\nmodel = 'RS02'", "out of range"),
+        ("id = 2\nprotocol = 'robstride'\nmodel = 'GIM8108-8'", "do not speak the protocol \"robstride\""),
+    ] {
+        let error = validate(&text(bad)).expect_err(bad).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 /// A Damiao motor takes frames with the id 0x7FF for writes to its registers (DM_CAN.py), a HiPNUC
 /// IMU those with 0x000 and 0x600 + node for commands (CiA 301).
 #[test]

@@ -65,6 +65,8 @@ families! {
     Mit = mit::MitDialect,
     /// SteadyWin's GIM protocol, over CAN, RS485 or RS232.
     Gim = gim::GimDialect,
+    /// RobStride's private protocol, over CAN.
+    RobStride = robstride::RobStrideDialect,
 }
 
 impl Default for MotorProtocol {

@@ -19,6 +19,7 @@
 //! - [`profile`]: the differences between vendors, as data. With the feature `models` it reads them
 //!   from text files, of which the crate has one for each supported vendor.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
+//! - [`robstride`]: RobStride's private protocol over CAN, with ids of 29 bits.
 //! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
 //! - [`fault`]: faults in terms that all vendors share.
@@ -54,6 +55,7 @@ pub mod profile;
 pub mod register;
 #[cfg(feature = "commissioning")]
 mod reported;
+pub mod robstride;
 pub mod scale;
 pub mod state;
 

@@ -34,6 +34,9 @@ pub enum ReportedProtocol {
     OtherMit,
     /// The native protocol.
     Gim,
+    /// RobStride's private protocol.
+    #[serde(rename = "robstride")]
+    RobStride,
     /// A protocol that is not known.
     Unknown,
 }
@@ -46,6 +49,7 @@ impl ReportedProtocol {
             Self::Mit => "mit",
             Self::OtherMit => "mit of another vendor or driver",
             Self::Gim => "gim",
+            Self::RobStride => "robstride",
             Self::Unknown => "unknown",
         }
     }

@@ -362,6 +362,9 @@ impl SimulatedBus {
             if let Some(reply) = self.motors[index].receive(ends, &frame) {
                 self.answer(index, ends, reply);
             }
+            if let Some(report) = self.motors[index].take_report(ends) {
+                self.answer(index, ends, report);
+            }
         }
         for index in 0..self.imus.len() {
             let sender = Sender::Imu(index);

@@ -64,9 +64,16 @@ pub(crate) fn is_classic_command(frame: &Frame) -> bool {
     frame.is_classic() && frame.payload().len() == COMMAND_BYTES
 }
 
+/// Returns the ids of 29 bits whose lowest byte is this `id`.
+fn to_receiver(id: FrameId) -> IdFilter {
+    IdFilter::masked(FrameId::extended(id.raw()).unwrap_or(FrameId::MAX_EXTENDED), 0xFF)
+}
+
 dialects! {
     /// The MIT protocol.
     Mit = "mit", 1, IdFilter::exact, is_classic_command;
     /// The native GIM protocol.
     Gim = "gim", 0, IdFilter::exact, is_classic_command;
+    /// RobStride's private protocol. The lowest byte of an id names the receiver.
+    RobStride = "robstride", 2, to_receiver, is_classic_command;
 }

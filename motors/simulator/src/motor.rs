@@ -5,7 +5,9 @@ mod gim;
 mod indicator;
 mod mit;
 mod power;
+mod private;
 mod registers;
+mod robstride;
 
 use crate::body::Shaft;
 use crate::body::{Body, Law, STEP_NS};
@@ -61,6 +63,7 @@ pub struct Motor {
     medium: Medium,
     bitrate: u32,
     configuration: Configuration,
+    private: private::Memory,
     body: Body,
     /// In the body's coordinates; kept while the drive is stopped.
     law: Law,
@@ -121,6 +124,7 @@ impl Motor {
         settings.assert_physical();
         Self {
             configuration: Configuration::new(&settings, (medium == Medium::Can).then_some(bitrate)),
+            private: private::Memory::default(),
             body: Body::new(&settings),
             law: Law::LIMP,
             origin: 0.0,
@@ -286,8 +290,7 @@ impl Motor {
         self.time = Instant::from_nanos(grid);
     }
 
-    /// Moves the mechanics to the time of an event, `to`, ns. It must be no later than the next
-    /// point of the grid.
+    /// Moves the mechanics to the time of an event, `to`, ns, at most the next point of the grid.
     fn reach(&mut self, to: u64) {
         let nanos = to.saturating_sub(self.time.as_nanos());
         if nanos > 0 {
@@ -310,7 +313,7 @@ impl Motor {
     }
 
     fn expire(&mut self, due: Instant) {
-        if self.calibration_until <= due && self.mode == Mode::Calibrating {
+        if self.calibration_until <= due && self.mode == Mode::Calibrating || self.has_timed_out(due) {
             self.mode = Mode::Stopped;
         }
         self.end_control();
@@ -343,6 +346,7 @@ impl Motor {
             _ if is_register => (self.register(at, frame)?, Duration::ZERO),
             Dialect::Gim => self.gim(at, frame)?,
             Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
+            Dialect::RobStride => (self.robstride(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
         Some(DelayedReply { frame, after })

@@ -73,8 +73,8 @@ pub enum Medium {
 pub struct MotorSettings {
     /// The name that fault verbs and tests use for it.
     pub name: String,
-    /// The motor has the vendor's defaults: id 1, host id 0, 1 Mbit/s, SteadyWin's in native mode
-    /// and others in MIT mode. The ids and the protocol below are then ignored.
+    /// The motor has the vendor's defaults: id 1, host id 0, 1 Mbit/s, SteadyWin's and RobStride's in
+    /// their own protocol and others in MIT mode. The ids and the protocol below are then ignored.
     pub is_new: bool,
     /// The motor has power at the start. The verb `on` gives it power.
     pub has_power: bool,

@@ -30,6 +30,11 @@ impl Scale {
         Self { min: 0.0, span: end, codes: 4095.0 }
     }
 
+    /// Returns the scale with this largest code.
+    pub(crate) const fn with_codes(self, codes: f64) -> Self {
+        Self { codes, ..self }
+    }
+
     /// Returns the scale of torque at the output shaft, N·m: ±225 A times the rotor's constant
     /// (N·m/A) times the gear ratio.
     pub(crate) fn torque(torque_constant: f64, gear_ratio: f64) -> Self {

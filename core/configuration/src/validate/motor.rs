@@ -106,11 +106,20 @@ struct Address {
 }
 
 impl Address {
+    /// Returns whether some id commands both motors, or `motorctl` cannot name one alone: it names a
+    /// motor by its id, without the width of the ids of its commands.
+    fn is_named_alike(&self, other: &Self) -> bool {
+        let has_long_ids = |address: &Self| address.on_wire.command_id.is_extended();
+        let differs_in_width = has_long_ids(self) != has_long_ids(other);
+        self.on_wire.commands.overlaps(other.on_wire.commands) || differs_in_width && self.id == other.id
+    }
+
     /// Returns whether the motor reads one of the ids as a command, or as a request to its
     /// registers. These have one id for all motors of the bus.
     fn obeys(&self, ids: IdFilter) -> bool {
         let is_request = FrameId::new(register::REQUEST_ID).is_some_and(|id| ids.matches(id));
-        self.on_wire.obeyed(&self.profile.ids).any(|id| ids.matches(id))
+        self.on_wire.commands.overlaps(ids)
+            || self.on_wire.obeyed(&self.profile.ids).any(|id| ids.matches(id))
             || self.profile.has_registers && is_request
     }
 }
@@ -259,10 +268,9 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
     for (index, motor) in addresses.iter().enumerate() {
         let Some(motor) = motor else { continue };
         let keys = &items[index].keys.keys;
-        let Addresses { commands, replies, .. } = motor.on_wire;
+        let replies = motor.on_wire.replies;
         let mut before = on_bus(motor.bus).take_while(|(other, _)| *other < index);
-        if let Some((other, _)) = before.clone().find(|(_, other)| other.on_wire.commands.overlaps(commands))
-        {
+        if let Some((other, _)) = before.clone().find(|(_, other)| other.is_named_alike(motor)) {
             findings.error(keys.id.at, Wrong::DuplicateId { id: motor.id, other: named(other) });
             continue;
         }

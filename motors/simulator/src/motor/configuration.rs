@@ -130,6 +130,12 @@ impl Configuration {
         self.revision = self.revision.wrapping_add(1);
     }
 
+    /// Stores an item that takes effect when the power returns.
+    pub(super) fn keep_for_boot(&mut self, id: u8, value: i32) {
+        *self.stored.int(id) = value;
+        self.revision = self.revision.wrapping_add(1);
+    }
+
     /// Returns the torque constant of the rotor, N·m/A.
     pub(super) fn torque_constant(&self) -> f64 {
         f64::from(self.items.floats[TORQUE_CONSTANT])
@@ -221,14 +227,17 @@ impl Configuration {
 impl Items {
     /// Returns the values after a reset of the configuration. The vendor prints no default except
     /// protocol 0. The id 1 was observed on real motors, the host id 0 on motors of the same
-    /// family. Drives of other vendors know no native protocol: they begin in MIT, with the same
-    /// ids (Damiao: ESC_ID 1, MST_ID 0, mode 1).
+    /// family. RobStride's drives begin in their private protocol, with the host id of the vendor's
+    /// examples. Damiao's begin in MIT (ESC_ID 1, MST_ID 0, mode 1).
     fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
-        let speaks_gim = settings.vendor == MotorSettings::default().vendor;
-        let protocol = if speaks_gim { Dialect::Gim } else { Dialect::Mit };
-        let items: [(u8, i32); 15] = [
+        let (protocol, host_id) = match settings.vendor {
+            "steadywin" => (Dialect::Gim, 0),
+            "robstride" => (Dialect::RobStride, 0xFD),
+            _ => (Dialect::Mit, 0),
+        };
+        let items: [(u8, i32); 16] = [
             (0x00, i32::from(settings.pole_pairs)),
             (0x01, rated_current as i32),
             (int::SPEED_MAX_RPM, rpm(settings.velocity_max).ceil() as i32),
@@ -239,6 +248,7 @@ impl Items {
             (0x0E, 100),
             (int::GEAR_RATIO, settings.gear_ratio.round() as i32),
             (int::CAN_ID, 1),
+            (int::HOST_ID, host_id),
             (int::PROTOCOL, protocol.number()),
             (int::OVER_VOLTAGE, 56),
             (int::UNDER_VOLTAGE, 12),

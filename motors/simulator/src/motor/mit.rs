@@ -12,6 +12,9 @@ use motord_bus::{Frame, FrameId, Instant};
 impl Motor {
     /// Executes any eight bytes: those that are not a special frame are a control frame.
     pub(super) fn mit(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
+        if self.is_protocol_request(frame) {
+            return self.change_from_mit(frame);
+        }
         let command = self.drive.decode(frame.payload())?;
         // A change of id takes effect after its own answer.
         let host_id = self.host_address();

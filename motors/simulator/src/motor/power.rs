@@ -26,6 +26,7 @@ impl Motor {
         self.impairment.dead = false;
         self.disturbances = DISTURBANCES;
         self.configuration.boot();
+        self.private.boot();
         self.find_turn();
         self.silent_until = at + self.settings.boot_time;
     }

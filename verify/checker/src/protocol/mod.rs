@@ -5,10 +5,12 @@ pub(crate) mod codec;
 pub mod gim;
 pub mod mit;
 pub mod ranges;
+pub mod robstride;
 
 use codec::Codec;
 use mit::{Mit, ReplyFormat};
 use ranges::Ranges;
+use robstride::Private;
 
 /// The protocol that a motor speaks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +19,8 @@ pub enum Protocol {
     Mit(Mit),
     /// SteadyWin's own, over CAN or on a serial line.
     Native,
+    /// RobStride's private one.
+    RobStride(Private),
 }
 
 impl Protocol {
@@ -32,6 +36,7 @@ impl Protocol {
         match name {
             "mit" => Self::Mit(Mit { ranges, reply }),
             "gim" => Self::Native,
+            "robstride" => Self::RobStride(Private { ranges }),
             other => panic!("the checker does not know the protocol {other}"),
         }
     }
@@ -41,7 +46,18 @@ impl Protocol {
         match self {
             Self::Mit(mit) => mit,
             Self::Native => &gim::Native,
+            Self::RobStride(private) => private,
         }
+    }
+
+    /// Returns the meaning of a command to motor of this protocol.
+    ///
+    /// # Panics
+    ///
+    /// When its form is not that of a command.
+    #[must_use]
+    pub fn order(&self, frame: &motord_bus::Frame) -> codec::Meaning {
+        self.codec().order(frame)
     }
 
     /// Returns the step of the positions in its commands, rad; 0 where they have none.

@@ -1,9 +1,8 @@
 //! Converts the robot's data to the types of the invariant checker.
 
 use super::Robot;
-use super::ranges::ranges;
+use super::ranges::protocol;
 use motord_bus::Instant;
-use motord_checker::protocol::Protocol;
 use motord_checker::robot::{Bound, Group, Limits, Motor, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
@@ -110,11 +109,6 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
         damping_kd: f64::from(settings.damping_kd),
         limits: limits(&settings.limits),
     }
-}
-
-fn protocol(settings: &MotorSettings) -> Protocol {
-    let reply = Vendor::named(settings.profile.name).reply;
-    Protocol::named(settings.protocol.name(), ranges(settings), reply)
 }
 
 /// Returns the simulation's command for `fault` of a motor of `vendor`: a drive raises a number of

@@ -52,7 +52,7 @@ pub struct Sent {
     pub id: u16,
     /// Payload.
     pub bytes: [u8; 8],
-    /// Meaning of the bytes in MIT.
+    /// Meaning of the frame; of one with an id of 11 bits, in MIT.
     pub meaning: Meaning,
 }
 
@@ -207,8 +207,11 @@ impl Robot {
             let motor =
                 motor.or_else(|| self.settings.motors.iter().find(|motor| is_register && named(motor)));
             let motor = motor.expect("frames go to motors of the bus");
-            let ranges = ranges::ranges(motor);
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
+            let meaning = match frame.id().is_extended() {
+                true => ranges::protocol(motor).order(&frame),
+                false => Meaning::of(bytes, &ranges::ranges(motor)),
+            };
             self.sent.push(Sent {
                 ready: recorded.ready,
                 at,
@@ -216,7 +219,7 @@ impl Robot {
                 frame,
                 id: if is_register { register::REQUEST_ID } else { motor.id.into() },
                 bytes,
-                meaning: Meaning::of(bytes, &ranges),
+                meaning,
             });
         }
     }
@@ -244,15 +247,21 @@ impl Robot {
 
     /// Delivers a frame to the host that no motor sent.
     pub fn deliver_frame(&mut self, bus: usize, id: u16, payload: &[u8]) {
-        let now = self.now();
         match &self.buses[bus] {
-            Wire::Bus(bus) => {
+            Wire::Bus(_) => {
                 let id = FrameId::new(id).expect("an id has eleven bits");
-                let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
-                bus.lock().deliver(now, Content::Frame(frame));
+                self.deliver_with_id(bus, id, payload);
             }
             Wire::Line(line) => line.deliver_frame(id as u8, payload),
         }
+    }
+
+    /// Delivers a frame with an id of either width to the host, on a CAN bus.
+    pub fn deliver_with_id(&mut self, bus: usize, id: FrameId, payload: &[u8]) {
+        let now = self.now();
+        let Wire::Bus(bus) = &self.buses[bus] else { panic!("a line has no arbitration ids") };
+        let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
+        bus.lock().deliver(now, Content::Frame(frame));
     }
 
     /// Reopens a bus that the cycle gave up, as the daemon's reconnector does, if it can be opened.

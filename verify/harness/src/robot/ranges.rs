@@ -1,7 +1,15 @@
-//! The ranges of a motor's codes, for the invariant checker.
+//! The protocol of a motor and the ranges of its codes, for the invariant checker.
 
+use motord_checker::protocol::Protocol;
 use motord_checker::protocol::ranges::Ranges;
+use motord_checker::vendor::Vendor;
 use motord_settings::settings::MotorSettings;
+
+/// Returns the protocol of a motor.
+pub(super) fn protocol(settings: &MotorSettings) -> Protocol {
+    let reply = Vendor::named(settings.profile.name).reply;
+    Protocol::named(settings.protocol.name(), ranges(settings), reply)
+}
 
 /// Returns the ranges of a motor's codes.
 pub fn ranges(settings: &MotorSettings) -> Ranges {
