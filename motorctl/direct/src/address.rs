@@ -1,5 +1,7 @@
 //! `motorctl id` and `motorctl protocol`: the address of a motor.
 
+mod private;
+
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::memory::{outcome_of, text};
@@ -61,7 +63,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
         let usage = "id and host id must differ: two nodes would send frames with one id".to_owned();
         return Err(DirectFailure::Usage(usage));
     }
-    let mut session = arguments.target.open_gim()?;
+    let mut session = arguments.target.open()?;
+    if session.protocol == Protocol::RobStride {
+        let has_others = arguments.set_host_id.is_some() || arguments.set_bitrate.is_some();
+        let wanted = private::Wanted { id: arguments.set_id, protocol: arguments.set_protocol, has_others };
+        return private::run(&mut session, &wanted, arguments.confirm, arguments.json);
+    }
+    let mut session = session.require_gim()?;
+    if arguments.set_protocol == Some(Protocol::RobStride) {
+        return Err(session.unfit("it does not speak RobStride's private protocol"));
+    }
     let present = read(&mut session)?;
     if arguments.changes_nothing() {
         return show(&session, &present, arguments.json);
@@ -76,9 +87,17 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     if session.protocol == to && session.line.link.wire() == Wire::Can {
         return print_line(&format!("{}: speaks this protocol already", session.name()));
     }
-    if session.protocol == Protocol::Mit {
-        let reason = "a motor in MIT mode cannot be changed over CAN: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
-        return Err(session.unfit(reason));
+    match (session.protocol, to) {
+        (Protocol::RobStride, Protocol::Mit) => return private::change_to_mit(&mut session, confirm),
+        (Protocol::Mit, Protocol::RobStride) => return private::change_from_mit(&mut session, confirm),
+        (Protocol::RobStride, _) | (_, Protocol::RobStride) => {
+            return Err(session.unfit("no motor speaks both protocols"));
+        }
+        (Protocol::Mit, _) => {
+            let reason = "a motor in MIT mode cannot be changed over CAN: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
+            return Err(session.unfit(reason));
+        }
+        (Protocol::Gim, _) => {}
     }
     let present = read(&mut session)?;
     let wanted = with(&present, PROTOCOL, protocol_number(to));
@@ -113,10 +132,10 @@ pub(crate) fn with(values: &Values, name: &str, new: i32) -> Values {
     values.iter().map(replaced).collect()
 }
 
-/// Returns the stored number of a protocol.
+/// Returns the number of a protocol that a SteadyWin motor stores.
 pub(crate) const fn protocol_number(protocol: Protocol) -> i32 {
     match protocol {
-        Protocol::Gim => 0,
+        Protocol::Gim | Protocol::RobStride => 0,
         Protocol::Mit => 1,
     }
 }

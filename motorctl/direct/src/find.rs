@@ -62,6 +62,9 @@ impl<'a> ScannedMotor<'a> {
             Family::Native => ("gim", None),
             Family::Mit => ("mit", None),
             Family::OtherMit { .. } => ("mit-other", None),
+            Family::RobStride { serial } => {
+                ("robstride", Some(format!("serial number {:016X}", u64::from_be_bytes(serial))))
+            }
             Family::Unknown { answer } => ("unknown", Some(format!("{answer:?}"))),
         };
         Self {
@@ -241,6 +244,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
     let protocol = match session.protocol {
         target::Protocol::Mit => session.mit().stop().map(|_| "mit"),
         target::Protocol::Gim => session.gim().version().map(|_| "gim"),
+        target::Protocol::RobStride => session.private().stop().map(|_| "robstride"),
     }
     .map_err(|error| session.explain(error))?;
     let elapsed = session.line.link.now().since(begun);

@@ -5,7 +5,7 @@ use crate::failure::DirectFailure;
 use crate::guard::StopOnDrop;
 use crate::motion::{Jogged, PERIOD, ranged};
 use crate::output::print_line;
-use crate::target::Target;
+use crate::target::{Protocol, Target};
 use motord_terminal::Interrupt;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
@@ -53,6 +53,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     }
     let named = arguments.name.as_ref().map(|joint| arguments.target.named(joint));
     let mut session = named.as_ref().unwrap_or(&arguments.target).open()?;
+    if session.protocol == Protocol::RobStride && session.settings.is_none() {
+        return Err(session.unfit("the ranges of its codes follow from its model: use --config and --joint"));
+    }
     let name = session.name();
     arguments.confirm.ask(&format!(
         "This starts {name} and moves it at {} rad/s, at most {} rad from where it is.\n\

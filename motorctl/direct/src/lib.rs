@@ -147,9 +147,10 @@ pub enum DirectCommand {
     /// Move a joint slowly and softly while a key is held.
     ///
     /// The command stops the motor at the end, at Ctrl-C, beyond a bound and when the terminal
-    /// closes. If this process is killed, a motor in MIT mode continues with the last command. A
-    /// GIM motor continues for 200 ms or permanently, depending on how its drive reads the duration
-    /// of a command. Keep the switch of its supply at hand.
+    /// closes. If this process is killed, a motor in MIT mode, or in RobStride's private protocol
+    /// without a timeout, continues with the last command. A GIM motor continues for 200 ms or
+    /// permanently, depending on how its drive reads the duration of a command. Keep the switch of
+    /// its supply at hand.
     #[command(
         after_help = "Examples:\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --yes\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --backward --rad-s 0.1 --yes"
     )]
@@ -188,10 +189,11 @@ pub enum DirectCommand {
     Replace(replace::Arguments),
     /// Change the protocol that a motor speaks over CAN.
     ///
-    /// A motor in MIT mode cannot be changed back over CAN. Its serial port (RS485, RS232) keeps
-    /// the GIM protocol, and can.
+    /// A SteadyWin motor in MIT mode cannot be changed back over CAN. Its serial port (RS485, RS232)
+    /// keeps the GIM protocol, and can. A RobStride motor changes between its private protocol and
+    /// MIT in both directions, and takes the new one when it is powered off and on.
     #[command(
-        after_help = "Examples:\n  motorctl protocol mit --bus can0 --id 3 --yes\n  motorctl protocol gim --bus /dev/ttyUSB0 --id 3 --yes"
+        after_help = "Examples:\n  motorctl protocol mit --bus can0 --id 3 --yes\n  motorctl protocol gim --bus /dev/ttyUSB0 --id 3 --yes\n  motorctl protocol robstride --config motord.toml --joint knee --yes"
     )]
     Protocol {
         /// The new protocol.

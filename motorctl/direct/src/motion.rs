@@ -226,6 +226,14 @@ impl<'s> Jogged<'s> {
                 motor.control(Impedance { position: at, ..Impedance::default() })?;
                 motor.start()?.position
             }
+            Protocol::RobStride => {
+                let scales = self.session.wide_scales();
+                let mut motor = self.session.private();
+                let [at, ..] = motor.stop()?.scaled(&scales);
+                motor.control([at, 0.0, 0.0, 0.0, 0.0], &scales)?;
+                let [at, ..] = motor.start()?.scaled(&scales);
+                at
+            }
             Protocol::Gim => {
                 let mut motor = self.session.gim();
                 motor.read_scales()?;
@@ -240,7 +248,7 @@ impl<'s> Jogged<'s> {
     /// Follows `velocity`, rad/s. Returns position, rad, and velocity, rad/s.
     pub(crate) fn follow(&mut self, velocity: f64) -> Result<[f64; 2], Error> {
         match self.session.protocol {
-            Protocol::Mit => {
+            Protocol::Mit | Protocol::RobStride => {
                 self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
             Protocol::Gim => self.speed(velocity),
@@ -253,7 +261,7 @@ impl<'s> Jogged<'s> {
     /// with any torque. Returns position, rad, velocity, rad/s, and torque, N·m.
     pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 3], Error> {
         match self.session.protocol {
-            Protocol::Mit => self.control(&Impedance {
+            Protocol::Mit | Protocol::RobStride => self.control(&Impedance {
                 position: position as f32,
                 kp,
                 kd: self.kd,
@@ -270,8 +278,14 @@ impl<'s> Jogged<'s> {
         Ok([position, velocity, torque].map(f64::from))
     }
 
-    /// Commands a motor in MIT mode. Returns position, rad, velocity, rad/s, and torque, N·m.
+    /// Commands an impedance. Returns position, rad, velocity, rad/s, and torque, N·m.
     fn control(&mut self, wanted: &Impedance) -> Result<[f64; 3], Error> {
+        if self.session.protocol == Protocol::RobStride {
+            let scales = self.session.wide_scales();
+            let Impedance { position, velocity, kp, kd, torque } = *wanted;
+            let state = self.session.private().control([position, velocity, kp, kd, torque], &scales)?;
+            return Ok(state.scaled(&scales).map(f64::from));
+        }
         let scales = self.session.scales();
         let sent = nearest(wanted, &mut self.feedback, &scales);
         let mit::State { position, velocity, torque, .. } = self.session.mit().control(sent)?;
@@ -301,6 +315,7 @@ impl Stop for Jogged<'_> {
         match self.session.protocol {
             Protocol::Mit => self.session.mit().stop().map(drop),
             Protocol::Gim => self.session.gim().stop(),
+            Protocol::RobStride => self.session.private().stop().map(drop),
         }
     }
 }

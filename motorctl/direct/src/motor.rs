@@ -6,7 +6,7 @@ use crate::target::{Protocol, Session};
 use motord_bus::FrameId;
 use motord_protocol::Faults;
 use motord_protocol::commissioning::{
-    Apply, Change, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, changes, identify,
+    Apply, Change, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, Wire, changes, identify,
     is_taken,
 };
 use motord_protocol::gim::{Command, ConfigurationItem, Indicator, Value};
@@ -96,6 +96,7 @@ pub(crate) fn clear_fault(session: &mut Session) -> Result<(), Error> {
     match session.protocol {
         Protocol::Gim => session.gim().acknowledge_fault(),
         Protocol::Mit => session.mit().clear_fault(),
+        Protocol::RobStride => session.private().clear_fault(),
     }
 }
 
@@ -117,7 +118,7 @@ pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
             must_be_free(session, id, host_id)?;
             Registers::new(&mut session.line.link, session.id, before).set_address(id, host_id)?;
         }
-        (Protocol::Mit, _) => {
+        (Protocol::Mit | Protocol::RobStride, _) => {
             let reason = format!(
                 "its id cannot be changed over CAN in MIT mode: set id {id} and host id {:#05X} with the vendor's tool",
                 host_id.raw()
@@ -136,8 +137,14 @@ pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
 ///
 /// The bus accepts no frame.
 pub(crate) fn vendor(link: &mut Link, found: &Found) -> Result<&'static str, Error> {
-    let (Family::OtherMit { .. }, Some(host_id)) = (found.family, found.host_id) else {
-        return Ok(if matches!(found.family, Family::Unknown { .. }) { "unknown" } else { "steadywin" });
+    // A damaged answer on a serial line looks like one of MIT, which no motor speaks there.
+    let (Family::OtherMit { .. }, Some(host_id), Wire::Can) = (found.family, found.host_id, link.wire())
+    else {
+        return Ok(match found.family {
+            Family::RobStride { .. } => "robstride",
+            Family::Unknown { .. } => "unknown",
+            _ => "steadywin",
+        });
     };
     let has_registers = Registers::new(link, found.id, host_id).read(register::ID)?.is_some();
     Ok(if has_registers { "damiao" } else { "robstride" })
@@ -151,6 +158,11 @@ pub(crate) fn mismatch(vendor: &str, family: Family, joint: &MotorSettings) -> O
             "{name} has the model {model} ({}) in the configuration, and this motor answers like one of {vendor}: take another joint, or \
              correct the model",
             profile.name
+        ));
+    }
+    if matches!(family, Family::RobStride { .. }) || protocol.name() == Protocol::RobStride.name() {
+        return Some(format!(
+            "{name} or this motor has RobStride's private protocol: use `motorctl id`, `motorctl zero` and `motorctl setup --config FILE`"
         ));
     }
     let is_mit = family != Family::Native;

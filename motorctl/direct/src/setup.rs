@@ -8,9 +8,10 @@ use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, Verdict, end_findings, end_lines, findings};
 use motord_protocol::commissioning::{
-    Error, LISTEN, Native, Question, ReportedMotor, ReportedProtocol, ends, survey,
+    Error, LISTEN, Native, Private, Question, ReportedMotor, ReportedProtocol, ends, survey,
 };
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
+use motord_protocol::robstride::parameter::{TIMEOUT, TIMEOUT_HZ};
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_terminal::{Cell, Colour, Interrupt, Palette, Table, json};
 use serde::Serialize;
@@ -26,7 +27,8 @@ pub struct Arguments {
     /// Only these motors.
     #[arg(long = "joint", value_name = "NAME")]
     joints: Vec<String>,
-    /// Write differing torque constants, gear ratios and pole pairs into the motors, as configured.
+    /// Write differing torque constants, gear ratios and pole pairs into the motors, as configured,
+    /// and a timeout of 200 ms into RobStride motors without one in their private protocol.
     /// Use `motorctl id` and `motorctl protocol` for ids and the protocol, with one motor
     /// connected.
     #[arg(long)]
@@ -90,6 +92,8 @@ struct ComparedMotor<'s> {
     findings: Vec<Finding>,
     /// Lines for its table in the configuration: the ends of codes that it reports, where they are not the configured ones.
     lines: Option<String>,
+    /// A RobStride motor continues with its last command when no command arrives.
+    lacks_timeout: bool,
 }
 
 impl ComparedMotor<'_> {
@@ -155,14 +159,18 @@ fn ask<'s>(
     bus: &str,
     line: &mut OpenLine,
 ) -> Result<ComparedMotor<'s>, DirectFailure> {
-    let survey = survey(&mut line.link, motor.id, Question::Both, &CONFIGURATION)?;
+    let has_long_ids = motor.addresses().command_id.is_extended();
+    let question = if has_long_ids { Question::PrivateFirst } else { Question::Both };
+    let survey = survey(&mut line.link, motor.id, question, &CONFIGURATION)?;
     let reported = survey.map(|survey| survey.reported(&motor.name, bus));
     let mut findings = findings(settings, motor, reported.as_ref());
     let has_registers = motor.profile.has_registers && reported.is_some();
     let ends = if has_registers { ends(&mut line.link, motor.id, motor.host_id)? } else { None };
     findings.extend(ends.into_iter().flat_map(|ends| end_findings(motor, ends)));
     let lines = ends.and_then(|ends| end_lines(motor, ends));
-    Ok(ComparedMotor { motor, reported, findings, lines })
+    let is_private = reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::RobStride);
+    let timeout = if is_private { Private::new(&mut line.link, motor.id).read(TIMEOUT)? } else { None };
+    Ok(ComparedMotor { motor, reported, findings, lines, lacks_timeout: timeout == Some([0; 4]) })
 }
 
 /// Writes the differing constants after consent, and asks the motor again.
@@ -173,6 +181,9 @@ fn write<'s>(
     line: &mut OpenLine,
     confirm: Confirm,
 ) -> Result<ComparedMotor<'s>, DirectFailure> {
+    if asked.lacks_timeout {
+        return write_timeout(settings, &asked, bus, line, confirm);
+    }
     let changes = changes(&asked);
     if changes.is_empty() {
         return Ok(asked);
@@ -190,6 +201,29 @@ fn write<'s>(
         let confirmation = motor.store_configuration(item, value)?;
         eprintln!("{name}: {} {}", item.name, outcome_of(confirmation));
     }
+    ask(settings, asked.motor, bus, line)
+}
+
+/// Time without commands after which a motor disables itself, ms. It is longer than the slowest
+/// cycle, 10 Hz, and short for a robot whose computer has failed.
+const TIMEOUT_MS: u32 = 200;
+
+/// Writes the timeout of a RobStride motor after consent, and asks the motor again.
+fn write_timeout<'s>(
+    settings: &Settings,
+    asked: &ComparedMotor<'s>,
+    bus: &str,
+    line: &mut OpenLine,
+    confirm: Confirm,
+) -> Result<ComparedMotor<'s>, DirectFailure> {
+    let name = &asked.motor.name;
+    confirm.ask(&format!(
+        "This permanently lets {name} disable itself when it receives no command for {TIMEOUT_MS} ms (canTimeout)."
+    ))?;
+    let mut motor = Private::new(&mut line.link, asked.motor.id);
+    motor.stop()?;
+    motor.store("canTimeout", TIMEOUT, TIMEOUT_MS * (TIMEOUT_HZ / 1000))?;
+    eprintln!("{name}: canTimeout was 0, confirmed as {TIMEOUT_MS} ms");
     ask(settings, asked.motor, bus, line)
 }
 
@@ -299,6 +333,13 @@ fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), 
         print_line(&format!(
             "{name}: its codes end elsewhere than its model's, and the daemon uses the ends that it reports. To accept only a motor \
              with these, write in its [[motor]]:\n{lines}"
+        ))?;
+    }
+    for ComparedMotor { motor, .. } in asked.iter().filter(|asked| asked.lacks_timeout) {
+        print_line(&format!(
+            "{}: without commands it continues with the last one, because its timeout (canTimeout, 0x7028) is off. `motorctl setup --write` \
+             sets it to {TIMEOUT_MS} ms",
+            motor.name
         ))?;
     }
     print_silent(asked)?;

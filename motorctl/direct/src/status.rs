@@ -21,7 +21,18 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailur
         id: u8,
         version: u32,
     }
-    let mut session = target.open_gim()?;
+    let mut session = target.open()?;
+    if session.protocol == Protocol::RobStride {
+        let numbers =
+            session.private().version()?.ok_or_else(|| session.unfit("its firmware reports no version"))?;
+        let version = u32::from_be_bytes(numbers);
+        if as_json {
+            return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
+        }
+        let [a, b, c, d] = numbers;
+        return print_line(&format!("{}: firmware version {a}.{b}.{c}.{d}", session.name()));
+    }
+    let mut session = session.require_gim()?;
     let version = session.gim().version().map_err(|error| session.explain(error))?;
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
@@ -86,6 +97,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
             session.mit().fault()
         }
         Protocol::Gim => Ok(session.gim().fault()?.faults()),
+        Protocol::RobStride => session.private().fault(),
     }
 }
 
@@ -98,6 +110,7 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
             session.mit().clear_fault()
         }
         Protocol::Gim => session.gim().acknowledge_fault(),
+        Protocol::RobStride => session.private().clear_fault(),
     };
     cleared?;
     let left = read_faults(&mut session)?;
@@ -128,9 +141,10 @@ pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
 pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
-        (Protocol::Mit, true) => {
-            return Err(session.unfit("MIT has no such command: leave --control out"));
+        (Protocol::Mit | Protocol::RobStride, true) => {
+            return Err(session.unfit("its protocol has no such command: leave --control out"));
         }
+        (Protocol::RobStride, false) => session.private().stop().map(drop),
         (Protocol::Mit, false) => session.mit().stop().map(drop),
         (Protocol::Gim, true) => session.gim().stop_control(),
         (Protocol::Gim, false) => session.gim().stop(),

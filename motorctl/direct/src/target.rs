@@ -5,10 +5,11 @@ use motord_bus::transport::{self, Nodes, OpenedAsIs};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_configuration as config;
 use motord_protocol::commissioning::{
-    Error, Family, Found, Link, Mit, Native, Wire, answers, ends, identify,
+    Error, Family, Found, Link, Mit, Native, Private, Wire, answers, ends, identify, identify_private,
 };
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Scales, gim, mit};
+use motord_protocol::robstride::{self, WideScales};
+use motord_protocol::{Ends, Scales, gim, mit};
 use motord_settings::settings::MotorSettings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,9 @@ pub enum Protocol {
     Mit,
     /// The GIM protocol, on CAN and serial lines.
     Gim,
+    /// RobStride's private protocol, on CAN only.
+    #[value(name = "robstride")]
+    RobStride,
 }
 
 impl Protocol {
@@ -35,6 +39,7 @@ impl Protocol {
         match self {
             Self::Mit => mit::FAMILY.name,
             Self::Gim => gim::FAMILY.name,
+            Self::RobStride => robstride::FAMILY.name,
         }
     }
 }
@@ -189,8 +194,8 @@ impl Target {
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
-            (Some(Protocol::Mit), Wire::Serial) => {
-                Err(session.unfit("a serial line always has the GIM protocol: leave --protocol mit out"))
+            (Some(Protocol::Mit | Protocol::RobStride), Wire::Serial) => {
+                Err(session.unfit("a serial line always has the GIM protocol: leave --protocol out"))
             }
             (Some(_), _) => Ok(session),
             (None, _) => session.identify().map(|()| session),
@@ -201,15 +206,9 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// The motor cannot be reached, or is in MIT mode.
+    /// The motor cannot be reached, or speaks another protocol.
     pub fn open_gim(&self) -> Result<Session, DirectFailure> {
-        let session = self.open()?;
-        if session.protocol == Protocol::Mit {
-            return Err(session.unfit(
-                "it is in MIT mode, which has no such command: use its serial port (RS485 or RS232), which has the GIM protocol",
-            ));
-        }
-        Ok(session)
+        self.open()?.require_gim()
     }
 
     /// Returns the target for a joint of the given or the default configuration.
@@ -269,9 +268,28 @@ impl Session {
     pub(crate) fn with(line: OpenLine, found: &Found) -> Self {
         let protocol = match found.family {
             Family::Native => Protocol::Gim,
+            Family::RobStride { .. } => Protocol::RobStride,
             Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Protocol::Mit,
         };
         Self { line, id: found.id, host_id: found.host_id, protocol, settings: None }
+    }
+
+    /// Returns the session, for a command of the GIM protocol.
+    ///
+    /// # Errors
+    ///
+    /// The motor speaks another protocol.
+    pub fn require_gim(self) -> Result<Self, DirectFailure> {
+        let reason = match self.protocol {
+            Protocol::Gim => return Ok(self),
+            Protocol::Mit => {
+                "it is in MIT mode, which has no such command: use its serial port (RS485 or RS232), which has the GIM protocol"
+            }
+            Protocol::RobStride => {
+                "it speaks RobStride's private protocol, for which motorctl has no such command"
+            }
+        };
+        Err(self.unfit(reason))
     }
 
     /// Returns the motor's GIM transactions.
@@ -285,6 +303,18 @@ impl Session {
         let profile = self.settings.as_ref().map_or_else(|| &*STEADYWIN, |settings| settings.profile);
         let scales = self.scales();
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
+    }
+
+    /// Returns the motor's transactions in RobStride's private protocol.
+    pub fn private(&mut self) -> Private<'_> {
+        Private::new(&mut self.line.link, self.id)
+    }
+
+    /// Returns the scales of [`private`](Self::private). Without a configuration only the position
+    /// has a meaning: its scale is that of every model.
+    pub(crate) fn wide_scales(&self) -> WideScales {
+        let unknown = || Scales::of(&Ends::new(robstride::POSITION_END, 1.0, 1.0));
+        WideScales::of(&self.settings.as_ref().map_or_else(unknown, |settings| settings.scales))
     }
 
     /// Returns the scales of [`mit`](Self::mit).
@@ -342,17 +372,29 @@ impl Session {
         DirectFailure::OtherFormat { source: Box::new(source), formats }
     }
 
+    /// Asks first in the protocol of the configuration, where its ids have 29 bits.
+    fn find(&mut self) -> Result<Option<Found>, Error> {
+        let has_long_ids = |motor: &MotorSettings| motor.addresses().command_id.is_extended();
+        if self.settings.as_ref().is_some_and(has_long_ids)
+            && let Some(found) = identify_private(&mut self.line.link, self.id)?
+        {
+            return Ok(Some(found));
+        }
+        identify(&mut self.line.link, self.id)
+    }
+
     fn identify(&mut self) -> Result<(), DirectFailure> {
-        let Found { host_id, family, .. } = identify(&mut self.line.link, self.id)?.ok_or_else(|| {
+        let Found { host_id, family, .. } = self.find()?.ok_or_else(|| {
             self.with_formats(DirectFailure::NoMotor { id: self.id, bus: self.line.name.clone() })
         })?;
         self.protocol = match family {
             Family::Native => Protocol::Gim,
             Family::Mit => Protocol::Mit,
+            Family::RobStride { .. } => Protocol::RobStride,
             Family::OtherMit { .. } if self.settings.is_some() => Protocol::Mit,
             Family::OtherMit { .. } | Family::Unknown { .. } => return Err(self.unfit(family.describe())),
         };
-        if self.line.link.wire() == Wire::Can {
+        if self.line.link.wire() == Wire::Can && self.protocol != Protocol::RobStride {
             let expected = self.host_id.or(host_id);
             if expected != host_id {
                 let raw = |id: Option<FrameId>| id.map_or(0, FrameId::raw);
@@ -379,7 +421,6 @@ impl Session {
 mod tests {
     use super::*;
     use motord_bus::{Instant, VirtualClock};
-    use motord_protocol::Ends;
     use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SimulatedBus};
 
     /// A jog by the ends of the model would turn the joint by four times the requested angle.

@@ -32,8 +32,8 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
         ));
     }
     let mut session = target.open()?;
-    if session.protocol == Protocol::Mit && at != 0.0 {
-        return Err(session.unfit("in MIT mode the present position can only become 0: leave --at out"));
+    if session.protocol != Protocol::Gim && at != 0.0 {
+        return Err(session.unfit("with its protocol the present position can only become 0: leave --at out"));
     }
     let before = position(&mut session)?;
     let range = check_limits(&session, at, force)?;
@@ -56,6 +56,7 @@ pub(crate) fn set(session: &mut Session, at: f64) -> Result<f64, DirectFailure> 
     match session.protocol {
         Protocol::Mit => session.mit().set_zero().map(drop)?,
         Protocol::Gim => move_zero(session, before, at)?,
+        Protocol::RobStride => session.private().set_zero().map(drop)?,
     }
     let after = position(session)?;
     if off_by(after, at) <= TOLERANCE {
@@ -71,6 +72,11 @@ pub(crate) fn set(session: &mut Session, at: f64) -> Result<f64, DirectFailure> 
 pub(crate) fn position(session: &mut Session) -> Result<f64, DirectFailure> {
     let position = match session.protocol {
         Protocol::Mit => session.mit().stop()?.position,
+        Protocol::RobStride => {
+            let scales = session.wide_scales();
+            let [position, ..] = session.private().stop()?.scaled(&scales);
+            position
+        }
         Protocol::Gim => {
             let mut motor = session.gim();
             motor.stop()?;

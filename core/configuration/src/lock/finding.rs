@@ -225,6 +225,13 @@ impl Compare<'_> {
         let Self { motor, reported, bus } = self;
         let agrees = reported.protocol == (motor.protocol.family().reported)(motor.profile);
         let cure = match reported.protocol {
+            ReportedProtocol::RobStride | ReportedProtocol::OtherMit if motor.profile.name == "robstride" => {
+                let wanted = motor.protocol.name();
+                format!(
+                    "write the other protocol; or change the motor with `motorctl protocol {wanted} --config FILE --joint {}`, and power it off and on",
+                    motor.name
+                )
+            }
             ReportedProtocol::Gim | ReportedProtocol::Mit
                 if motor.profile.speaks(motord_protocol::gim::FAMILY.name) =>
             {

@@ -7,7 +7,7 @@ use crate::file::FACTORY_ID;
 use crate::motor;
 use crate::target::OpenLine;
 use motord_bus::{Duration, Refusal};
-use motord_protocol::commissioning::{Error, Found, Scan, scan};
+use motord_protocol::commissioning::{Error, Family, Found, Scan, scan};
 use motord_settings::settings::{BusSettings, MotorSettings};
 use std::collections::VecDeque;
 
@@ -170,6 +170,9 @@ impl<'s> Search<'s> {
         self.shown = match (self.collisions.first().copied(), &new[..]) {
             (Some((bus, id)), _) => self.describe_collision(bus, id),
             (None, []) => self.describe_known(&known),
+            (None, [(bus, found)]) if matches!(found.family, Family::RobStride { .. }) => {
+                self.describe_private(*bus, found)
+            }
             (None, [(bus, found)]) if !self.is_alone(*bus, found)? => self.describe_collision(*bus, found.id),
             (None, [(bus, found)]) => {
                 let joint = self.joint_at(*bus, found).map(|joint| joint.name.clone());
@@ -197,6 +200,16 @@ impl<'s> Search<'s> {
         let owner = joint.map_or_else(String::new, |joint| format!(", which is that of {}", joint.name));
         let bus = self.bus(bus).device();
         format!("{bus}: several motors answer as id {id}{owner}: take the power from all but one")
+    }
+
+    /// The guide sets up motors in MIT mode and native ones.
+    fn describe_private(&self, bus: usize, found: &Found) -> String {
+        format!(
+            "motor {} on {} speaks RobStride's private protocol: set it up with `motorctl id`, `motorctl zero` and `motorctl setup`, or \
+             change it with `motorctl protocol mit`",
+            found.id,
+            self.bus(bus).device()
+        )
     }
 
     fn describe_known(&self, known: &[Answer]) -> String {

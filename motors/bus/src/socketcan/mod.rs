@@ -142,7 +142,7 @@ impl SocketCanBus {
             socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
             configure(socket, &[(0, 0)], QUEUE)
         })?;
-        Ok(Self::new(socket, link))
+        Ok(Self { accepts_extended: true, ..Self::new(socket, link) })
     }
 
     fn new(socket: CanSocket, link: Link) -> Self {

@@ -1,8 +1,8 @@
 //! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and
 //! any clock.
 //!
-//! A [`Link`] sends a request and waits for its answer. [`Native`] and [`Mit`] are the typed
-//! commands of the two protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
+//! A [`Link`] sends a request and waits for its answer. [`Native`], [`Mit`] and [`Private`] are the
+//! typed commands of the three protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
 //! writes a configuration and reads back every item.
 //!
 //! Rules of every transaction:
@@ -40,6 +40,7 @@ pub use crate::link::{Error, Formats, LASTING, Link, LinkEvent, MotorRefusal, Un
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::registers::{Registers, ends};
 pub use crate::reported::{ReportedMotor, ReportedProtocol};
+pub use crate::robstride::commissioning::Private;
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
-pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, is_taken, scan};
+pub use scan::{Family, Found, LISTEN, Progress, Report, Scan, identify, identify_private, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};

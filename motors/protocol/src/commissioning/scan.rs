@@ -6,6 +6,9 @@
 //! then receives the native read 0x84 of its own id. A motor in MIT mode reads it as a control
 //! frame without stiffness, damping and torque. Serial lines are always native.
 //!
+//! An id without an answer also receives RobStride's question for the device, with an id of 29 bits.
+//! Motors whose commands have 11 bits do not receive it. It moves and changes no motor.
+//!
 //! A scan never sends the following frames:
 //! - 0xB1, which sets the zero position in another driver family;
 //! - 0xB2, unless requested, which sets a speed limit there;
@@ -21,6 +24,8 @@ use crate::link::Error;
 use crate::link::Formats;
 use crate::link::{LASTING, Unprompted};
 use crate::link::{Link, LinkEvent, Wire};
+use crate::robstride::commissioning::Private;
+use crate::robstride::{ID_MAX, parameter};
 use crate::{Scales, mit};
 use motord_bus::{Duration, Frame, FrameId};
 use std::ops::RangeInclusive;
@@ -83,6 +88,11 @@ pub enum Family {
         /// Bytes of an answer.
         length: u8,
     },
+    /// RobStride's private protocol, which its motors speak from the factory.
+    RobStride {
+        /// The serial number of the motor's microcontroller.
+        serial: [u8; 8],
+    },
     /// An answer that no supported document lists.
     Unknown {
         /// The answer.
@@ -102,6 +112,9 @@ impl Family {
             }
             Self::OtherMit { .. } => {
                 "MIT of another vendor or driver family; vendor, ranges and model cannot be read: take them from its label"
+            }
+            Self::RobStride { .. } => {
+                "RobStride's private protocol, set by the factory; the model cannot be read: take it from its label"
             }
             Self::Unknown { .. } => "answers like no supported driver: send it no further frames",
         }
@@ -158,10 +171,12 @@ pub fn scan(
         let is_lasting = link.wire() == Wire::Can && LASTING.contains(&id);
         if !scan.obeyed && (is_owned || is_lasting) {
             if is_owned { &mut report.skipped } else { &mut report.lasting }.push(id);
-            continue;
         }
         let before = link.formats();
-        let (found, collided) = ask(link, id, scan)?;
+        let (found, collided) = match !scan.obeyed && (is_owned || is_lasting) {
+            true => private(link, id, scan.window)?,
+            false => ask(link, id, scan)?,
+        };
         let formats = link.formats().since(before);
         report.formats.extend((formats.is_any() && !unasked_formats.is_any()).then_some((id, formats)));
         report.found.extend(found);
@@ -224,6 +239,15 @@ pub fn is_taken(link: &mut Link, id: u8) -> Result<bool, Error> {
     found.map(|found| found.is_some())
 }
 
+/// Like [`identify`], by RobStride's question for the device alone. It has an id of 29 bits.
+///
+/// # Errors
+///
+/// As for [`identify`].
+pub fn identify_private(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
+    only(link, id, 2, |link, window| private(link, id, window))
+}
+
 /// Like [`identify`], by an MIT stop frame alone.
 pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     let Some(stop) = stop_frame() else { return Ok(None) };
@@ -275,7 +299,22 @@ fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
             return Ok((found, collided));
         }
     }
-    Ok((Vec::new(), collided))
+    let is_can = link.wire() == Wire::Can;
+    let (private, collision) = if is_can { private(link, id, window)? } else { (Vec::new(), false) };
+    Ok((private, collided | collision))
+}
+
+/// Asks for a motor in RobStride's private protocol. One that is alone also reports its host id.
+fn private(link: &mut Link, id: u8, window: Duration) -> Answers {
+    if id > ID_MAX {
+        return Ok((Vec::new(), false));
+    }
+    let mut motor = Private::new(link, id);
+    let (serials, collided) = motor.devices(window)?;
+    let host = if serials.len() == 1 { motor.read(parameter::HOST)? } else { None };
+    let host_id = host.map(|[host, ..]| FrameId::from(host));
+    let found = |serial| Found { id, host_id, family: Family::RobStride { serial }, refusal: None };
+    Ok((serials.into_iter().map(found).collect(), collided))
 }
 
 /// Returns the MIT stop frame, whose bytes are the same for every scale.

@@ -1,7 +1,7 @@
 //! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
 //! nothing.
 
-use crate::commissioning::scan::{Family, Found, identify, identify_in_mit};
+use crate::commissioning::scan::{Family, Found, identify, identify_in_mit, identify_private};
 use crate::gim::commissioning::Native;
 use crate::gim::{ConfigurationItem, Value};
 use crate::link::Error;
@@ -19,6 +19,8 @@ pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {
 pub enum Question {
     /// The frames of a scan.
     Both,
+    /// First RobStride's question for the device, then the frames of a scan.
+    PrivateFirst,
     /// Only an MIT stop frame. A motor in native mode refuses it, which identifies the motor.
     MitOnly,
 }
@@ -47,6 +49,7 @@ impl Survey {
                 Family::Native => ReportedProtocol::Gim,
                 Family::Mit => ReportedProtocol::Mit,
                 Family::OtherMit { .. } => ReportedProtocol::OtherMit,
+                Family::RobStride { .. } => ReportedProtocol::RobStride,
                 Family::Unknown { .. } => ReportedProtocol::Unknown,
             },
             firmware: self.firmware,
@@ -69,7 +72,11 @@ pub fn survey(
 ) -> Result<Option<Survey>, Error> {
     let found = match question {
         Question::MitOnly if link.wire() == Wire::Can => identify_in_mit(link, id)?,
-        Question::MitOnly | Question::Both => identify(link, id)?,
+        Question::PrivateFirst if link.wire() == Wire::Can => match identify_private(link, id)? {
+            Some(found) => Some(found),
+            None => identify(link, id)?,
+        },
+        Question::MitOnly | Question::PrivateFirst | Question::Both => identify(link, id)?,
     };
     let Some(found) = found else { return Ok(None) };
     let mut survey = Survey { found, firmware: None, values: Vec::new() };

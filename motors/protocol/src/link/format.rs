@@ -15,9 +15,11 @@ pub struct Formats {
 }
 
 impl Formats {
-    /// Counts an arrival, if it has such a format.
-    pub(crate) const fn note(&mut self, content: &Content) {
+    /// Counts an arrival, if it has such a format. `is_other`: a frame whose id has another width
+    /// than the request.
+    pub(crate) fn note(&mut self, content: &Content, is_other: bool) {
         match content {
+            Content::Frame(frame) if is_other && frame.id().is_extended() => self.extended += 1,
             Content::Unsupported(Unsupported::Fd) => self.fd += 1,
             Content::Unsupported(Unsupported::Extended) => self.extended += 1,
             Content::Unsupported(Unsupported::Unmatched) => self.unmatched += 1,
@@ -58,8 +60,8 @@ impl Formats {
         });
         let with_long_ids = (extended > 0).then(|| {
             format!(
-                "frames arrive, {extended} with 29-bit ids: motord speaks MIT with 11-bit ids; set the motor to MIT with its vendor's tool, and \
-                 power it off and on (RobStride: protocol 2), or end its unasked reports"
+                "frames arrive, {extended} with 29-bit ids: a RobStride motor in its private protocol sends such frames, and `motorctl scan` \
+                 finds it; of another vendor's motor, select MIT with its tool, or end its unasked reports"
             )
         });
         let of_no_frame = (unmatched > 0).then(|| {

@@ -43,6 +43,8 @@ pub struct Link {
     unprompted: Vec<Unprompted>,
     is_ambiguous: bool,
     formats: Formats,
+    /// The open request has an id of 29 bits, and so have its answers.
+    is_extended: bool,
 }
 
 /// Time limit on CAN: a CAN adapter on USB takes a few milliseconds.
@@ -88,6 +90,7 @@ impl Link {
             unprompted: Vec::new(),
             is_ambiguous: false,
             formats: Formats::default(),
+            is_extended: false,
         }
     }
 
@@ -185,7 +188,8 @@ impl Link {
         self.ask_frame(&Frame::classic(id_of(id), payload), timeout, read)
     }
 
-    /// As [`ask`](Self::ask), for a request with any id.
+    /// As [`ask`](Self::ask), for a request with any id. Its answers have ids of the same width;
+    /// frames with others are not passed.
     pub(crate) fn ask_frame<T>(
         &mut self,
         request: &Frame,
@@ -196,6 +200,7 @@ impl Link {
         self.send(request, timeout)?;
         let echo = (request.id(), request.payload());
         let (unprompted, mut is_ambiguous) = (self.unprompted.clone(), false);
+        self.is_extended = request.id().is_extended();
         let answer = self.receive(timeout, |event| match event {
             LinkEvent::Frame(frame) if (frame.id(), frame.payload()) == echo => None,
             LinkEvent::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
@@ -204,7 +209,7 @@ impl Link {
                 read(event)
             }
         });
-        self.is_ambiguous = is_ambiguous;
+        (self.is_ambiguous, self.is_extended) = (is_ambiguous, false);
         answer
     }
 
@@ -225,13 +230,13 @@ impl Link {
             self.clock.wait(&[self.bus.readiness()], deadline);
             self.inbox.clear();
             self.bus.receive(self.clock.now(), &mut self.inbox);
-            self.inbox.arrivals().iter().for_each(|arrival| self.formats.note(&arrival.content));
-            let found = self
-                .inbox
-                .arrivals()
-                .iter()
-                .filter_map(|arrival| event(&arrival.content))
-                .find_map(&mut read);
+            let Self { inbox, formats, is_extended, .. } = self;
+            let found = inbox.arrivals().iter().filter_map(|arrival| {
+                let is_other = is_of_other_width(&arrival.content, *is_extended);
+                formats.note(&arrival.content, is_other);
+                event(&arrival.content).filter(|_| !is_other)
+            });
+            let found = found.fold(None, |found: Option<T>, event| found.or_else(|| read(event)));
             if found.is_some() || before >= deadline {
                 return Ok(found);
             }
@@ -272,6 +277,11 @@ impl Link {
 /// Returns the identifier of a command to motor `id`.
 fn id_of(id: u8) -> FrameId {
     FrameId::new(u16::from(id)).unwrap_or(FrameId::MAX)
+}
+
+/// Returns whether the content is a frame whose id has another width than those of a request.
+fn is_of_other_width(content: &Content, is_extended: bool) -> bool {
+    matches!(content, Content::Frame(frame) if frame.id().is_extended() != is_extended)
 }
 
 fn event(content: &Content) -> Option<LinkEvent> {

@@ -67,6 +67,24 @@ impl<'l> Mit<'l> {
         }
     }
 
+    /// Lets a RobStride motor speak its private protocol from its next power-on. Only for such a
+    /// motor, and disabled: another vendor's reads the request as a control frame of full stiffness.
+    /// The motor answers with its serial number, under its own id.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Silent`] when it does not confirm the command.
+    pub fn change_to_private(&mut self) -> Result<(), Error> {
+        /// F_CMD 0 is the private protocol (RobStride's manuals, MIT command 8).
+        const REQUEST: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x00, 0xFD];
+        let (id, timeout) = (self.id, self.link.timeout() * 4);
+        let confirmed = self.link.ask(id, REQUEST, timeout, |event| match event {
+            LinkEvent::Frame(frame) if frame.id().byte() == Some(id) => Some(()),
+            _ => None,
+        })?;
+        confirmed.ok_or_else(|| self.silent("protocol"))
+    }
+
     /// Reads the faults of the motor. An answer that may be a late state counts when it is
     /// repeated. Only for motors that are known to support the request: others read it as a control
     /// frame of full stiffness.

@@ -20,6 +20,8 @@
 //! - A frame of another protocol never has the form of a command: MIT has ids of 11 bits.
 
 mod codes;
+#[cfg(feature = "commissioning")]
+pub(crate) mod commissioning;
 #[cfg(feature = "drive")]
 mod drive;
 mod family;

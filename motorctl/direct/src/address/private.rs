@@ -1,0 +1,158 @@
+//! The address of a motor in RobStride's private protocol.
+
+use crate::confirm::Confirm;
+use crate::failure::DirectFailure;
+use crate::output::print_line;
+use crate::target::{Protocol, Session};
+use motord_protocol::commissioning::{Error, is_taken};
+use motord_protocol::robstride::{ID_MAX, parameter};
+use motord_terminal::json;
+use serde::Serialize;
+use std::io;
+
+/// Follows a change of the protocol.
+const POWER: &str = "changed; power it off and on: it speaks its former protocol until then";
+
+/// The wanted changes of an address.
+pub(super) struct Wanted {
+    pub(super) id: Option<u8>,
+    pub(super) protocol: Option<Protocol>,
+    /// Another host id or bit rate is wanted, too.
+    pub(super) has_others: bool,
+}
+
+/// `motorctl id`.
+pub(super) fn run(
+    session: &mut Session,
+    wanted: &Wanted,
+    confirm: Confirm,
+    as_json: bool,
+) -> Result<(), DirectFailure> {
+    if wanted.has_others {
+        let reason = "motorctl sets only the id of a motor in RobStride's private protocol: set its host id and its bit rate with the \
+             vendor's tool";
+        return Err(session.unfit(reason));
+    }
+    if let Some(to) = wanted.protocol {
+        let reason = format!("use `motorctl protocol {}`", to.name());
+        return Err(session.unfit(&reason));
+    }
+    match wanted.id {
+        Some(id) => set_id(session, id, confirm),
+        None => show(session, as_json),
+    }
+}
+
+fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
+    #[derive(Serialize)]
+    struct Address {
+        id: u8,
+        host_id: Option<u8>,
+        can_protocol: &'static str,
+        /// No parameter of the protocol has it.
+        can_baud_rate: Option<u32>,
+    }
+    let host_id = session.private().read(parameter::HOST)?.map(|[host, ..]| host);
+    let address =
+        Address { id: session.id, host_id, can_protocol: Protocol::RobStride.name(), can_baud_rate: None };
+    if as_json {
+        return Ok(json::write_line(&mut io::stdout().lock(), &address)?);
+    }
+    let host = host_id.map_or_else(|| "not reported".to_owned(), |host| format!("{host:#04X}"));
+    let Address { id, can_protocol, .. } = address;
+    print_line(&format!("{}: id {id}, host id {host}, {can_protocol} over CAN", session.name()))
+}
+
+fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectFailure> {
+    if id > ID_MAX {
+        return Err(DirectFailure::Usage(format!("the id of a RobStride motor is 1 to {ID_MAX}")));
+    }
+    let (name, old) = (session.name(), session.id);
+    if id == old {
+        return print_line(&format!("{name}: nothing differs"));
+    }
+    if is_taken(&mut session.line.link, id)? {
+        return Err(Error::Taken { id: old, taken: id }.into());
+    }
+    confirm.ask(&format!(
+        "This permanently changes the id of {name} from {old} to {id}. Connect it alone: every motor with this id would change."
+    ))?;
+    let mut motor = session.private();
+    motor.stop()?;
+    motor.set_id(id)?;
+    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+}
+
+/// `motorctl protocol mit`.
+pub(super) fn change_to_mit(session: &mut Session, confirm: Confirm) -> Result<(), DirectFailure> {
+    let name = session.name();
+    confirm.ask(&format!(
+        "This permanently changes {name} to MIT. Connect it alone: every motor with this id would change."
+    ))?;
+    let mut motor = session.private();
+    motor.stop()?;
+    motor.change_to_mit()?;
+    print_line(&format!("{name}: {POWER}"))
+}
+
+/// `motorctl protocol robstride`. Only for a motor that the configuration names as RobStride's:
+/// another vendor's reads the request as a control frame.
+pub(super) fn change_from_mit(session: &mut Session, confirm: Confirm) -> Result<(), DirectFailure> {
+    let is_known = session.settings.as_ref().is_some_and(|motor| motor.profile.name == "robstride");
+    if !is_known {
+        let reason = "a motor in MIT mode does not report its vendor, and another vendor's reads the request as a control frame: use \
+             --config and --joint, with a RobStride model";
+        return Err(session.unfit(reason));
+    }
+    let name = session.name();
+    confirm.ask(&format!(
+        "This permanently changes {name} to RobStride's private protocol. Make sure that it is a RobStride motor, and connect it alone."
+    ))?;
+    let mut motor = session.mit();
+    motor.stop()?;
+    motor.change_to_private()?;
+    print_line(&format!("{name}: {POWER}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::target::OpenLine;
+    use motord_bus::{Instant, VirtualClock};
+    use motord_protocol::commissioning::{Link, identify};
+    use motord_simulator::{BusSettings, Dialect, MotorSettings, SharedBus, SimulatedBus};
+
+    fn robstride(name: &str, id: u16) -> MotorSettings {
+        let (vendor, dialect, host_id) = ("robstride", Dialect::RobStride, 0xFD);
+        MotorSettings { name: name.into(), id, vendor, dialect, host_id, ..MotorSettings::default() }
+    }
+
+    fn session(id: u8) -> Session {
+        let motors = vec![robstride("knee", 1), robstride("hip", 5)];
+        let bus = SharedBus::new(SimulatedBus::new(BusSettings::default(), motors, 1));
+        let link = Link::can(bus, VirtualClock::new(Instant::ZERO));
+        let line = OpenLine::simulated(link, None);
+        Session { line, id, host_id: None, protocol: Protocol::RobStride, settings: None }
+    }
+
+    const YES: Confirm = Confirm { yes: true };
+
+    #[test]
+    fn new_id_must_be_free_and_in_range() {
+        let mut session = session(1);
+        assert!(matches!(
+            set_id(&mut session, 5, YES),
+            Err(DirectFailure::Motor(Error::Taken { taken: 5, .. }))
+        ));
+        assert!(matches!(set_id(&mut session, 128, YES), Err(DirectFailure::Usage(_))));
+        set_id(&mut session, 3, YES).unwrap();
+        assert!(identify(&mut session.line.link, 3).unwrap().is_some());
+    }
+
+    /// Another vendor's motor reads the request as a control frame of full stiffness.
+    #[test]
+    fn unknown_mit_motor_is_not_changed() {
+        let mut session = Session { protocol: Protocol::Mit, ..session(1) };
+        assert!(matches!(change_from_mit(&mut session, YES), Err(DirectFailure::Unfit { .. })));
+    }
+}
