@@ -10,6 +10,7 @@ use motord_protocol::commissioning::{
     is_taken,
 };
 use motord_protocol::gim::{Command, ConfigurationItem, Indicator, Value};
+use motord_protocol::profile::STEADYWIN;
 use motord_protocol::register;
 use motord_settings::settings::MotorSettings;
 use motord_shared::Fault;
@@ -130,6 +131,9 @@ pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
     Ok(())
 }
 
+/// The vendor of a motor whose answers show only that it is in MIT mode and has no registers.
+const UNNAMED: &str = "another vendor";
+
 /// Returns the name of its vendor's profile, as far as its answers show it. Asks a motor in MIT mode
 /// for a register: Damiao's have registers.
 ///
@@ -147,13 +151,14 @@ pub(crate) fn vendor(link: &mut Link, found: &Found) -> Result<&'static str, Err
         });
     };
     let has_registers = Registers::new(link, found.id, host_id).read(register::ID)?.is_some();
-    Ok(if has_registers { "damiao" } else { "robstride" })
+    Ok(if has_registers { "damiao" } else { UNNAMED })
 }
 
 /// Returns why a motor of this vendor and family cannot be that of `joint`, in words.
 pub(crate) fn mismatch(vendor: &str, family: Family, joint: &MotorSettings) -> Option<String> {
     let MotorSettings { name, model, profile, protocol, .. } = joint;
-    if vendor != profile.name {
+    let may_be_unnamed = !profile.has_registers && profile.name != STEADYWIN.name;
+    if vendor != profile.name && !(vendor == UNNAMED && may_be_unnamed) {
         return Some(format!(
             "{name} has the model {model} ({}) in the configuration, and this motor answers like one of {vendor}: take another joint, or \
              correct the model",
