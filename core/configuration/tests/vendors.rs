@@ -7,26 +7,7 @@ use motord_configuration::{Problem, Wrong};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-const MOTOR: &str = r#"vendor = "acme"
-motors = "Acme A series"
-[ids]
-largest = 15
-reply-offset = 0x20
-[reply]
-bytes = [6, 6]
-[faults]
-report = "never"
-[[model]]
-name = "A-10"
-position-end-rad = 12.5
-velocity-end-rad-s = 45
-torque-end-nm = 24
-gear-ratio = 9
-torque-constant-nm-per-a = 0.1
-rated-torque-nm = 8
-peak-torque-nm = 20
-max-velocity-rad-s = 30
-"#;
+const MOTOR: &str = include_str!("../../../motors/protocol/tests/acme.toml");
 
 const ROBOT: &str = r#"[[bus]]
 name = "b"
@@ -66,14 +47,14 @@ fn file_beside_configuration_makes_its_motors_known() {
 
 #[test]
 fn problems_of_every_file_are_reported() {
-    let spoiled = MOTOR.replace("largest = 15", "largest = 0").replace("acme", "bad");
+    let spoiled = MOTOR.replace("largest = 0x3F", "largest = 0").replace("acme", "bad");
     let taken = MOTOR.replace("\"acme\"", "\"damiao\"");
     let gim = MOTOR.replace("[ids]", "protocols = [\"gin\"]\n[ids]").replace("acme", "gin-motors");
     let files = [("1.toml", spoiled), ("2.toml", taken), ("3.toml", gim)];
     let expected = [
-        "1.toml:4:11: ids.largest: 0 is out of range; give an integer from 1 to 255",
-        "2.toml:1:10: there is a vendor `damiao` already; give this one another name",
-        "3.toml:3:14: unknown protocol `gin`; did you mean `gim`?",
+        "1.toml:5:11: ids.largest: 0 is out of range; give an integer from 1 to 255",
+        "2.toml:2:10: there is a vendor `damiao` already; give this one another name",
+        "3.toml:4:14: unknown protocol `gin`; did you mean `gim`?",
     ];
     assert_eq!(report(&files).unwrap_err(), expected);
 }

@@ -9,39 +9,7 @@ use motord_twin::{Options, Twin};
 use std::fs;
 
 /// An actuator as its manual describes it, with a code of its fault in the last byte of a reply.
-const ACTUATOR: &str = r#"vendor = "acme"
-motors = "Acme A series"
-[ids]
-largest = 0x3F
-reply-offset = 0x40
-[special-frames]
-zero = "FF FF FF FF FF FF FF F1"
-clear-fault = "none"
-[reply]
-bytes = [8, 8]
-[[reply.temperature]]
-of = "motor"
-byte = 6
-[faults]
-report = "in-every-reply"
-byte = 7
-ok = 0
-[faults.codes]
-1 = "over-voltage"
-2 = "under-voltage"
-3 = "over-temperature"
-4 = "encoder"
-[[model]]
-name = "A-10"
-position-end-rad = 12.5
-velocity-end-rad-s = 45
-torque-end-nm = 24
-gear-ratio = 9
-torque-constant-nm-per-a = 0.1
-rated-torque-nm = 8
-peak-torque-nm = 20
-max-velocity-rad-s = 30
-"#;
+const ACTUATOR: &str = include_str!("../../../motors/protocol/tests/acme.toml");
 
 const ROBOT: &str = r#"[[bus]]
 name = "leg"

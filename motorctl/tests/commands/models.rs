@@ -8,35 +8,7 @@ use std::process::Output;
 use tempfile::TempDir;
 
 /// The file of a vendor that motord does not bring.
-const ACME: &str = r#"vendor = "acme"
-motors = "Acme A series"
-[ids]
-largest = 0x3F
-reply-offset = 0x40
-[special-frames]
-clear-fault = "none"
-[reply]
-bytes = [8, 8]
-[[reply.temperature]]
-of = "motor"
-byte = 6
-[faults]
-report = "in-every-reply"
-byte = 7
-ok = 0
-[faults.codes]
-4 = "encoder"
-[[model]]
-name = "A-10"
-position-end-rad = 12.5
-velocity-end-rad-s = 45
-torque-end-nm = 24
-gear-ratio = 9
-torque-constant-nm-per-a = 0.1
-rated-torque-nm = 8
-peak-torque-nm = 20
-max-velocity-rad-s = 30
-"#;
+const ACME: &str = include_str!("../../../motors/protocol/tests/acme.toml");
 
 fn models(directory: &Path, arguments: &[&str]) -> Output {
     program("motorctl").current_dir(directory).arg("models").args(arguments).output().unwrap()
@@ -101,7 +73,7 @@ fn spoiled_file_is_refused_with_place_and_cure() {
     for arguments in [["--check", "models.d/acme.toml"], ["--config", "robot.toml"]] {
         let refused = models(directory.path(), &arguments);
         assert_eq!(refused.status.code(), Some(78));
-        let reason = "models.d/acme.toml:15:8: faults.byte: the fault code overlaps the temperature of motor in byte 6 of the \
+        let reason = "models.d/acme.toml:17:8: faults.byte: the fault code overlaps the temperature of motor in byte 6 of the \
                       reply; give another byte";
         assert!(text(&refused.stderr).contains(reason), "{}", text(&refused.stderr));
     }
