@@ -16,6 +16,10 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 /// motor with the same id.
 const REPORT_PERIOD_MIN: Duration = Duration::from_millis(8);
 
+/// A motor that is disabled in this many states in a row after it was to be enabled has a fault: no
+/// bit of a state has an over-voltage, and its report is sent once and may be lost.
+const REFUSALS_MAX: u8 = 100;
+
 /// The dialect of one motor in RobStride's private protocol.
 ///
 /// Zero lies half a code off, as in every protocol with such codes. A code of torque is at most
@@ -32,6 +36,9 @@ pub struct RobStrideDialect {
     reported: Faults,
     /// When the last state arrived that no request explains.
     unprompted_at: Instant,
+    /// The number of states since the command to enable that report a disabled motor; `None` where
+    /// it was stopped.
+    refusals: Option<u8>,
 }
 
 impl RobStrideDialect {
@@ -47,6 +54,7 @@ impl RobStrideDialect {
             transmission: settings.transmission,
             reported: Faults::NONE,
             unprompted_at: Instant::ZERO,
+            refusals: None,
         }
     }
 
@@ -54,6 +62,7 @@ impl RobStrideDialect {
     /// loss of power.
     #[cold]
     fn forget(&mut self) {
+        self.refusals = None;
         self.forget_turns();
         self.reported = Faults::NONE;
     }
@@ -86,12 +95,21 @@ impl RobStrideDialect {
         let [position, velocity, torque] = feedback.scaled(&self.scales);
         let position = self.unwrap.as_mut().map_or(position, |unwrap| unwrap.position(position));
         let motor = Measured::<MotorSide>::new(position, velocity, torque, Some(feedback.celsius()));
+        let refusal = if self.refuses(feedback.is_on()) { Faults::START_FAILURE } else { Faults::NONE };
         let status = Status {
-            faults: Some(feedback.faults().and(self.reported)),
+            faults: Some(feedback.faults().and(self.reported).and(refusal)),
             has_unnamed_fault: false,
             runs: Some(feedback.is_on()),
         };
         (self.transmission.to_joint(&motor), status)
+    }
+
+    /// Records a state. Returns whether the motor stays disabled although it was to be enabled.
+    #[inline]
+    fn refuses(&mut self, is_on: bool) -> bool {
+        let Some(refusals) = &mut self.refusals else { return false };
+        *refusals = if is_on { 0 } else { refusals.saturating_add(1) };
+        *refusals >= REFUSALS_MAX
     }
 
     /// Returns whether a state without an open request, at this time, may be an unasked report.
@@ -113,13 +131,22 @@ impl Dialect for RobStrideDialect {
             }
             Command::Wait | Command::GetIndicator(_) | Command::GetRegister(_) => return None,
             // Every state has the faults.
-            Command::Stop | Command::GetFault => frame::Command::Stop,
-            Command::Start => frame::Command::Enable,
+            Command::Stop | Command::GetFault => {
+                self.refusals = None;
+                frame::Command::Stop
+            }
+            Command::Start => {
+                self.refusals.get_or_insert(0);
+                frame::Command::Enable
+            }
             Command::SetZero => {
                 self.forget_turns();
                 frame::Command::SetZero
             }
-            Command::ClearFault => frame::Command::ClearFault,
+            Command::ClearFault => {
+                self.refusals = None;
+                frame::Command::ClearFault
+            }
         };
         let (id, payload) = command.encode(self.motor, self.host);
         frame.set(FrameId::extended(id.raw())?, payload);
@@ -245,6 +272,23 @@ mod tests {
         }
         let standard = Frame::classic(FrameId::new(0x5FD).unwrap(), REST);
         assert_eq!(dialect.classify(Arrived::new(&standard, millis(1)), None), Shape::Unreadable);
+    }
+
+    /// Seed 299 of the fault injection: the report of an over-voltage was lost, and its group waited
+    /// for the motor without an end.
+    #[test]
+    fn refused_enable_is_a_fault() {
+        let mut dialect = dialect();
+        let off = frame(0x0200_05FD, REST);
+        let after = |dialect: &mut RobStrideDialect, command, states: u8| {
+            dialect.encode(&command, &mut { Frame::EMPTY });
+            let mut state = || dialect.accept_state(Arrived::new(&off, millis(1))).unwrap().1.faults;
+            (0..states).filter(|_| state() == Some(Faults::START_FAILURE)).count()
+        };
+        assert_eq!(after(&mut dialect, Command::Start, REFUSALS_MAX), 1);
+        assert_eq!(after(&mut dialect, Command::Neutral, 5), 5);
+        assert_eq!(after(&mut dialect, Command::Stop, REFUSALS_MAX), 0);
+        assert_eq!(after(&mut dialect, Command::Start, REFUSALS_MAX - 1), 0);
     }
 
     #[test]
