@@ -92,7 +92,7 @@ impl Claims {
     }
 
     /// Discards the frames that wait on a bus, if no other adapter has its name by now. Returns
-    /// whether its interface was taken down and up.
+    /// whether it took the interface down and up.
     ///
     /// # Errors
     ///

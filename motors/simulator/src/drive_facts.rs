@@ -42,7 +42,7 @@ pub struct TemperatureFacts {
 /// The fault report of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultFacts {
-    /// On request: the id, a number of so many bytes with the low byte first, and zeros.
+    /// On request: the id, a number with its low byte first, and zeros.
     Asked {
         /// Bytes of the number.
         number: usize,

@@ -17,7 +17,7 @@ const POWER: &str = "changed; power it off and on: it speaks its former protocol
 pub(super) struct Wanted {
     pub(super) id: Option<u8>,
     pub(super) protocol: Option<Protocol>,
-    /// Another host id or bit rate is wanted, too.
+    /// The command line names a host id or a bit rate.
     pub(super) has_others: bool,
 }
 

@@ -7,7 +7,7 @@
 //!
 //! - It answers a control frame to the host that its memory names, and any other frame to the host
 //!   in that frame.
-//! - It answers in fault, too. A fault that no bit of a state has is reported once by a frame of
+//! - It also answers in fault. A fault that no bit of a state has is reported once by a frame of
 //!   type 21, after the next answer.
 //! - It does not answer the commands that store parameters and that begin or end reports.
 
