@@ -217,6 +217,9 @@ struct Run {
     memories: Vec<String>,
     /// By bus: its motors have power.
     has_power: Vec<bool>,
+    /// Its buses have no time for second replies: the frames of the host would wait, and then be
+    /// refused, on a bus that the checker takes for healthy.
+    is_full: bool,
     /// The line damages or loses bytes.
     damages: bool,
     /// Number of times that a motor had to be configured again.
@@ -253,6 +256,7 @@ impl Run {
             pending: Vec::new(),
             memories,
             has_power,
+            is_full: has_private(seed),
             damages: false,
             damaged: 0,
         }
@@ -325,8 +329,10 @@ impl Run {
         } else {
             let motor = self.random.below(self.robot.settings.motors.len());
             let vendor = self.robot.settings.motors[motor].profile.name;
-            let fault = *self.random.pick(&MOTOR_FAULTS);
-            let fault = of_vendor(fault, vendor);
+            let fault = match *self.random.pick(&MOTOR_FAULTS) {
+                "duplicate" if self.is_full => "reorder",
+                fault => of_vendor(fault, vendor),
+            };
             self.disturb_motor(motor, fault);
         }
     }
