@@ -6,6 +6,8 @@ use motord_protocol::{Field, Model, Profile, Scales, StateCodes};
 
 /// The id of the motor.
 const ID: u8 = 1;
+/// The upper of the two codes beside zero, in every field.
+const MIDDLE: StateCodes = StateCodes { position: 0x8000, velocity: 0x800, torque: 0x800 };
 
 /// A frame.
 #[derive(Debug)]
@@ -114,12 +116,11 @@ fn states(profile: &Profile, scales: &Scales) -> Vec<Row> {
         let codes = StateCodes { position, velocity, torque };
         rows.push((name.to_owned(), Some(value), unit, state(profile, scales, codes, [0.0; 2])));
     }
-    let codes = StateCodes { position: 0x8000, velocity: 0x800, torque: 0x800 };
     for (index, temperature) in profile.reply.temperatures.iter().enumerate() {
         for celsius in [-1000.0, 1000.0] {
             let mut celsiuses = [0.0; 2];
             celsiuses[index] = celsius;
-            let bytes = state(profile, scales, codes, celsiuses);
+            let bytes = state(profile, scales, MIDDLE, celsiuses);
             let read = profile.decode_state(&bytes, scales).ok();
             let value = read.and_then(|state| state.temperatures[index]).map(f64::from);
             rows.push((format!("temperature of {}", temperature.of), value, "°C", bytes));
@@ -154,7 +155,7 @@ fn reports(profile: &Profile) -> Vec<Row> {
                 position: 0.0,
                 velocity: 0.0,
                 torque: 0.0,
-                codes: StateCodes { position: 0x8000, velocity: 0x800, torque: 0x800 },
+                codes: MIDDLE,
                 temperatures: [Some(0.0); 2],
                 status: Some(number as u8),
             }),

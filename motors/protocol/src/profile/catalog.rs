@@ -77,8 +77,7 @@ impl std::error::Error for NameTaken {}
 /// When another vendor has its name, or a model of another vendor the name of one of its models.
 pub fn register(profile: Profile) -> Result<(), NameTaken> {
     let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
-    let known: Vec<_> =
-        shipped().into_iter().map(|(profile, _)| profile).chain(registered.iter().copied()).collect();
+    let known: Vec<_> = known(registered.clone()).collect();
     if known.contains(&&profile) {
         return Ok(());
     }
@@ -89,6 +88,11 @@ pub fn register(profile: Profile) -> Result<(), NameTaken> {
     }
     registered.push(Box::leak(Box::new(profile)));
     Ok(())
+}
+
+/// Returns the profiles that the crate brings, then these.
+fn known(registered: Vec<&'static Profile>) -> impl Iterator<Item = &'static Profile> {
+    shipped().into_iter().map(|(profile, _)| profile).chain(registered)
 }
 
 /// Returns a name of the vendor or of a model that two profiles share.
@@ -103,7 +107,7 @@ impl Profile {
     /// the user registered.
     pub fn all() -> impl Iterator<Item = &'static Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner).clone();
-        shipped().into_iter().map(|(profile, _)| profile).chain(registered)
+        known(registered)
     }
 
     /// Returns the profile with this name, in upper or lower case.

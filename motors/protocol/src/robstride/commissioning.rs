@@ -186,19 +186,13 @@ impl<'l> Private<'l> {
     }
 
     fn state(&mut self, request: &'static str, command: Command) -> Result<Feedback, Error> {
-        let state = self.repeat(command, |reply| match reply {
-            Reply::Feedback(feedback) => Some(feedback),
-            _ => None,
-        })?;
+        let state = self.repeat(command, feedback)?;
         state.ok_or(Error::Silent { id: self.id, request })
     }
 
     /// Sends a command once.
     fn once(&mut self, request: &'static str, command: Command) -> Result<Feedback, Error> {
-        let state = self.ask(command, self.link.timeout(), |reply| match reply {
-            Reply::Feedback(feedback) => Some(feedback),
-            _ => None,
-        })?;
+        let state = self.ask(command, self.link.timeout(), feedback)?;
         state.ok_or(Error::Silent { id: self.id, request })
     }
 
@@ -234,6 +228,13 @@ impl<'l> Private<'l> {
     fn frame(&self, command: Command) -> Frame {
         let (id, payload) = command.encode(self.id, HOST_ID);
         Frame::classic(FrameId::extended(id.raw()).unwrap_or(FrameId::MAX_EXTENDED), payload)
+    }
+}
+
+const fn feedback(reply: Reply) -> Option<Feedback> {
+    match reply {
+        Reply::Feedback(feedback) => Some(feedback),
+        _ => None,
     }
 }
 
