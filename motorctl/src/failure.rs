@@ -27,6 +27,9 @@ pub(crate) enum Failure {
     /// The daemon cannot be reached, or refused the request.
     #[error(transparent)]
     Client(#[from] Error),
+    /// A group is not reset, because its motors are not stopped.
+    #[error("{0} While motord damps them, `--wait` waits for the end.")]
+    NotStoppedYet(Error),
     /// An emergency stop was not confirmed.
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {0}")]
     NotStopped(Error),
@@ -100,7 +103,7 @@ impl Failure {
     /// Returns the exit status.
     pub(crate) fn status(&self) -> u8 {
         match self {
-            Self::Client(error) => exit_status::of_client(error),
+            Self::Client(error) | Self::NotStoppedYet(error) => exit_status::of_client(error),
             Self::NotStopped(error) => exit_status::of_stop(error),
             Self::NothingToStop(_) => exit_status::UNAVAILABLE,
             Self::NotAllStopped(_) => exit_status::NOT_STOPPED,

@@ -148,7 +148,13 @@ fn groups(client: &Client, group: Option<&str>) -> Vec<String> {
 /// motors are stopped.
 fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure> {
     let request = if wait { reset_stopped } else { Client::reset };
-    for_groups(instance, group, |client, group| request(client, group).map(|()| "reset"))
+    let reset = for_groups(instance, group, |client, group| request(client, group).map(|()| "reset"));
+    reset.map_err(|failure| match failure {
+        Failure::Client(error @ Error::Refused { refusal: Refusal::NotNeutral, .. }) => {
+            Failure::NotStoppedYet(error)
+        }
+        other => other,
+    })
 }
 
 fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {

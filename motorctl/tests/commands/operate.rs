@@ -145,6 +145,8 @@ fn active_group_counts_as_enabled_and_reset_waits() {
         let again = daemon.motorctl(&["enable"]);
         assert!(again.status.success(), "{}", text(&again.stderr));
         assert_eq!(text(&again.stdout), "all: is active already\n");
+        let refused = text(&daemon.motorctl(&["reset"]).stderr);
+        assert!(refused.contains("`--wait` waits for the end"), "{refused}");
         assert!(daemon.motorctl(&["estop"]).status.success());
         // The motor may still be damped: the reset waits for it.
         let reset = daemon.motorctl(&["reset", "--wait"]);
