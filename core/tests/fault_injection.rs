@@ -3,7 +3,8 @@
 //! again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
-//! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol.
+//! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol, and
+//! in a quarter one of SteadyWin's hips has a CANSimple driver.
 //! One has native motors among them; half of these seeds put three on a serial line at a fifth of
 //! the rate. In every fourth seed the cycle polls for the last replies.
 //! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
@@ -106,6 +107,11 @@ const fn has_private(seed: u64) -> bool {
     is_mixed(seed) && seed % 2 == 1
 }
 
+/// Returns `true` when SteadyWin's hip of this seed's mixed robot has a CANSimple driver.
+const fn has_node(seed: u64) -> bool {
+    is_mixed(seed) && seed.is_multiple_of(4)
+}
+
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
 /// be armed again.
@@ -127,6 +133,8 @@ fn mixed_settings(seed: u64) -> Settings {
         true => PRIVATE_CYCLE.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
         false => text,
     };
+    let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
+    let text = if has_node(seed) { text.replace(&hip("mit"), &hip("cansimple")) } else { text };
     let mut settings = robot::settings(&text);
     settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
     settings
@@ -456,12 +464,18 @@ impl Run {
                 if joint.age_cycles <= 1 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
                     self.disturb_motor(motor, "power-cycle");
                 }
-            } else if joint.age_cycles == 0 && joint.position.abs() > 2.0 {
+            } else if joint.age_cycles <= self.age_max(motor) && joint.position.abs() > 2.0 {
                 self.ask(Operation::SetZero, group, motor);
             }
         }
         self.ask(Operation::Reset, group, 0);
         self.ask(Operation::Enable, group, 0);
+    }
+
+    /// Returns the largest age of a state by which the operator sets a zero, cycles. A motor that sends
+    /// the state of a stopped one by itself does so every 10 ms.
+    fn age_max(&self, motor: usize) -> u32 {
+        if self.robot.settings.motors[motor].capabilities.reports_stopped_state { 12 } else { 0 }
     }
 
     /// Returns the number of native motors on such buses that follow setpoints.

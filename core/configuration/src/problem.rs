@@ -333,6 +333,13 @@ pub enum Wrong {
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(
+        "node id {node} owns the ids {:#05x} to {:#05x} of its bus, and {id:#05x} is for {what} of the motor {other:?}: one \
+         would read the other's frames as commands; give the node another id (`motorctl id --protocol cansimple`), or another bus",
+        u16::from(*node) << 5,
+        u16::from(*node) << 5 | 0x1F
+    )]
+    NodeOwnsId { node: u8, id: u16, what: &'static str, other: String },
+    #[error(
         "id {host_id:#05x} is a motor's command id on the same bus, and only one node may send an id; the default of this motor is {default:#05x}"
     )]
     HostIdIsCommandId { host_id: u32, default: u16 },

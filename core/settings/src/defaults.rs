@@ -150,8 +150,11 @@ impl MotorSettings {
     #[must_use]
     pub fn of_model(name: &str, id: u8, protocol: MotorProtocol, model: &str) -> Option<Self> {
         let (profile, model) = Profile::of_model(model)?;
-        let may_be = (1..=profile.ids.largest).contains(&id) && (protocol.family().is_spoken_by)(profile);
-        let scales = model.scales().ok().filter(|_| may_be)?;
+        let family = protocol.family();
+        let [least, largest] = (family.ids)(profile);
+        let may_be = (least..=largest).contains(&id) && (family.is_spoken_by)(profile);
+        let of_protocol = family.ends.map(|ends| Scales::of(&ends));
+        let scales = of_protocol.or_else(|| model.scales().ok()).filter(|_| may_be)?;
         let winding = WindingSettings::of(model, &scales);
         let max_velocity = f64::from(model.max_velocity).min(scales.velocity.max()) as f32;
         let limits = LimitSettings::of(&scales, winding.rated_torque, max_velocity);
@@ -164,7 +167,7 @@ impl MotorSettings {
             model: model.name.to_owned(),
             profile,
             scales,
-            constants: model.ends.is_none().then(|| DriveConstants::of(model)),
+            constants: (model.ends.is_none() || family.ends.is_some()).then(|| DriveConstants::of(model)),
             winding,
             max_velocity,
             transmission: Transmission::new(1.0, 0.0),

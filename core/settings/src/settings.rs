@@ -284,6 +284,10 @@ impl MotorSettings {
             host_id: self.host_id,
             profile: self.profile,
             scales: self.scales,
+            gear_ratio: match self.constants {
+                Some(constants) => constants.gear_ratio as f32,
+                None => 1.0,
+            },
             transmission: self.transmission,
             limits: [self.limits.velocity, self.limits.torque],
             wraps: matches!(self.beyond_range, BeyondRange::Wrap),

@@ -260,6 +260,12 @@ impl Control {
         }
     }
 
+    /// Records that the motor of `joint` does not answer the command of this cycle.
+    pub fn expect_no_answer(&mut self, joint: usize) {
+        let GroupSlot { group, slot } = self.slots[joint];
+        self.groups[group].motors[slot].expect_no_answer();
+    }
+
     /// Records that the motor of `joint` answered one question twice.
     pub fn receive_duplicate(&mut self, joint: usize) {
         let GroupSlot { group, slot } = self.slots[joint];

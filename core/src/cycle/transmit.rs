@@ -39,6 +39,11 @@ impl Cycle {
         let write =
             |motor: usize, frame: &mut Frame| drives[motor].write_request(control.command(motor), now, frame);
         channel.base_mut().queue_each(write);
+        for &motor in channel.base().senders() {
+            if !drives[motor].is_open() {
+                control.expect_no_answer(motor);
+            }
+        }
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
         } else if !channel.base_mut().sensors().is_empty() && !self.control.withholds_requests(bus) {

@@ -68,12 +68,15 @@ impl Drive {
         self.write_request(command, now, &mut frame).then_some(frame)
     }
 
-    /// As [`request`](Self::request), but writes into `frame`. Returns whether there is a frame.
+    /// As [`request`](Self::request), but writes into `frame`. Returns whether there is a frame. No
+    /// request is open after one that the motor does not answer.
     #[inline(always)]
     pub fn write_request(&mut self, command: &Command, now: Instant, frame: &mut Frame) -> bool {
         let question = self.dialect.encode(command, frame);
-        if let Some(question) = question {
-            self.correlator.request(question, now);
+        match question {
+            Some(Question::Unanswered) => self.correlator.send(now),
+            Some(question) => self.correlator.request(question, now),
+            None => {}
         }
         question.is_some()
     }

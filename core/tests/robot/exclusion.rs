@@ -2,11 +2,10 @@
 
 use motord_harness::robot;
 use motord_harness::robot::{Meaning, Robot};
-use motord_shared::{AdminRequest, JointSetpoint, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{JointSetpoint, MotorMode, Operation, Phase, Refusal};
 
 fn of_joint(robot: &mut Robot, operation: Operation, joint: u32) -> Result<(), Refusal> {
-    let request = AdminRequest { operation: operation.code(), joint, ..Default::default() };
-    robot.ask(request).map(|_| ())
+    robot.operate_joint(operation, joint as usize).map(|_| ())
 }
 
 /// Returns three motors, of which the second may be excluded.

@@ -2,11 +2,13 @@
 
 mod ambiguous;
 mod busy_poll;
+mod cansimple;
 mod client_fuzz;
 mod conventions;
 mod cycle;
 mod exclusion;
 mod external_plant;
+mod family;
 mod faults_bus;
 mod faults_client;
 mod faults_motor;

@@ -2,27 +2,19 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use super::family;
 use motord_bus::{Bus, Frame, FrameId};
 use motord_core::drive::safe_frames;
 use motord_harness::robot::{self, Meaning, Robot};
 use motord_protocol::Faults;
 use motord_settings::plan::BusPlan;
-use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
+use motord_shared::{Cause, MotorMode, Phase};
 
 /// Index of the private motor.
 const KNEE: usize = 1;
 
-/// A SteadyWin motor in MIT and an RS02 in the private protocol on one bus.
 fn text() -> String {
-    let knee = robot::motor(5, "knee", "can", "direction = -1\noffset-rad = 0.2")
-        .replace("\"mit\"", "\"robstride\"")
-        .replace("GIM8108-8", "RS02")
-        .replace("torque-nm = 20.0", "torque-nm = 12.0");
-    String::from(
-        "[cycle]\nrate-hz = 1000\n[safety]\nsetpoint-timeout-ms = 20\n\
-         [[bus]]\nname = \"can\"\ntype = \"simulated\"\n",
-    ) + &robot::motor(1, "hip", "can", "")
-        + &knee
+    family::leg("robstride", "RS02", "12.0")
 }
 
 fn leg() -> Robot {
@@ -40,21 +32,7 @@ const REST: [u8; 8] = [0x7D, 0xF7, 0x80, 0x00, 0x80, 0x00, 0x00, 0xFA];
 #[test]
 fn private_motor_follows_beside_mit_motor() {
     let mut robot = leg();
-    let still = robot.activate();
-    for cycle in 0..2000_u16 {
-        let phase = f32::from(cycle) / 1000.0 * core::f32::consts::TAU;
-        let wave = |still: &JointSetpoint| JointSetpoint {
-            position: still.position + 0.2 * (1.0 - phase.cos()),
-            kp: 60.0,
-            ..*still
-        };
-        let wanted: Vec<_> = still.iter().map(wave).collect();
-        robot.send(&wanted);
-        robot.step();
-        assert_eq!(robot.phase(), Phase::Active, "stopped after {cycle} cycles: {:?}", robot.cause());
-        let error = (robot.joint(KNEE).position - wanted[KNEE].position).abs();
-        assert!(error < 0.05, "{error} rad after {cycle} cycles");
-    }
+    family::check_wave(&mut robot, KNEE, 0.05);
     let true_position = robot.truth(KNEE).position();
     let joint = robot.joint(KNEE);
     assert!((f64::from(joint.position) - (0.2 - true_position)).abs() < 0.01, "direction and offset");
@@ -106,17 +84,7 @@ fn faults_in_state_stop_group_and_are_cleared() {
         robot.follow_until(&joints, 5, |robot| robot.cause().is_some());
         assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorFault), KNEE as u32));
         assert_eq!((robot.joint(KNEE).fault, robot.mode(KNEE)), (fault.0, MotorMode::Fault), "{number}");
-        robot.steps(3000);
-        let request = motord_shared::AdminRequest {
-            operation: Operation::ClearFault.code(),
-            joint: KNEE as u32,
-            ..Default::default()
-        };
-        robot.ask(request).unwrap();
-        robot.steps(10);
-        assert_eq!((robot.joint(KNEE).fault, robot.mode(KNEE)), (0, MotorMode::Idle), "{number}");
-        robot.operate(Operation::Reset).unwrap();
-        robot.activate();
+        family::check_clearing(&mut robot, KNEE, fault.0);
     }
 }
 
@@ -130,11 +98,7 @@ fn fault_report_names_fault_until_cleared() {
     (0..100).for_each(|_| robot.follow(&joints));
     let joint = robot.joint(KNEE);
     assert_eq!((joint.fault, robot.mode(KNEE)), (Faults::OVER_VOLTAGE.0, MotorMode::Fault));
-    robot.steps(3000);
-    let operation = Operation::ClearFault.code();
-    robot.ask(motord_shared::AdminRequest { operation, joint: KNEE as u32, ..Default::default() }).unwrap();
-    robot.steps(10);
-    assert_eq!((robot.joint(KNEE).fault, robot.mode(KNEE)), (0, MotorMode::Idle));
+    family::check_clearing(&mut robot, KNEE, Faults::OVER_VOLTAGE.0);
 }
 
 /// A drive that restarts too fast for a silence reports mode 0.
@@ -150,17 +114,7 @@ fn private_motor_reporting_reset_is_motor_off() {
 #[test]
 fn lost_private_motor_returns_after_power_cycle() {
     let mut robot = leg();
-    let joints = robot.activate();
-    robot.disturb("knee power-off");
-    robot.follow_until(&joints, 30, |robot| robot.cause().is_some());
-    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorLost), KNEE as u32));
-    assert_eq!(robot.mode(KNEE), MotorMode::Offline);
-    robot.steps(3000);
-    robot.disturb("knee ok");
-    robot.steps(1500);
-    assert_eq!(robot.mode(KNEE), MotorMode::Idle);
-    robot.operate(Operation::Reset).unwrap();
-    robot.activate();
+    family::check_power_cycle(&mut robot, KNEE);
 }
 
 #[test]

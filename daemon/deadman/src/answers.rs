@@ -9,6 +9,9 @@ use motord_settings::settings::{BusSettings, MotorSettings, Settings};
 /// Longest wait for answers on CAN after the last frame: an adapter on USB takes a few
 /// milliseconds.
 const CAN_TIMEOUT: Duration = Duration::from_millis(50);
+/// Longest wait for a motor that confirms its stop by a report: a CANSimple driver sends one every
+/// 100 ms.
+const REPORT_TIMEOUT: Duration = Duration::from_millis(250);
 /// Longest wait for the answer of one motor on a line: an adapter on USB may keep bytes for 16 ms.
 const LINE_TIMEOUT: Duration = Duration::from_millis(20);
 /// Longest wait for the answers of all motors on lines.
@@ -31,6 +34,14 @@ struct Commanded {
     answers: IdFilter,
     /// A stop that it answers, on a line.
     stop: Option<Frame>,
+    /// Returns whether a frame with such an id confirms the stop; `None` where each one does.
+    confirms: Option<fn(&Frame) -> bool>,
+}
+
+impl Commanded {
+    fn is_confirmed_by(&self, frame: &Frame) -> bool {
+        self.answers.matches(frame.id()) && self.confirms.is_none_or(|confirms| confirms(frame))
+    }
 }
 
 /// An interface with its motors that have not answered yet.
@@ -83,12 +94,15 @@ impl Answers {
 
     /// Reads what has arrived, asks the motors on lines, and returns the names of those that did
     /// not answer, except those on `left_out` interfaces. The ports must not be in use. Takes at
-    /// most [`LINES_TIMEOUT`], or [`CAN_TIMEOUT`] without a line, and the time to open the ports.
+    /// most [`LINES_TIMEOUT`], or without a line [`REPORT_TIMEOUT`], and the time to open the ports.
     pub(crate) fn silent(&mut self, left_out: &[String]) -> Vec<String> {
         self.ears.retain(|ear| !left_out.contains(&ear.interface));
         self.lines.retain(|line| !left_out.iter().any(|interface| interface == line.settings.device()));
         let longest = self.lines.iter().map(|line| line.commanded.len() as u32).max().unwrap_or(0);
         let timeout = (longest * ATTEMPTS * (LINE_TIMEOUT + TURN)).min(LINES_TIMEOUT).max(CAN_TIMEOUT);
+        let awaits_report =
+            self.ears.iter().flat_map(|ear| &ear.silent).any(|motor| motor.confirms.is_some());
+        let timeout = if awaits_report { timeout.max(REPORT_TIMEOUT) } else { timeout };
         self.open_lines();
         let end = clock::monotonic() + timeout;
         loop {
@@ -128,6 +142,7 @@ fn commanded(settings: &Settings, index: usize) -> Vec<Commanded> {
         name: motor.name.clone(),
         answers: if is_line { IdFilter::exact(motor.command_id()) } else { motor.addresses().replies },
         stop: safe_frames(motor).map(|(_, stop)| stop).filter(|_| is_line),
+        confirms: motor.protocol.family().confirms_stop,
     };
     settings.motors.iter().filter(|motor| motor.bus == index).map(commanded).collect()
 }
@@ -158,7 +173,7 @@ impl Ear {
             }
             for arrival in inbox.arrivals() {
                 if let Content::Frame(frame) = arrival.content {
-                    self.silent.retain(|motor| !motor.answers.matches(frame.id()));
+                    self.silent.retain(|motor| !motor.is_confirmed_by(&frame));
                 }
             }
         }

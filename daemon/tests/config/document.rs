@@ -324,7 +324,7 @@ fn number_out_of_range_shows_range_and_unit() {
     let error = only_error(&damaged("torque-nm = 20.0", "torque-nm = 0"));
     assert!(error.ends_with("0 is out of range; give a number of at least 0.01 N·m"), "{error}");
     let error = only_error(&damaged("id = 2", "id = 99999999999999999999"));
-    assert!(error.contains("motor.id: expected an integer from 1 to 254, found the integer 9999"), "{error}");
+    assert!(error.contains("motor.id: expected an integer from 0 to 254, found the integer 9999"), "{error}");
 }
 
 #[test]

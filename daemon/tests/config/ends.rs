@@ -123,3 +123,19 @@ fn limits_reach_as_far_as_the_codes() {
         assert!(error.contains(part), "{part}: {error}");
     }
 }
+
+/// The vendor's SDK has the same ends for every model; the torque is disputed.
+#[test]
+fn ends_of_cansimple_do_not_follow_the_model() {
+    let expected = Ends { position: 12.5, velocity: 65.0, torque: 50.0, kp: 500.0, kd: 5.0 };
+    for model in ["GIM6010-8", "GIM8108-8"] {
+        let motor = motor(&format!("protocol = 'cansimple'\nmodel = '{model}'")).unwrap();
+        assert_eq!(motor.scales.ends(), expected, "{model}");
+        assert_eq!(motor.drive(true).gear_ratio, 8.0, "{model}");
+    }
+    let written =
+        motor("protocol = 'cansimple'\nmodel = 'GIM6010-8'\ntorque-end-nm = 400\ngear-ratio = 9").unwrap();
+    assert_eq!((written.scales.ends().torque, written.drive(true).gear_ratio), (400.0, 9.0));
+    let constant = "protocol = 'cansimple'\nmodel = 'GIM6010-8'\ntorque-constant-nm-per-a = 0.1";
+    assert!(motor(constant).is_err(), "no code of it is a current");
+}

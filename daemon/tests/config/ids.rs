@@ -140,3 +140,43 @@ fn no_shipped_robot_uses_an_id_twice() {
         );
     }
 }
+
+/// A robot on one bus with a CANSimple node, and this other motor.
+fn with_node(node: u8, other: &str) -> String {
+    let motor = |name: &str, rest: &str| {
+        format!(
+            "[[motor]]\nname = '{name}'\nbus = 'leg'\n{rest}\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
+             torque-nm = 5\ntorque-slew-nm-per-s = 50\n"
+        )
+    };
+    let knee = motor("knee", &format!("id = {node}\nprotocol = 'cansimple'\nmodel = 'GIM6010-8'"));
+    format!("[[bus]]\nname = 'leg'\ntype = 'simulated'\n{knee}{}", motor("hip", other))
+}
+
+/// Node n uses the ids from 32 n to 32 n + 31. A SteadyWin motor replies with 0x100 + id; a Damiao motor
+/// also obeys 0x100 + id, and its registers are at 0x7FF.
+#[test]
+fn node_whose_ids_another_motor_uses_is_refused() {
+    for (node, other, used) in [
+        (0, "id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "0x001 is for commands"),
+        (1, "id = 0x25\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "0x025 is for commands"),
+        (8, "id = 2\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "0x102 is for replies"),
+        (8, "id = 3\nprotocol = 'mit'\nmodel = 'DM-J4310-2EC'", "0x103 is for commands"),
+        (63, "id = 3\nprotocol = 'mit'\nmodel = 'DM-J4310-2EC'", "0x7ff is for requests to the registers"),
+        (5, "id = 5\nprotocol = 'cansimple'\nmodel = 'GIM6010-8'", "id 5 is used by"),
+        (5, "id = 5\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "id 5 is used by"),
+        (64, "id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "out of range"),
+        (2, "id = 0\nprotocol = 'mit'\nmodel = 'GIM8108-8'", "out of range"),
+    ] {
+        let error = validate(&with_node(node, other)).expect_err(other).to_string();
+        assert!(error.contains(used), "{node}: {error}");
+    }
+    for (node, other) in [
+        (0, "id = 1\nprotocol = 'cansimple'\nmodel = 'GIM6010-8'"),
+        (1, "id = 2\nprotocol = 'mit'\nmodel = 'GIM8108-8'"),
+        (63, "id = 3\nprotocol = 'mit'\nmodel = 'GIM8108-8'"),
+        (8, "id = 3\nprotocol = 'robstride'\nmodel = 'RS02'"),
+    ] {
+        validate(&with_node(node, other)).unwrap_or_else(|error| panic!("{node} {other}: {error}"));
+    }
+}

@@ -88,17 +88,17 @@ const TYPES: &[Mistake<'_>] = &[
     (
         "id = 1",
         "id = \"0x01\"",
-        "17:6: motor.id: expected an integer from 1 to 254, found the text \"0x01\"; write id = 0x01, without quotes",
+        "17:6: motor.id: expected an integer from 0 to 254, found the text \"0x01\"; write id = 0x01, without quotes",
     ),
     (
         "id = 1",
         "id = 1.0",
-        "17:6: motor.id: expected an integer from 1 to 254, found the number 1.0; write id = 1, without a point",
+        "17:6: motor.id: expected an integer from 0 to 254, found the number 1.0; write id = 1, without a point",
     ),
     (
         "id = 1",
         "id = 99999999999999999999",
-        "17:6: motor.id: expected an integer from 1 to 254, found the integer 99999999999999999999; write an integer, such as id = 1",
+        "17:6: motor.id: expected an integer from 0 to 254, found the integer 99999999999999999999; write an integer, such as id = 1",
     ),
     (
         "rate-hz = 1000",
@@ -118,7 +118,7 @@ const TYPES: &[Mistake<'_>] = &[
     (
         "protocol = \"mit\"",
         "protocol = 2",
-        "18:12: motor.protocol: expected one of \"mit\", \"gim\", \"robstride\", found the integer 2; write a text, such as protocol = \"mit\"",
+        "18:12: motor.protocol: expected one of \"mit\", \"gim\", \"robstride\", \"cansimple\", found the integer 2; write a text, such as protocol = \"mit\"",
     ),
 ];
 
@@ -260,7 +260,7 @@ const VALUES: &[Mistake<'_>] = &[
     (
         "id = 1",
         "id = 01",
-        "17:6: motor.id: expected an integer from 1 to 254, found `01`; write id = 1, without the zero before it",
+        "17:6: motor.id: expected an integer from 0 to 254, found `01`; write id = 1, without the zero before it",
     ),
     (
         "type = \"simulated\"",

@@ -67,6 +67,8 @@ families! {
     Gim = gim::GimDialect,
     /// RobStride's private protocol, over CAN.
     RobStride = robstride::RobStrideDialect,
+    /// The CANSimple dialect of SteadyWin's SDC104, GDS68 and GDZ drivers, over CAN.
+    CanSimple = cansimple::CanSimpleDialect,
 }
 
 impl Default for MotorProtocol {

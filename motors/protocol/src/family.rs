@@ -1,7 +1,7 @@
 //! The facts of a family of motors.
 
 use crate::profile::{Capabilities, Profile};
-use crate::scale::Scales;
+use crate::scale::{Ends, Scales};
 
 /// Returns whether the payload of a reply can answer that of a request.
 pub type AnswersOnLine = fn(request: &[u8], reply: &[u8]) -> bool;
@@ -23,6 +23,13 @@ pub struct Family {
     pub has_items: bool,
     /// Returns whether the motors of a vendor speak it.
     pub is_spoken_by: fn(&Profile) -> bool,
+    /// The values of the largest codes, where they are the same for every model. `None`: a model has
+    /// its own.
+    pub ends: Option<Ends>,
+    /// Returns the smallest and the largest id of a vendor's motor.
+    pub ids: fn(&Profile) -> [u8; 2],
+    /// The bit rate of a motor from the factory, bit/s, where it is not that of most motors, 1 Mbit/s.
+    pub factory_bitrate: Option<u32>,
     /// Returns the abilities of a vendor's motor with these codes.
     pub capabilities: fn(&Profile, &Scales) -> Capabilities,
     /// Returns the id of a vendor's motor's replies, or the part of it that names the host, where the
@@ -38,4 +45,11 @@ pub struct Family {
     /// Returns the ids on the bus of a motor with this id and host id.
     #[cfg(feature = "drive")]
     pub addresses: fn(u8, motord_bus::FrameId) -> crate::drive::Addresses,
+    /// Returns whether a frame of a motor confirms its stop. `None`: every frame does, because the motor
+    /// only answers.
+    #[cfg(feature = "drive")]
+    pub confirms_stop: Option<fn(&motord_bus::Frame) -> bool>,
+    /// The frames that a motor sends by itself, for the plan of a bus.
+    #[cfg(feature = "drive")]
+    pub reports: &'static [crate::drive::UnpromptedFrame],
 }

@@ -7,7 +7,7 @@
 //!   Chinese. Where the two disagree, this crate follows the Chinese original.
 //!
 //! They apply to SteadyWin's SDC101, SDC102 and SDC103 drivers. Other drivers sold under the GIM
-//! name speak other protocols with the same leading bytes. A motor's protocol is therefore
+//! name speak [`cansimple`], or protocols with the same leading bytes. A motor's protocol is therefore
 //! declared, never inferred from its replies.
 //!
 //! - [`Family`]: one row of facts for each protocol of motors, and [`MotorProtocol`], its name in
@@ -19,6 +19,7 @@
 //! - [`profile`]: the differences between vendors, as data. With the feature `models` it reads them
 //!   from text files, of which the crate has one for each supported vendor.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
+//! - [`cansimple`]: the CANSimple dialect of other SteadyWin drivers, with a node and a command in an id.
 //! - [`robstride`]: RobStride's private protocol over CAN, with ids of 29 bits.
 //! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
@@ -35,6 +36,7 @@
 #![cfg_attr(not(any(feature = "drive", feature = "commissioning", feature = "models")), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod cansimple;
 #[cfg(feature = "commissioning")]
 pub mod commissioning;
 #[cfg(feature = "drive")]

@@ -37,6 +37,9 @@ pub enum ReportedProtocol {
     /// RobStride's private protocol.
     #[serde(rename = "robstride")]
     RobStride,
+    /// CANSimple.
+    #[serde(rename = "cansimple")]
+    CanSimple,
     /// A protocol that is not known.
     Unknown,
 }
@@ -50,6 +53,7 @@ impl ReportedProtocol {
             Self::OtherMit => "mit of another vendor or driver",
             Self::Gim => "gim",
             Self::RobStride => "robstride",
+            Self::CanSimple => "cansimple",
             Self::Unknown => "unknown",
         }
     }

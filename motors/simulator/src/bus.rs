@@ -243,6 +243,7 @@ impl SimulatedBus {
         }
         for _ in 0..TRANSFERS_MAX {
             self.emit(to);
+            self.emit_reports(to);
             if self.wire.is_none() {
                 self.arbitrate(to);
             }
@@ -252,6 +253,18 @@ impl SimulatedBus {
             self.complete(transfer);
         }
         self.now = self.now.max(to);
+    }
+
+    /// Lets each motor that reports by itself contend for the wire, when its last frame was sent.
+    fn emit_reports(&mut self, to: Instant) {
+        for index in 0..self.motors.len() {
+            if self.motors[index].report_due() <= to
+                && !self.answers.has(Sender::Motor(index))
+                && let Some((at, report)) = self.motors[index].take_due_report(to)
+            {
+                self.answer(index, at, report);
+            }
+        }
     }
 
     /// Lets each IMU whose sample is due by `to` contend for the wire, when its last one was sent.
@@ -429,7 +442,11 @@ impl SimulatedBus {
             _ => transfer.ends,
         });
         // A sample that is not due yet arrives after it is.
-        let due = self.imus.iter().map(ImuNode::due).filter(|due| *due < Instant::FAR_FUTURE);
+        // A motor reports when its last frame was sent.
+        let idle =
+            self.motors.iter().enumerate().filter(|(index, _)| !self.answers.has(Sender::Motor(*index)));
+        let due = self.imus.iter().map(ImuNode::due).chain(idle.map(|(_, motor)| motor.report_due()));
+        let due = due.filter(|due| *due < Instant::FAR_FUTURE);
         waiting.chain(sending).chain(due).min()
     }
 

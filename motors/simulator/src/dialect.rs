@@ -69,6 +69,12 @@ fn to_receiver(id: FrameId) -> IdFilter {
     IdFilter::masked(FrameId::extended(id.raw()).unwrap_or(FrameId::MAX_EXTENDED), 0xFF)
 }
 
+/// Returns the ids of the node with this `id`.
+fn to_node(id: FrameId) -> IdFilter {
+    let first = FrameId::new((id.raw() as u16 & 0x3F) << 5);
+    IdFilter::masked(first.unwrap_or(FrameId::MAX), 0x7E0)
+}
+
 dialects! {
     /// The MIT protocol.
     Mit = "mit", 1, IdFilter::exact, is_classic_command;
@@ -76,4 +82,6 @@ dialects! {
     Gim = "gim", 0, IdFilter::exact, is_classic_command;
     /// RobStride's private protocol. The lowest byte of an id names the receiver.
     RobStride = "robstride", 2, to_receiver, is_classic_command;
+    /// The CANSimple dialect. An id has the node above the command.
+    CanSimple = "cansimple", 3, to_node, is_classic_command;
 }

@@ -1,5 +1,7 @@
 //! One simulated motor: its mechanics, its drive, and its answers.
 
+mod axis;
+mod cansimple;
 mod configuration;
 mod gim;
 mod indicator;
@@ -64,6 +66,7 @@ pub struct Motor {
     bitrate: u32,
     configuration: Configuration,
     private: private::Memory,
+    axis: axis::Axis,
     body: Body,
     /// In the body's coordinates; kept while the drive is stopped.
     law: Law,
@@ -122,9 +125,10 @@ pub(crate) struct DelayedReply {
 impl Motor {
     pub(crate) fn new(settings: MotorSettings, medium: Medium, bitrate: u32) -> Self {
         settings.assert_physical();
-        Self {
+        let mut motor = Self {
             configuration: Configuration::new(&settings, (medium == Medium::Can).then_some(bitrate)),
             private: private::Memory::default(),
+            axis: axis::Axis::SILENT,
             body: Body::new(&settings),
             law: Law::LIMP,
             origin: 0.0,
@@ -143,7 +147,9 @@ impl Motor {
             settings,
             medium,
             bitrate,
-        }
+        };
+        motor.begin_reports(Instant::ZERO);
+        motor
     }
 
     /// Returns the name in the settings.
@@ -256,6 +262,7 @@ impl Motor {
     /// Sets the start time of this motor.
     pub(crate) fn begin(&mut self, at: Instant) {
         self.time = at;
+        self.begin_reports(at);
     }
 
     /// Moves the mechanics and the drive's own clocks up to `to`. Two expiring clocks divide this
@@ -347,6 +354,7 @@ impl Motor {
             Dialect::Gim => self.gim(at, frame)?,
             Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
             Dialect::RobStride => (self.robstride(at, frame)?, Duration::ZERO),
+            Dialect::CanSimple => (self.cansimple(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
         Some(DelayedReply { frame, after })

@@ -74,7 +74,8 @@ pub struct MotorSettings {
     /// The name that fault verbs and tests use for it.
     pub name: String,
     /// The motor has the vendor's defaults: id 1, host id 0, 1 Mbit/s, SteadyWin's and RobStride's in
-    /// their own protocol and others in MIT mode. The ids and the protocol below are then ignored.
+    /// their own protocol and others in MIT mode. The ids and the protocol below are then ignored. A
+    /// driver with CANSimple has no other protocol, and 500 kbit/s.
     pub is_new: bool,
     /// The motor has power at the start. The verb `on` gives it power.
     pub has_power: bool,
@@ -111,6 +112,8 @@ pub struct MotorSettings {
     pub viscous_friction: f64,
     /// Output side, N·m.
     pub coulomb_friction: f64,
+    /// With CANSimple: error of the zero after each boot, rad.
+    pub zero_shift: f64,
     /// Position that the motor reports at the start, rad.
     pub initial_position: f64,
     /// Line to line, Ω.
@@ -165,6 +168,7 @@ impl Default for MotorSettings {
             load_torque: 0.0,
             viscous_friction: 0.02,
             coulomb_friction: 0.15,
+            zero_shift: 0.0,
             initial_position: 0.0,
             winding_resistance: 0.67,
             winding_inductance: 0.45e-3,
@@ -214,7 +218,13 @@ impl MotorSettings {
             self.winding_inductance,
             self.thermal_resistance,
         ];
-        let any = [self.load_torque, self.initial_position, self.ambient_celsius, self.supply_voltage];
+        let any = [
+            self.zero_shift,
+            self.load_torque,
+            self.initial_position,
+            self.ambient_celsius,
+            self.supply_voltage,
+        ];
         let physical = positive.iter().all(|value| *value > 0.0)
             && not_negative.iter().all(|value| *value >= 0.0)
             && [&positive[..], &not_negative, &any].concat().iter().all(|value| value.is_finite());

@@ -75,7 +75,8 @@ pub fn findings(
             reported: None,
             verdict: Verdict::Unknown,
             cure: format!(
-                "check its power, wiring, id and protocol; `motorctl scan --bus {}` lists the motors that answer",
+                "check its power, wiring, id and protocol{}; `motorctl scan --bus {}` lists the motors that answer",
+                factory_bit_rate(settings, motor),
                 settings.buses[motor.bus].device()
             ),
         }];
@@ -86,6 +87,18 @@ pub fn findings(
         findings.extend(compare.constants(&constants));
     }
     findings
+}
+
+/// Returns the bit rate that a motor has from the factory, in words, if its bus has another one.
+fn factory_bit_rate(settings: &Settings, motor: &MotorSettings) -> String {
+    let bitrate = settings.buses[motor.bus].kind.bitrate();
+    match motor.protocol.family().factory_bitrate {
+        Some(factory) if factory != bitrate => format!(
+            ", and its bit rate: from the factory it has {factory} bit/s, and this bus has {bitrate} bit/s (set it with the vendor's \
+             tool)"
+        ),
+        _ => String::new(),
+    }
 }
 
 /// Keys of the ends that a motor reports, in the order of its registers.
@@ -240,6 +253,9 @@ impl Compare<'_> {
                     "`motorctl protocol {wanted} --bus {bus} --id {}`, or write the other protocol",
                     motor.id
                 )
+            }
+            ReportedProtocol::CanSimple if motor.profile.speaks(motord_protocol::cansimple::FAMILY.name) => {
+                "its driver speaks only CANSimple: write `protocol = \"cansimple\"`".into()
             }
             _ => "the model is not the one that is connected: write the right one".into(),
         };

@@ -256,6 +256,10 @@ pub(super) fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<Str
     if let Some(motor) = motors().find(obeys) {
         return Some(format!("commands to the motor {:?}", motor.name));
     }
+    let owns = |motor: &&MotorSettings| motor.addresses().node.is_some_and(|node| node.matches(id));
+    if let Some(motor) = motors().find(owns) {
+        return Some(format!("an id of the CANSimple node of the motor {:?}", motor.name));
+    }
     if let Some(motor) = motors().find(|motor| motor.addresses().replies.matches(id)) {
         return Some(format!("the replies of the motor {:?}", motor.name));
     }

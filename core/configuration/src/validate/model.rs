@@ -54,14 +54,14 @@ fn number(name: &str) -> String {
 
 /// Reports ends of codes that are written for a motor whose codes have none.
 pub(super) fn check_ends(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
-    let Some(Model { name, ends, .. }) = model else { return };
+    let Some(model) = model else { return };
     let entries =
         [&keys.position_end_rad, &keys.velocity_end_rad_s, &keys.torque_end_nm, &keys.kp_end, &keys.kd_end];
-    if ends.is_some() && has_codes(keys) {
+    if ends(keys, model).is_some() && has_codes(keys) {
         return;
     }
     for entry in entries.into_iter().filter(|entry| entry.is_written) {
-        findings.error(entry.at, Wrong::NoEnds { model: name });
+        findings.error(entry.at, Wrong::NoEnds { model: model.name });
     }
 }
 
@@ -70,11 +70,18 @@ fn has_codes(keys: &keys::Motor) -> bool {
     keys.protocol.value.is_none_or(|protocol| protocol.family().has_codes)
 }
 
+/// Returns the ends of the codes: those of the protocol, or of the model. `None` where the torque code
+/// is SteadyWin's current.
+pub(super) fn ends(keys: &keys::Motor, model: &Model) -> Option<Ends> {
+    let of_protocol = keys.protocol.value.and_then(|protocol| protocol.family().ends);
+    of_protocol.or(model.ends)
+}
+
 /// Returns the scales of the codes: as written, or of the model.
 pub(super) fn scales(keys: &keys::Motor, model: &Model) -> Option<Scales> {
     let constant = keys.torque_constant_nm_per_a.value.unwrap_or(model.torque_constant.into());
     let ratio = keys.gear_ratio.value.unwrap_or(model.gear_ratio.into());
-    let Some(ends) = model.ends else {
+    let Some(ends) = ends(keys, model) else {
         // Both keys have ranges, so a float holds every product of the two.
         return Scales::by_current(constant, ratio).ok();
     };
@@ -98,7 +105,7 @@ pub(super) fn check_reach(
     findings: &mut Findings<'_>,
 ) {
     let Some((model, scales)) = model.zip(scales) else { return };
-    let by_current = model.ends.is_none();
+    let by_current = ends(keys, model).is_none();
     let beyond =
         |value, end, unit_and_key| Wrong::BeyondCodes { value, end, model: model.name, unit_and_key };
     let (entry, end) = (&keys.peak_torque_nm, scales.torque.max());

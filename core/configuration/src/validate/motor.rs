@@ -12,7 +12,7 @@ use motord_settings::settings::{
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
-use super::model::{check_ends, check_reach, model, registers, scales};
+use super::model::{check_ends, check_reach, ends, model, registers, scales};
 use super::time::micros;
 use crate::document::MotorTables;
 use crate::entry::{self, Entry, degrees};
@@ -72,7 +72,8 @@ fn motor(
         model: model?.name.to_owned(),
         profile: profile?,
         scales: scales?,
-        constants: constants.filter(|_| model.is_some_and(|model| model.ends.is_none())),
+        constants: constants
+            .filter(|_| model.is_some_and(|model| model.ends.is_none()) || protocol.family().ends.is_some()),
         winding: WindingSettings {
             rated_torque: capability.rated_torque as f32,
             peak_torque: capability.peak_torque as f32,
@@ -107,11 +108,20 @@ struct Address {
 
 impl Address {
     /// Returns whether some id commands both motors, or `motorctl` cannot name one alone: it names a
-    /// motor by its id, without the width of the ids of its commands.
+    /// motor by its id, without its protocol.
     fn is_named_alike(&self, other: &Self) -> bool {
-        let has_long_ids = |address: &Self| address.on_wire.command_id.is_extended();
-        let differs_in_width = has_long_ids(self) != has_long_ids(other);
-        self.on_wire.commands.overlaps(other.on_wire.commands) || differs_in_width && self.id == other.id
+        self.on_wire.commands.overlaps(other.on_wire.commands) || self.id == other.id
+    }
+
+    /// Returns an id of `node` that this motor uses, and its use in words.
+    fn uses(&self, node: IdFilter) -> Option<(FrameId, &'static str)> {
+        let of = |ids: IdFilter| ids.overlaps(node).then(|| ids.lowest().max(node.lowest()));
+        let obeyed = self.on_wire.obeyed(&self.profile.ids).find(|id| node.matches(*id));
+        let request = FrameId::new(register::REQUEST_ID).filter(|_| self.profile.has_registers);
+        let commands = of(self.on_wire.receives()).or(obeyed).map(|id| (id, "commands"));
+        let replies = of(self.on_wire.replies).map(|id| (id, "replies"));
+        let registers = request.filter(|id| node.matches(*id)).map(|id| (id, "requests to the registers"));
+        commands.or(replies).or(registers)
     }
 
     /// Returns whether the motor reads one of the ids as a command, or as a request to its
@@ -150,8 +160,9 @@ fn address(
         }
     }
     let ids = &profile.ids;
-    let id = at_most(&keys.id, keys.id.value?, ids.largest.into(), 1, findings)?;
     let family = keys.protocol.value.unwrap_or_default().family();
+    let [least_id, largest_id] = (family.ids)(profile).map(i64::from);
+    let id = at_most(&keys.id, keys.id.value?, largest_id, least_id, findings)?;
     let default = if is_serial { 0 } else { (family.default_host_id)(profile, id as u8).into() };
     let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
     let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
@@ -169,20 +180,23 @@ fn at_most(
     least: i64,
     findings: &mut Findings<'_>,
 ) -> Option<i64> {
-    if id > largest {
+    if !(least..=largest).contains(&id) {
         let expected = format!("from {least} to {largest}");
         findings.error(entry.at, Wrong::OutOfRange { value: id as f64, expected, hint: String::new() });
     }
-    (id <= largest).then_some(id)
+    (least..=largest).contains(&id).then_some(id)
 }
 
 /// Reports constants of a current that are written for a motor whose codes are torques: they would
 /// have no effect.
 fn check_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
-    let Some(Model { name, ends: Some(_), .. }) = model else { return };
-    for entry in [&keys.torque_constant_nm_per_a, &keys.gear_ratio] {
+    let Some(model) = model.filter(|model| ends(keys, model).is_some()) else { return };
+    // The positions of a stopped motor in CANSimple are those of the rotor.
+    let has_rotor_positions = keys.protocol.value.is_some_and(|protocol| protocol.family().ends.is_some());
+    let ratio = (!has_rotor_positions).then_some(&keys.gear_ratio);
+    for entry in [Some(&keys.torque_constant_nm_per_a), ratio].into_iter().flatten() {
         if entry.is_written {
-            findings.error(entry.at, Wrong::NoCurrentCode { model: name });
+            findings.error(entry.at, Wrong::NoCurrentCode { model: model.name });
         }
     }
 }
@@ -274,6 +288,11 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             findings.error(keys.id.at, Wrong::DuplicateId { id: motor.id, other: named(other) });
             continue;
         }
+        if motor.on_wire.node.is_some() {
+            let wrong = owned_id(motor, on_bus(motor.bus).filter(|(other, _)| *other != index), named);
+            wrong.into_iter().for_each(|wrong| findings.error(keys.id.at, wrong));
+            continue;
+        }
         if motor.is_serial {
             let mut alike = before.filter(|(_, other)| other.host_id == motor.host_id);
             // One warning for each id, at the second motor that has it.
@@ -283,11 +302,10 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             }
             continue;
         }
-        let host_id = motor.host_id.raw();
-        let default = motor.default_host_id;
+        let (host_id, default) = (motor.host_id.raw(), motor.default_host_id);
         // In another id the host id is a part, and does not decide the priority.
         let is_reply_id = replies == IdFilter::exact(motor.host_id);
-        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id).max();
+        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id.raw()).max();
         let is_shared =
             matches!(motor.profile.ids.reply, ReplyId::Shared(shared) if u32::from(shared) == host_id);
         if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {
@@ -299,11 +317,21 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             findings.error(keys.host_id.at, wrong);
         } else if on_bus(motor.bus).any(|(_, other)| other.obeys(replies)) {
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
-        } else if let Some(command) = last.filter(|&last| is_reply_id && !is_shared && last > motor.host_id) {
-            let command = command.raw();
+        } else if let Some(command) = last.filter(|&last| is_reply_id && !is_shared && last > host_id) {
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }
     }
+}
+
+/// Returns the error of a node that owns an id which one of the `others` uses.
+fn owned_id<'a>(
+    motor: &Address,
+    mut others: impl Iterator<Item = (usize, &'a Address)>,
+    named: impl Fn(usize) -> String,
+) -> Option<Wrong> {
+    let owned = motor.on_wire.node?;
+    let (other, (used, what)) = others.find_map(|(other, address)| Some((other, address.uses(owned)?)))?;
+    Some(Wrong::NodeOwnsId { node: motor.id, id: used.raw() as u16, what, other: named(other) })
 }
 
 /// Warns about an excluded joint that may not be excluded: its group cannot start.

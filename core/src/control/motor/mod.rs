@@ -22,6 +22,7 @@ mod requests;
 mod response;
 mod service;
 mod turn;
+mod unanswered;
 
 pub use foreign::ForeignFrames;
 pub(super) use group_command::GroupCommand;
@@ -137,11 +138,6 @@ impl Motor {
 
     pub(super) const fn measured(&self) -> Option<&Measured<JointSide>> {
         self.measured.as_ref()
-    }
-
-    /// Returns whether a state arrived in the previous or the current turn.
-    pub(super) const fn is_fresh(&self) -> bool {
-        self.measured.is_some() && self.replies.age_cycles <= 1
     }
 
     /// Returns whether its known position is outside its limits.
@@ -552,7 +548,7 @@ impl Motor {
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but reports no state while it should move: it refuses its commands.
         let lost_cycles = if self.is_held() { 1 } else { cx.safety.lost_cycles };
-        let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
+        let blind = self.mode.is_moving() && !self.reports_rarely() && self.replies.age_cycles >= lost_cycles;
         let misses = counts && !is_explained;
         let lost = blind || misses && self.miss(cx) >= lost_cycles || self.is_too_late();
         if lost {

@@ -52,6 +52,11 @@ impl Replies {
         self.answered = false;
     }
 
+    /// Records that the command of this turn has no answer.
+    pub(super) const fn expect_none(&mut self) {
+        self.asked = false;
+    }
+
     /// Returns whether the question of this turn has no answer of any kind yet.
     pub(super) const fn is_awaited(&self) -> bool {
         self.asked && !self.answered

@@ -292,7 +292,7 @@ impl ChannelBase {
     }
 
     /// Returns the motors of the last batch, in the order of its frames.
-    pub(super) fn senders(&self) -> &[usize] {
+    pub(crate) fn senders(&self) -> &[usize] {
         &self.senders
     }
 

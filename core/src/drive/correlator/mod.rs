@@ -126,6 +126,12 @@ impl Correlator {
 
     /// Opens a request that is sent at `now`. Gives up the previous one, if it is still open.
     pub(super) fn request(&mut self, question: Question, now: Instant) {
+        self.send(now);
+        self.open = Some(Request { question, sent_at: now });
+    }
+
+    /// Sends a command that the motor does not answer, at `now`. Gives up the open request.
+    pub(super) fn send(&mut self, now: Instant) {
         match self.open {
             Some(open) if now <= open.sent_at + LATEST_REPLY => {
                 self.pending = self.pending.saturating_add(1);
@@ -141,7 +147,7 @@ impl Correlator {
             self.distrusted_until = sent_at + LATEST_REPLY;
             self.reports = self.reports.unreported();
         }
-        self.open = Some(Request { question, sent_at: now });
+        self.open = None;
     }
 
     /// Withdraws the open request, whose frame was not sent.

@@ -96,6 +96,9 @@ struct BusReport<'a> {
     worst_case_utilisation: f64,
     unstuffed_utilisation: f64,
     fault_poll_utilisation: f64,
+    /// The part of the worst case that motors send by themselves.
+    #[serde(skip_serializing_if = "is_zero")]
+    unprompted_utilisation: f64,
     /// The highest rate of the cycle that this bus allows, rounded down; `None` when nothing is
     /// asked on it.
     rate_hz_max: Option<f64>,
@@ -159,6 +162,10 @@ impl<'a> Report<'a> {
     }
 }
 
+fn is_zero(part: &f64) -> bool {
+    *part == 0.0
+}
+
 fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
     let report = |(index, (bus, plan)): (usize, (&'a BusSettings, BusPlan))| BusReport {
         name: &bus.name,
@@ -169,6 +176,7 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
         worst_case_utilisation: plan.worst_case_utilisation,
         unstuffed_utilisation: plan.unstuffed_utilisation,
         fault_poll_utilisation: plan.fault_poll_utilisation,
+        unprompted_utilisation: plan.unprompted_utilisation,
         rate_hz_max: plan.rate_hz_max.is_finite().then(|| plan.rate_hz_max.floor()),
         has_imu: settings.sensors.on_bus(index).next().is_some(),
         is_late: !bus.is_line() && plan.last_reply > settings.cycle.reply_deadline,
@@ -235,10 +243,14 @@ fn print_plan(file: &str, settings: &Settings, out: &mut impl Write) -> io::Resu
 }
 
 fn verdict(bus: &BusReport<'_>) -> String {
+    let sent = match bus.unprompted_utilisation {
+        0.0 => String::new(),
+        part => format!("; motors send {:.1} % by themselves", 100.0 * part),
+    };
     let rate = if bus.every == 1 { String::new() } else { format!("; each motor at {} Hz", bus.rate_hz) };
     match &bus.line {
         Some(line) => format!("{}{rate}; {}", line_verdict(line, bus.every), turns(line, bus.every)),
-        None => format!("{}{rate}", can_verdict(bus)),
+        None => format!("{}{rate}{sent}", can_verdict(bus)),
     }
 }
 

@@ -12,6 +12,9 @@ pub struct Addresses {
     pub commands: IdFilter,
     /// The ids of the frames that the motor sends.
     pub replies: IdFilter,
+    /// All ids that the motor sends or may read as commands, where they are more than these. No other
+    /// node of its bus may use one.
+    pub node: Option<IdFilter>,
 }
 
 impl Addresses {
@@ -22,7 +25,14 @@ impl Addresses {
             command_id: FrameId::from(id),
             commands: IdFilter::exact(FrameId::from(id)),
             replies: IdFilter::exact(host_id),
+            node: None,
         }
+    }
+
+    /// Returns the ids of all frames that the motor may read as commands.
+    #[must_use]
+    pub fn receives(&self) -> IdFilter {
+        self.node.unwrap_or(self.commands)
     }
 
     /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to

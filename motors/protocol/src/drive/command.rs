@@ -97,6 +97,8 @@ pub enum Question {
     Register,
     /// The confirmation that the motor received the request to clear its fault.
     Clear,
+    /// None: the motor does not answer this command.
+    Unanswered,
 }
 
 /// The shape of a reply, by its bytes alone.

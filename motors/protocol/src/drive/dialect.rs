@@ -9,7 +9,7 @@ use motord_bus::{Duration, Format, Frame, FrameId, Instant};
 /// The settings of a motor that its dialect uses.
 #[derive(Debug, Clone, Copy)]
 pub struct DriveSettings {
-    /// Its id, at least 1.
+    /// Its id.
     pub id: u8,
     /// The id of its replies, or the part of it that names the host.
     pub host_id: FrameId,
@@ -17,6 +17,8 @@ pub struct DriveSettings {
     pub profile: &'static Profile,
     /// The scales of its codes.
     pub scales: Scales,
+    /// Rotor turns per turn of the output shaft.
+    pub gear_ratio: f32,
     /// Direction and offset of the joint on its motor.
     pub transmission: Transmission,
     /// Largest velocity of the joint, rad/s, and its largest torque, N·m.

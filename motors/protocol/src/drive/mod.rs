@@ -15,12 +15,14 @@ mod addresses;
 mod command;
 mod dialect;
 mod joint;
+mod unprompted;
 mod unwrap;
 
 pub use addresses::Addresses;
 pub use command::{Command, Question, Reported, Shape, Status};
 pub use dialect::{Arrived, Dialect, DriveSettings};
 pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
+pub use unprompted::UnpromptedFrame;
 
 pub(crate) use dialect::dispatch;
 pub(crate) use unwrap::Unwrap;

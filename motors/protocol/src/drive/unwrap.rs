@@ -19,6 +19,11 @@ impl Unwrap {
         Self { period: (codes * position.step()) as f32, turns: 0.0, last: None }
     }
 
+    /// Returns the position as a code within its range reports it, rad.
+    pub(crate) fn wrapped(&self, position: f32) -> f32 {
+        (position + self.period / 2.0).rem_euclid(self.period) - self.period / 2.0
+    }
+
     /// Returns the position over any number of turns, rad. A step of more than half the range is a
     /// wrap.
     pub(crate) fn position(&mut self, reported: f32) -> f32 {

@@ -15,6 +15,9 @@ pub const FAMILY: Family = Family {
     has_durations: true,
     has_items: true,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
+    ends: None,
+    ids: |profile| [1, profile.ids.largest],
+    factory_bitrate: None,
     capabilities,
     default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
@@ -23,6 +26,10 @@ pub const FAMILY: Family = Family {
     frame_lengths: |_| [FrameLength::classic(8); 2],
     #[cfg(feature = "drive")]
     addresses: crate::drive::Addresses::by_id,
+    #[cfg(feature = "drive")]
+    confirms_stop: None,
+    #[cfg(feature = "drive")]
+    reports: &[],
 };
 
 /// Source: GIM document 3.2.12 (a stop is answered by a separate message).
@@ -35,6 +42,7 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         indicators: INDICATORS.len() as u8,
         registers: 0,
         scales_by_registers: false,
+        reports_stopped_state: false,
         state_confirms_stop: false,
     }
 }

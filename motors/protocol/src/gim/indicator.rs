@@ -45,6 +45,10 @@ pub const INDICATORS: [Indicator; 22] = [
 pub const RPM: f32 = 60.0 / core::f32::consts::TAU;
 
 impl Indicator {
+    /// Id of the voltage of the supply, V.
+    pub const BUS_VOLTAGE: u8 = 0x00;
+    /// Id of the power, W.
+    pub const POWER: u8 = 0x03;
     /// Id of the position of the output shaft, rad.
     pub const SHAFT_ANGLE: u8 = 0x13;
     /// Id of the speed of the output shaft, rpm.

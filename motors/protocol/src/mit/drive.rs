@@ -293,6 +293,7 @@ impl Dialect for MitDialect {
                 None => Reported::Alive,
             },
             Question::Clear => Reported::Cleared,
+            Question::Unanswered => Reported::Alive,
         }
     }
 
@@ -355,6 +356,7 @@ mod tests {
             host_id: FrameId::from(0x11),
             profile: &STEADYWIN,
             scales: scales(),
+            gear_ratio: 8.0,
             transmission: Transmission::new(1.0, 0.0),
             limits: [12.0, 8.0],
             wraps: false,

@@ -17,6 +17,9 @@ pub const FAMILY: Family = Family {
     has_durations: false,
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
+    ends: None,
+    ids: |profile| [1, profile.ids.largest],
+    factory_bitrate: None,
     capabilities,
     default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
@@ -25,6 +28,10 @@ pub const FAMILY: Family = Family {
     frame_lengths: |profile| [8, profile.reply.lengths[0] as u32].map(FrameLength::classic),
     #[cfg(feature = "drive")]
     addresses: crate::drive::Addresses::by_id,
+    #[cfg(feature = "drive")]
+    confirms_stop: None,
+    #[cfg(feature = "drive")]
+    reports: &[],
 };
 
 /// Answers of SteadyWin have six bytes.
@@ -42,6 +49,7 @@ const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
         indicators: 0,
         registers: if profile.has_registers { ENDS.len() as u8 } else { 0 },
         scales_by_registers: profile.has_registers,
+        reports_stopped_state: false,
         state_confirms_stop: true,
     }
 }

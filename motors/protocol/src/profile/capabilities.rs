@@ -23,6 +23,9 @@ pub struct Capabilities {
     /// The registers are the ends of the codes of position, velocity and torque: no state has a
     /// meaning without them.
     pub scales_by_registers: bool,
+    /// A motor that is not yet enabled reports its state by itself, at intervals of several cycles, and
+    /// answers commands without it.
+    pub reports_stopped_state: bool,
     /// A state that answers a stop confirms the stop, unless the state reports that the motor runs.
     /// Otherwise the motor confirms a stop by a separate message.
     pub state_confirms_stop: bool,

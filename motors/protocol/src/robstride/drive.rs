@@ -220,6 +220,7 @@ mod tests {
             host_id: FrameId::from(HOST_ID),
             profile,
             scales: model.scales().unwrap(),
+            gear_ratio: 8.0,
             transmission: Transmission::new(1.0, 0.0),
             limits: [10.0, 10.0],
             wraps: false,

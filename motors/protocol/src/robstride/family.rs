@@ -21,6 +21,9 @@ pub const FAMILY: Family = Family {
     has_durations: false,
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
+    ends: None,
+    ids: |profile| [1, profile.ids.largest],
+    factory_bitrate: None,
     capabilities,
     default_host_id: |_, _| HOST_ID.into(),
     #[cfg(feature = "commissioning")]
@@ -29,6 +32,10 @@ pub const FAMILY: Family = Family {
     frame_lengths: |_| [FrameLength { width: IdWidth::Extended, format: Format::Classic, bytes: 8 }; 2],
     #[cfg(feature = "drive")]
     addresses,
+    #[cfg(feature = "drive")]
+    confirms_stop: None,
+    #[cfg(feature = "drive")]
+    reports: &[],
 };
 
 /// Bits of an id: its receiver, and in a reply also its sender.
@@ -47,6 +54,7 @@ const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
         indicators: 0,
         registers: 0,
         scales_by_registers: false,
+        reports_stopped_state: false,
         state_confirms_stop: true,
     }
 }
@@ -59,5 +67,5 @@ fn addresses(id: u8, host_id: FrameId) -> Addresses {
         |raw: u32, mask| IdFilter::masked(FrameId::extended(raw).unwrap_or(FrameId::MAX_EXTENDED), mask);
     let commands = masked(u32::from(id), COMMAND_MASK);
     let replies = masked(u32::from(id) << 8 | host_id.raw() & 0xFF, REPLY_MASK);
-    Addresses { command_id: commands.highest(), commands, replies }
+    Addresses { command_id: commands.highest(), commands, replies, node: None }
 }

@@ -102,7 +102,11 @@ impl Motor {
     }
 
     fn law_of(&self, control: Control) -> Law {
-        let [position, velocity, torque] = self.scales();
+        self.law_with(control, self.scales())
+    }
+
+    /// Returns the law of a control frame whose codes have these scales of position, velocity and torque.
+    pub(super) fn law_with(&self, control: Control, [position, velocity, torque]: [Scale; 3]) -> Law {
         let [kp, kd] = self.settings.gain_ends.map(Scale::from_zero);
         let target = position.value(control.position) + self.origin;
         Law {

@@ -28,6 +28,8 @@ impl Motor {
         self.configuration.boot();
         self.private.boot();
         self.find_turn();
+        self.move_origin(self.origin + self.settings.zero_shift);
         self.silent_until = at + self.settings.boot_time;
+        self.begin_reports(self.silent_until);
     }
 }

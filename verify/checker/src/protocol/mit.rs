@@ -128,17 +128,20 @@ impl Meaning {
             [255, 255, 255, 255, 255, 255, 255, 0xFE] => Self::SetZero,
             [255, 255, 255, 255, 255, 255, 255, 0xFB] => Self::ClearFault,
             [255, 255, 255, 255, 255, 255, _, 0xFB] => Self::GetFault,
-            _ => {
-                let codes = Codes::of(bytes);
-                Self::Control {
-                    position: f64::from(codes.position) * 2.0 * ranges.position / 65535.0 - ranges.position,
-                    velocity: symmetric(codes.velocity, ranges.velocity),
-                    kp: f64::from(codes.kp) * ranges.kp / 4095.0,
-                    kd: f64::from(codes.kd) * ranges.kd / 4095.0,
-                    torque: symmetric(codes.torque, ranges.torque),
-                    neutral: is_zero(codes.velocity) && is_zero(codes.torque),
-                }
-            }
+            _ => Self::of_fields(bytes, ranges),
+        }
+    }
+
+    /// Decodes the eight bytes of a control command.
+    pub(super) fn of_fields(bytes: [u8; 8], ranges: &Ranges) -> Self {
+        let codes = Codes::of(bytes);
+        Self::Control {
+            position: f64::from(codes.position) * 2.0 * ranges.position / 65535.0 - ranges.position,
+            velocity: symmetric(codes.velocity, ranges.velocity),
+            kp: f64::from(codes.kp) * ranges.kp / 4095.0,
+            kd: f64::from(codes.kd) * ranges.kd / 4095.0,
+            torque: symmetric(codes.torque, ranges.torque),
+            neutral: is_zero(codes.velocity) && is_zero(codes.torque),
         }
     }
 

@@ -1,12 +1,14 @@
 //! The protocols that motors speak: a row in [`Protocol`] and in its two matches, and a file beside
 //! this one.
 
+pub mod cansimple;
 pub(crate) mod codec;
 pub mod gim;
 pub mod mit;
 pub mod ranges;
 pub mod robstride;
 
+use cansimple::Axis;
 use codec::Codec;
 use mit::{Mit, ReplyFormat};
 use ranges::Ranges;
@@ -21,6 +23,8 @@ pub enum Protocol {
     Native,
     /// RobStride's private one.
     RobStride(Private),
+    /// The CANSimple dialect of other SteadyWin drivers.
+    CanSimple(Axis),
 }
 
 impl Protocol {
@@ -37,6 +41,7 @@ impl Protocol {
             "mit" => Self::Mit(Mit { ranges, reply }),
             "gim" => Self::Native,
             "robstride" => Self::RobStride(Private { ranges }),
+            "cansimple" => Self::CanSimple(Axis { ranges, gear_ratio: cansimple::GEAR_RATIO }),
             other => panic!("the checker does not know the protocol {other}"),
         }
     }
@@ -47,6 +52,7 @@ impl Protocol {
             Self::Mit(mit) => mit,
             Self::Native => &gim::Native,
             Self::RobStride(private) => private,
+            Self::CanSimple(axis) => axis,
         }
     }
 

@@ -99,7 +99,7 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
         name: settings.name.clone(),
         bus: settings.bus,
         id: settings.id,
-        commands: addresses.commands,
+        commands: addresses.receives(),
         // A reply on a line is recorded under the id of the motor that was asked.
         replies: if bus.is_line() { addresses.commands } else { addresses.replies },
         protocol: protocol(settings),

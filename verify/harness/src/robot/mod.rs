@@ -198,7 +198,7 @@ impl Robot {
             }
             let mut motors = self.settings.motors.iter();
             let motor =
-                motors.find(|motor| motor.bus == bus && motor.addresses().commands.matches(frame.id()));
+                motors.find(|motor| motor.bus == bus && motor.addresses().receives().matches(frame.id()));
             // A request to a register names its motor in the payload.
             let named = |motor: &&MotorConfig| {
                 motor.bus == bus && frame.payload().first() == Some(&motor.id) && motor.profile.has_registers
@@ -208,9 +208,9 @@ impl Robot {
                 motor.or_else(|| self.settings.motors.iter().find(|motor| is_register && named(motor)));
             let motor = motor.expect("frames go to motors of the bus");
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
-            let meaning = match frame.id().is_extended() {
-                true => ranges::protocol(motor).order(&frame),
-                false => Meaning::of(bytes, &ranges::ranges(motor)),
+            let meaning = match motor.protocol.name() {
+                "robstride" | "cansimple" => ranges::protocol(motor).order(&frame),
+                _ => Meaning::of(bytes, &ranges::ranges(motor)),
             };
             self.sent.push(Sent {
                 ready: recorded.ready,
@@ -327,6 +327,11 @@ impl Robot {
     /// Requests an operation for the first group, and waits for the answer.
     pub fn operate(&mut self, operation: Operation) -> Result<AdminReply, Refusal> {
         self.ask(AdminRequest { operation: operation.code(), group: 0, ..Default::default() })
+    }
+
+    /// Requests an operation for a joint, and waits for the answer.
+    pub fn operate_joint(&mut self, operation: Operation, joint: usize) -> Result<AdminReply, Refusal> {
+        self.ask(AdminRequest { operation: operation.code(), joint: joint as u32, ..Default::default() })
     }
 
     /// Claims the first group and returns the lease.

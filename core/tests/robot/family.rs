@@ -1,0 +1,65 @@
+//! Properties that every family of motors has.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_harness::robot::{self, Robot};
+use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
+
+/// A SteadyWin motor in MIT, and a knee with id 5 of this protocol, model and torque limit, N·m, on one
+/// bus.
+pub(crate) fn leg(protocol: &str, model: &str, torque: &str) -> String {
+    let knee = robot::motor(5, "knee", "can", "direction = -1\noffset-rad = 0.2")
+        .replace("\"mit\"", &format!("\"{protocol}\""))
+        .replace("GIM8108-8", model)
+        .replace("torque-nm = 20.0", &format!("torque-nm = {torque}"));
+    String::from(
+        "[cycle]\nrate-hz = 1000\n[safety]\nsetpoint-timeout-ms = 20\n\
+         [[bus]]\nname = \"can\"\ntype = \"simulated\"\n",
+    ) + &robot::motor(1, "hip", "can", "")
+        + &knee
+}
+
+/// The joints follow a wave of 0.4 rad for two seconds, this one with at most `error_max`, rad.
+pub(crate) fn check_wave(robot: &mut Robot, joint: usize, error_max: f32) {
+    let still = robot.activate();
+    for cycle in 0..2000_u16 {
+        let phase = f32::from(cycle) / 1000.0 * core::f32::consts::TAU;
+        let wave = |still: &JointSetpoint| JointSetpoint {
+            position: still.position + 0.2 * (1.0 - phase.cos()),
+            kp: 60.0,
+            ..*still
+        };
+        let wanted: Vec<_> = still.iter().map(wave).collect();
+        robot.send(&wanted);
+        robot.step();
+        assert_eq!(robot.phase(), Phase::Active, "stopped after {cycle} cycles: {:?}", robot.cause());
+        let error = (robot.joint(joint).position - wanted[joint].position).abs();
+        assert!(error < error_max, "{error} rad after {cycle} cycles");
+    }
+}
+
+/// A motor of a stopped group reports `fault`, is cleared by an operator, and runs again.
+pub(crate) fn check_clearing(robot: &mut Robot, joint: usize, fault: u32) {
+    robot.steps(3000);
+    assert_eq!((robot.joint(joint).fault, robot.mode(joint)), (fault, MotorMode::Fault));
+    robot.operate_joint(Operation::ClearFault, joint).unwrap();
+    robot.steps(10);
+    assert_eq!((robot.joint(joint).fault, robot.mode(joint)), (0, MotorMode::Idle));
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}
+
+/// A motor that loses its power alone stops its group, and runs again after its power returned.
+pub(crate) fn check_power_cycle(robot: &mut Robot, joint: usize) {
+    let joints = robot.activate();
+    robot.disturb("knee power-off");
+    robot.follow_until(&joints, 30, |robot| robot.cause().is_some());
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorLost), joint as u32));
+    assert_eq!(robot.mode(joint), MotorMode::Offline);
+    robot.steps(3000);
+    robot.disturb("knee ok");
+    robot.steps(1500);
+    assert_eq!(robot.mode(joint), MotorMode::Idle);
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}

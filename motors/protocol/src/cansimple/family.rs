@@ -1,0 +1,96 @@
+//! The facts of the CANSimple family.
+
+use super::{ENDS, NODE_MAX};
+#[cfg(feature = "drive")]
+use super::{Id, Reply};
+#[cfg(feature = "drive")]
+use crate::drive::{Addresses, UnpromptedFrame};
+use crate::family::Family;
+use crate::profile::{Capabilities, Profile};
+use crate::scale::Scales;
+#[cfg(feature = "drive")]
+use motord_bus::arithmetic::FrameLength;
+#[cfg(feature = "drive")]
+use motord_bus::{Frame, FrameId, IdFilter};
+
+/// CANSimple with impedance control, over CAN.
+pub const FAMILY: Family = Family {
+    name: "cansimple",
+    answers_on_line: None,
+    has_codes: true,
+    has_durations: false,
+    has_items: false,
+    is_spoken_by: |profile| profile.speaks(FAMILY.name),
+    ends: Some(ENDS),
+    ids: |_| [0, NODE_MAX],
+    factory_bitrate: Some(500_000),
+    capabilities,
+    default_host_id: |_, node| u16::from(node & NODE_MAX) << 5 | 0x08,
+    #[cfg(feature = "commissioning")]
+    reported: |_| crate::reported::ReportedProtocol::CanSimple,
+    #[cfg(feature = "drive")]
+    frame_lengths: |_| [8, 6].map(FrameLength::classic),
+    #[cfg(feature = "drive")]
+    addresses,
+    #[cfg(feature = "drive")]
+    confirms_stop: Some(is_idle),
+    #[cfg(feature = "drive")]
+    reports: &REPORTS,
+};
+
+/// Rates from the factory. Other reports are off.
+#[cfg(feature = "drive")]
+const REPORTS: [UnpromptedFrame; 2] = [
+    // Heartbeat.
+    UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 10.0 },
+    // Estimates of the encoder.
+    UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 100.0 },
+];
+
+const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
+    Capabilities {
+        impedance: true,
+        position_end: Some(scales.position.max() as f32),
+        velocity_end: Some(scales.velocity.max() as f32),
+        answers_fault_question: true,
+        indicators: 0,
+        registers: 0,
+        scales_by_registers: false,
+        reports_stopped_state: true,
+        state_confirms_stop: true,
+    }
+}
+
+/// Bits of an id that all ids of a node share.
+#[cfg(feature = "drive")]
+const NODE_MASK: u32 = 0x7E0;
+/// Bits that separate replies from commands. 0x000 to 0x003 and 0x008 to 0x00B are replies: among
+/// them are heartbeat, errors, impedance and estimates. 0x004 to 0x007 and 0x00C to 0x00F are
+/// commands: among them are the state of the axis, position, velocity and torque.
+#[cfg(feature = "drive")]
+const PART_MASK: u32 = 0x7F4;
+#[cfg(feature = "drive")]
+const COMMANDS: u32 = 0x004;
+
+/// An impedance and its reply have one id, so a bus cannot tell an impedance of another master from
+/// a reply by its id. The host id has no effect.
+#[cfg(feature = "drive")]
+fn addresses(node: u8, _: FrameId) -> Addresses {
+    let base = u32::from(node & NODE_MAX) << 5;
+    let masked =
+        |part: u32, mask| IdFilter::masked(FrameId::new((base | part) as u16).unwrap_or(FrameId::MAX), mask);
+    let commands = masked(COMMANDS, PART_MASK);
+    Addresses {
+        command_id: commands.highest(),
+        commands,
+        replies: masked(0, PART_MASK),
+        node: Some(masked(0, NODE_MASK)),
+    }
+}
+
+/// Returns whether a frame is a heartbeat of an idle axis. Other frames arrive from a running motor, too.
+#[cfg(feature = "drive")]
+fn is_idle(frame: &Frame) -> bool {
+    let reply = Reply::decode(Id::of(frame.id().raw()), frame.payload());
+    matches!(reply, Some(Reply::Heartbeat(heartbeat)) if heartbeat.is_idle())
+}

@@ -1,0 +1,189 @@
+//! Compares the CANSimple dialect with frames computed by hand from its sources.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+#[cfg(feature = "drive")]
+use motord_bus::{Frame, FrameId};
+use motord_protocol::cansimple::{AxisState, Command, ENDS, Errors, Heartbeat, Id, NODE_MAX, Reply};
+use motord_protocol::mit::{ControlCodes, Impedance};
+use motord_protocol::{Faults, Scales};
+use motord_shared::Fault;
+
+const NODE: u8 = 5;
+/// Of a GIM6010-8.
+const RATIO: f32 = 8.0;
+
+struct Row {
+    kind: Vec<String>,
+    id: Id,
+    payload: Vec<u8>,
+    values: Vec<f32>,
+    line: String,
+}
+
+fn rows(direction: &str) -> Vec<Row> {
+    let lines = include_str!("cansimple.csv").lines().skip(1);
+    let rows = lines.map(|line| line.split(',').collect::<Vec<_>>()).filter(|row| row[0] == direction);
+    let rows: Vec<Row> = rows.map(|row| self::row(&row)).collect();
+    assert!(rows.len() >= 13);
+    rows
+}
+
+fn row(cells: &[&str]) -> Row {
+    let [_, kind, id, payload, values, _] = cells.try_into().unwrap();
+    let byte = |at: usize| u8::from_str_radix(&payload[at..at + 2], 16).unwrap();
+    Row {
+        kind: kind.split(' ').map(str::to_owned).collect(),
+        id: Id::of(u32::from_str_radix(id, 16).unwrap()),
+        payload: (0..payload.len()).step_by(2).map(byte).collect(),
+        values: values.split_whitespace().map(|value| value.parse().unwrap()).collect(),
+        line: cells.join(","),
+    }
+}
+
+/// The lowest bit without a name in the table is that of the motor, 6.
+fn faults(names: &[String]) -> Faults {
+    let bit = |name: &String| match name.as_str() {
+        "unrecognised" => Faults::of_unknown_code(6),
+        name => Faults(Fault::ALL.iter().find(|fault| fault.name() == name).unwrap().bit()),
+    };
+    names.iter().map(bit).fold(Faults::NONE, Faults::and)
+}
+
+fn control(values: &[f32]) -> Result<ControlCodes, motord_protocol::EncodeError> {
+    let [position, velocity, kp, kd, torque] = values.try_into().unwrap();
+    ControlCodes::nearest(&Impedance { position, velocity, kp, kd, torque }, &Scales::of(&ENDS))
+}
+
+fn command(row: &Row) -> Command {
+    let argument = |index: usize| row.kind[index].as_str();
+    match argument(0) {
+        "errors" => Command::GetErrors,
+        "node" => Command::SetNode(argument(1).parse().unwrap()),
+        "idle" => Command::SetState(AxisState::Idle),
+        "closed-loop" => Command::SetState(AxisState::ClosedLoop),
+        "control" => Command::Control(control(&row.values).unwrap()),
+        "estimates" => Command::GetEstimates,
+        "mode" => Command::SetMode,
+        "bus" => Command::GetBus,
+        "clear" => Command::ClearErrors,
+        "zero" => Command::SetZero,
+        "save" => Command::Save,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn commands_are_those_of_the_sources() {
+    for row in rows("to-motor") {
+        let (id, payload) = command(&row).encode(NODE);
+        assert_eq!((id, &payload[..]), (row.id, &row.payload[..]), "{}", row.line);
+    }
+}
+
+fn check_values(row: &Row, values: &[f32]) {
+    assert_eq!(values.len(), row.values.len(), "{}", row.line);
+    for (decoded, expected) in values.iter().zip(&row.values) {
+        assert!((decoded - expected).abs() < 2e-6 * expected.abs().max(1.0), "{decoded}: {}", row.line);
+    }
+}
+
+fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
+    let is_running = row.kind[1] == "running";
+    assert_eq!((heartbeat.is_running(), heartbeat.is_idle()), (is_running, !is_running), "{}", row.line);
+    let flag = row.kind.get(2).map_or("-", String::as_str);
+    let flags = (heartbeat.motor_failed, heartbeat.encoder_failed);
+    assert_eq!(flags, (flag == "motor", flag == "encoder"), "{}", row.line);
+    let mut errors = Errors::default();
+    errors.beat(heartbeat);
+    assert_eq!(errors.faults(), faults(row.kind.get(3..).unwrap_or_default()), "{}", row.line);
+}
+
+#[test]
+fn replies_are_read_as_in_the_sources() {
+    for row in rows("to-host") {
+        match (row.kind[0].as_str(), Reply::decode(row.id, &row.payload).unwrap()) {
+            ("heartbeat", Reply::Heartbeat(heartbeat)) => check_heartbeat(&row, heartbeat),
+            ("errors", Reply::Errors(bits)) => {
+                assert_eq!(bits, u64::from_str_radix(&row.kind[1], 16).unwrap(), "{}", row.line);
+                let mut errors = Errors::default();
+                errors.record_motor(bits);
+                assert_eq!(errors.faults(), faults(&row.kind[2..]), "{}", row.line);
+            }
+            ("state", Reply::State(codes)) => check_values(&row, &codes.scaled(&Scales::of(&ENDS))),
+            ("estimates", Reply::Estimates(estimates)) => check_values(&row, &estimates.at_output(RATIO)),
+            ("bus", Reply::Bus { volts, amperes }) => check_values(&row, &[volts, amperes]),
+            (_, reply) => panic!("{reply:?}: {}", row.line),
+        }
+    }
+}
+
+/// Estimates and states of impedances arrive from a running motor, too.
+#[cfg(feature = "drive")]
+#[test]
+fn only_heartbeat_of_idle_axis_confirms_stop() {
+    let confirms = motord_protocol::cansimple::FAMILY.confirms_stop.unwrap();
+    for row in rows("to-host") {
+        let frame = Frame::new(FrameId::new(row.id.raw()).unwrap(), &row.payload).unwrap();
+        let is_idle = row.kind.starts_with(&["heartbeat".into(), "idle".into()]);
+        assert_eq!(confirms(&frame), is_idle, "{}", row.line);
+    }
+}
+
+#[test]
+fn no_other_frame_is_a_reply() {
+    for command in 0..=0x1F_u8 {
+        for length in 0..=12 {
+            let id = Id { node: NODE, command };
+            let is_reply = length == 8 && matches!(command, 0x01 | 0x03 | 0x09 | 0x17);
+            let payload = &[NODE; 12][..length];
+            let is_state = length == 6 && command == 0x08;
+            assert_eq!(Reply::decode(id, payload).is_some(), is_reply || is_state, "{command} {length}");
+        }
+    }
+    assert_eq!(Reply::decode(Id { node: 6, command: 0x08 }, &[NODE; 6]), None, "of another node");
+}
+
+#[test]
+fn estimate_that_is_not_finite_is_no_reply() {
+    for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut payload = [0; 8];
+        payload[4..].copy_from_slice(&wrong.to_le_bytes());
+        assert_eq!(Reply::decode(Id { node: NODE, command: 0x09 }, &payload), None);
+    }
+}
+
+#[test]
+fn every_id_has_a_node_and_a_command() {
+    for raw in 0..=0x7FF_u16 {
+        let id = Id::of(raw.into());
+        assert!(id.raw() == raw && id.node <= NODE_MAX && id.command <= 0x1F, "{raw:#x}");
+    }
+}
+
+#[test]
+fn value_that_is_not_finite_has_no_frame() {
+    for index in 0..5 {
+        let mut values = [0.0; 5];
+        values[index] = f32::NAN;
+        assert!(control(&values).is_err());
+    }
+}
+
+/// The axis only points to the motor, whose error has a name.
+#[test]
+fn motor_errors_name_the_failure_of_the_axis() {
+    let heartbeat = |axis_errors| Heartbeat {
+        axis_errors,
+        state: 1,
+        motor_failed: axis_errors != 0,
+        encoder_failed: false,
+    };
+    let mut errors = Errors::default();
+    errors.beat(heartbeat(0x40));
+    assert_eq!((errors.faults(), errors.is_unnamed()), (Faults::of_unknown_code(6), true));
+    errors.record_motor(1 << 18);
+    assert_eq!((errors.faults(), errors.is_unnamed()), (Faults::DRIVER_OVER_TEMPERATURE, false));
+    errors.beat(heartbeat(0));
+    assert_eq!((errors.faults(), errors.is_unnamed()), (Faults::NONE, false));
+}
