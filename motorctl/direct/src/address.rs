@@ -1,6 +1,8 @@
 //! `motorctl id` and `motorctl protocol`: the address of a motor.
 
+mod node;
 mod private;
+mod values;
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -10,9 +12,7 @@ use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
 use motord_protocol::commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
 use motord_protocol::gim::{ConfigurationItem, Value};
-use motord_terminal::json;
-use serde::Serialize;
-use std::io;
+use values::{Address, Wanted};
 
 /// Names of the items of the address.
 pub(crate) const CAN_ID: &str = "can-id";
@@ -64,14 +64,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
         return Err(DirectFailure::Usage(usage));
     }
     let mut session = arguments.target.open()?;
-    if session.protocol == Protocol::RobStride {
-        let has_others = arguments.set_host_id.is_some() || arguments.set_bitrate.is_some();
-        let wanted = private::Wanted { id: arguments.set_id, protocol: arguments.set_protocol, has_others };
-        return private::run(&mut session, &wanted, arguments.confirm, arguments.json);
+    let has_others = arguments.set_host_id.is_some() || arguments.set_bitrate.is_some();
+    let address = Wanted { id: arguments.set_id, protocol: arguments.set_protocol, has_others };
+    match session.protocol {
+        Protocol::RobStride => {
+            return private::run(&mut session, &address, arguments.confirm, arguments.json);
+        }
+        Protocol::CanSimple => return node::run(&mut session, &address, arguments.confirm, arguments.json),
+        Protocol::Gim | Protocol::Mit => {}
     }
     let mut session = session.require_gim()?;
-    if arguments.set_protocol == Some(Protocol::RobStride) {
-        return Err(session.unfit("it does not speak RobStride's private protocol"));
+    if matches!(arguments.set_protocol, Some(Protocol::RobStride | Protocol::CanSimple)) {
+        return Err(session.unfit("its driver does not speak this protocol"));
     }
     let present = read(&mut session)?;
     if arguments.changes_nothing() {
@@ -90,7 +94,7 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     match (session.protocol, to) {
         (Protocol::RobStride, Protocol::Mit) => return private::change_to_mit(&mut session, confirm),
         (Protocol::Mit, Protocol::RobStride) => return private::change_from_mit(&mut session, confirm),
-        (Protocol::RobStride, _) | (_, Protocol::RobStride) => {
+        (Protocol::RobStride | Protocol::CanSimple, _) | (_, Protocol::RobStride | Protocol::CanSimple) => {
             return Err(session.unfit("no motor speaks both protocols"));
         }
         (Protocol::Mit, _) => {
@@ -135,7 +139,7 @@ pub(crate) fn with(values: &Values, name: &str, new: i32) -> Values {
 /// Returns the number of a protocol that a SteadyWin motor stores.
 pub(crate) const fn protocol_number(protocol: Protocol) -> i32 {
     match protocol {
-        Protocol::Gim | Protocol::RobStride => 0,
+        Protocol::Gim | Protocol::RobStride | Protocol::CanSimple => 0,
         Protocol::Mit => 1,
     }
 }
@@ -183,23 +187,14 @@ pub(crate) fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32
 }
 
 fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), DirectFailure> {
-    #[derive(Serialize)]
-    struct Address {
-        id: i32,
-        host_id: i32,
-        can_protocol: &'static str,
-        can_baud_rate: i32,
-    }
     let can_protocol = if integer(present, PROTOCOL) == 0 { "gim" } else { "mit" };
     let [id, host_id, can_baud_rate] = [CAN_ID, HOST_ID, BAUD].map(|name| integer(present, name));
-    if as_json {
-        let address = Address { id, host_id, can_protocol, can_baud_rate };
-        return Ok(json::write_line(&mut io::stdout().lock(), &address)?);
-    }
-    print_line(&format!(
+    let text = format!(
         "{}: id {id}, host id {host_id:#05X}, {can_protocol} over CAN, bit rate stored as {can_baud_rate}",
         session.name()
-    ))
+    );
+    Address { id, host_id: Some(host_id), can_protocol, can_baud_rate: Some(can_baud_rate) }
+        .show(as_json, &text)
 }
 
 fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<(), DirectFailure> {

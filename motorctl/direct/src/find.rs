@@ -65,6 +65,7 @@ impl<'a> ScannedMotor<'a> {
             Family::RobStride { serial } => {
                 ("robstride", Some(format!("serial number {:016X}", u64::from_be_bytes(serial))))
             }
+            Family::CanSimple => ("cansimple", None),
             Family::Unknown { answer } => ("unknown", Some(format!("{answer:?}"))),
         };
         Self {
@@ -176,7 +177,7 @@ fn print(buses: &[String], reports: &[Report], as_json: bool) -> Result<(), Dire
 
 fn notes(bus: &str, report: &Report) -> Vec<String> {
     let mut notes = Vec::new();
-    let doubled = report.found.windows(2).filter(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id);
+    let doubled = report.found.windows(2).filter(|pair| is_doubled(pair)).map(|pair| pair[0].id);
     for id in doubled.chain(report.collisions.iter().copied()) {
         notes.push(format!(
             "{bus}: several motors answer as id {id}: connect them one at a time, and give each its own id"
@@ -209,6 +210,12 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
     notes
 }
 
+/// Returns whether two motors have one id. A node id is another number than an id.
+fn is_doubled(pair: &[Found]) -> bool {
+    let nodes = pair.iter().filter(|found| found.family == Family::CanSimple).count();
+    pair[0].id == pair[1].id && nodes != 1
+}
+
 /// The note on a CANSimple driver. Source of the commands: GIM6010-8 manual, chapter 4.
 fn can_simple(bus: &str, node: u8, is_skipped: bool) -> String {
     let id = |command: u16| (u16::from(node) << 5) + command;
@@ -216,9 +223,9 @@ fn can_simple(bus: &str, node: u8, is_skipped: bool) -> String {
     let outcome =
         if is_skipped { "these ids were not asked; with --yes they are" } else { "they were asked" };
     format!(
-        "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} reports without a request: not supported. It obeys the ids {} to \
-         {}{which}, such as {} (emergency stop), {} (its node id), {} (axis state), {} (MIT control) and {} (saves, or enters the boot \
-         loader): {outcome}. Give it another node id, alone on the cable",
+        "{bus}: the CANSimple driver with node id {node} reports by itself. It obeys the ids {} to {}{which}, such as {} (emergency stop), \
+         {} (its node id), {} (axis state), {} (MIT control) and {} (saves; on an ODrive Pro the boot loader): {outcome}. Beside MIT \
+         motors with such ids give it another node id, alone on the cable (`motorctl id --protocol cansimple`)",
         id(0),
         id(0x1F),
         id(0x02),
@@ -245,6 +252,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
         target::Protocol::Mit => session.mit().stop().map(|_| "mit"),
         target::Protocol::Gim => session.gim().version().map(|_| "gim"),
         target::Protocol::RobStride => session.private().stop().map(|_| "robstride"),
+        target::Protocol::CanSimple => session.axis().estimates().map(|_| "cansimple"),
     }
     .map_err(|error| session.explain(error))?;
     let elapsed = session.line.link.now().since(begun);

@@ -9,11 +9,11 @@ use crate::failure::DirectFailure;
 use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
-use motord_protocol::Scales;
 use motord_protocol::commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::Feedback;
 use motord_protocol::mit::{self, Impedance};
+use motord_protocol::{Scales, cansimple};
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 
@@ -211,7 +211,11 @@ pub(crate) struct Jogged<'s> {
 impl<'s> Jogged<'s> {
     /// Wraps the motor of a session. Sends nothing.
     pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
-        let feedback = Feedback::within([f32::INFINITY; 2], &session.scales());
+        let scales = match session.protocol {
+            Protocol::CanSimple => Scales::of(&cansimple::ENDS),
+            _ => session.scales(),
+        };
+        let feedback = Feedback::within([f32::INFINITY; 2], &scales);
         Self { session, kd, feedback }
     }
 
@@ -234,6 +238,14 @@ impl<'s> Jogged<'s> {
                 let [at, ..] = motor.start()?.scaled(&scales);
                 at
             }
+            Protocol::CanSimple => {
+                let ratio = self.session.gear_ratio();
+                let mut motor = self.session.axis();
+                motor.stop()?;
+                let [at, _] = motor.estimates()?.at_output(ratio);
+                motor.start()?;
+                at
+            }
             Protocol::Gim => {
                 let mut motor = self.session.gim();
                 motor.read_scales()?;
@@ -248,7 +260,7 @@ impl<'s> Jogged<'s> {
     /// Follows `velocity`, rad/s. Returns position, rad, and velocity, rad/s.
     pub(crate) fn follow(&mut self, velocity: f64) -> Result<[f64; 2], Error> {
         match self.session.protocol {
-            Protocol::Mit | Protocol::RobStride => {
+            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple => {
                 self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
             Protocol::Gim => self.speed(velocity),
@@ -261,7 +273,7 @@ impl<'s> Jogged<'s> {
     /// with any torque. Returns position, rad, velocity, rad/s, and torque, N·m.
     pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 3], Error> {
         match self.session.protocol {
-            Protocol::Mit | Protocol::RobStride => self.control(&Impedance {
+            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple => self.control(&Impedance {
                 position: position as f32,
                 kp,
                 kd: self.kd,
@@ -285,6 +297,11 @@ impl<'s> Jogged<'s> {
             let Impedance { position, velocity, kp, kd, torque } = *wanted;
             let state = self.session.private().control([position, velocity, kp, kd, torque], &scales)?;
             return Ok(state.scaled(&scales).map(f64::from));
+        }
+        if self.session.protocol == Protocol::CanSimple {
+            let scales = Scales::of(&cansimple::ENDS);
+            let sent = nearest(wanted, &mut self.feedback, &scales);
+            return Ok(self.session.axis().control(&sent)?.scaled(&scales).map(f64::from));
         }
         let scales = self.session.scales();
         let sent = nearest(wanted, &mut self.feedback, &scales);
@@ -316,6 +333,7 @@ impl Stop for Jogged<'_> {
             Protocol::Mit => self.session.mit().stop().map(drop),
             Protocol::Gim => self.session.gim().stop(),
             Protocol::RobStride => self.session.private().stop().map(drop),
+            Protocol::CanSimple => self.session.axis().stop(),
         }
     }
 }

@@ -159,8 +159,12 @@ fn ask<'s>(
     bus: &str,
     line: &mut OpenLine,
 ) -> Result<ComparedMotor<'s>, DirectFailure> {
-    let has_long_ids = motor.addresses().command_id.is_extended();
-    let question = if has_long_ids { Question::PrivateFirst } else { Question::Both };
+    let addresses = motor.addresses();
+    let question = match (addresses.node, addresses.command_id.is_extended()) {
+        (Some(_), _) => Question::Node,
+        (None, true) => Question::PrivateFirst,
+        (None, false) => Question::Both,
+    };
     let survey = survey(&mut line.link, motor.id, question, &CONFIGURATION)?;
     let reported = survey.map(|survey| survey.reported(&motor.name, bus));
     let mut findings = findings(settings, motor, reported.as_ref());

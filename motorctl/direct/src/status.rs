@@ -98,6 +98,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
         }
         Protocol::Gim => Ok(session.gim().fault()?.faults()),
         Protocol::RobStride => session.private().fault(),
+        Protocol::CanSimple => session.axis().fault(),
     }
 }
 
@@ -111,6 +112,7 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
         }
         Protocol::Gim => session.gim().acknowledge_fault(),
         Protocol::RobStride => session.private().clear_fault(),
+        Protocol::CanSimple => session.axis().clear_fault(),
     };
     cleared?;
     let left = read_faults(&mut session)?;
@@ -141,10 +143,11 @@ pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
 pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
-        (Protocol::Mit | Protocol::RobStride, true) => {
+        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple, true) => {
             return Err(session.unfit("its protocol has no such command: leave --control out"));
         }
         (Protocol::RobStride, false) => session.private().stop().map(drop),
+        (Protocol::CanSimple, false) => session.axis().stop(),
         (Protocol::Mit, false) => session.mit().stop().map(drop),
         (Protocol::Gim, true) => session.gim().stop_control(),
         (Protocol::Gim, false) => session.gim().stop(),
@@ -251,6 +254,19 @@ fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
 pub(crate) fn indicators(arguments: &Indicators) -> Result<(), DirectFailure> {
     // Reject wrong names before a motor is asked.
     arguments.wanted()?;
-    let mut session = arguments.target.open_gim()?;
+    let mut session = arguments.target.open()?;
+    if session.protocol == Protocol::CanSimple {
+        return arguments.print(|number| Ok(supply(&mut session, number)?));
+    }
+    let mut session = session.require_gim()?;
     arguments.print(|number| Ok(Some(session.gim().indicator(number)?)))
+}
+
+/// Returns voltage or power of the supply of a CANSimple driver; `None` for other indicators.
+fn supply(session: &mut Session, number: u8) -> Result<Option<f32>, Error> {
+    if ![Indicator::BUS_VOLTAGE, Indicator::POWER].contains(&number) {
+        return Ok(None);
+    }
+    let supply = session.axis().supply()?;
+    Ok(supply.map(|[volts, amperes]| if number == Indicator::BUS_VOLTAGE { volts } else { volts * amperes }))
 }

@@ -5,11 +5,12 @@ use motord_bus::transport::{self, Nodes, OpenedAsIs};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_configuration as config;
 use motord_protocol::commissioning::{
-    Error, Family, Found, Link, Mit, Native, Private, Wire, answers, ends, identify, identify_private,
+    Axis, Error, Family, Found, Link, Mit, Native, Private, Wire, answers, ends, identify, identify_node,
+    identify_private,
 };
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::robstride::{self, WideScales};
-use motord_protocol::{Ends, Scales, gim, mit};
+use motord_protocol::{Ends, Scales, cansimple, gim, mit};
 use motord_settings::settings::MotorSettings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,9 @@ pub(crate) const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 /// Longest wait for the answer to a serial request.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
 
+/// Rotor turns per turn of the output shaft of a GIM6010-8.
+const GEAR_RATIO: f32 = 8.0;
+
 /// A protocol, as it is named on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Protocol {
@@ -31,6 +35,9 @@ pub enum Protocol {
     /// RobStride's private protocol, on CAN only.
     #[value(name = "robstride")]
     RobStride,
+    /// CANSimple of SteadyWin's SDC104, GDS68 and GDZ drivers, on CAN only.
+    #[value(name = "cansimple")]
+    CanSimple,
 }
 
 impl Protocol {
@@ -40,6 +47,7 @@ impl Protocol {
             Self::Mit => mit::FAMILY.name,
             Self::Gim => gim::FAMILY.name,
             Self::RobStride => robstride::FAMILY.name,
+            Self::CanSimple => cansimple::FAMILY.name,
         }
     }
 }
@@ -130,6 +138,21 @@ impl OpenLine {
     }
 }
 
+#[cfg(test)]
+impl Session {
+    /// Returns a session with the motor `id` of a simulated bus, without settings.
+    pub(crate) fn simulated(
+        motors: Vec<motord_simulator::MotorSettings>,
+        id: u8,
+        protocol: Protocol,
+    ) -> Self {
+        let bus = motord_simulator::SimulatedBus::new(motord_simulator::BusSettings::default(), motors, 1);
+        let clock = motord_bus::VirtualClock::new(motord_bus::Instant::ZERO);
+        let link = Link::can(motord_simulator::SharedBus::new(bus), clock);
+        Self { line: OpenLine::simulated(link, None), id, host_id: None, protocol, settings: None }
+    }
+}
+
 /// Opens and locks the bus `name`.
 ///
 /// # Errors
@@ -194,7 +217,7 @@ impl Target {
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
-            (Some(Protocol::Mit | Protocol::RobStride), Wire::Serial) => {
+            (Some(Protocol::Mit | Protocol::RobStride | Protocol::CanSimple), Wire::Serial) => {
                 Err(session.unfit("a serial line always has the GIM protocol: leave --protocol out"))
             }
             (Some(_), _) => Ok(session),
@@ -269,6 +292,7 @@ impl Session {
         let protocol = match found.family {
             Family::Native => Protocol::Gim,
             Family::RobStride { .. } => Protocol::RobStride,
+            Family::CanSimple => Protocol::CanSimple,
             Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Protocol::Mit,
         };
         Self { line, id: found.id, host_id: found.host_id, protocol, settings: None }
@@ -288,6 +312,7 @@ impl Session {
             Protocol::RobStride => {
                 "it speaks RobStride's private protocol, for which motorctl has no such command"
             }
+            Protocol::CanSimple => "it speaks CANSimple, for which motorctl has no such command",
         };
         Err(self.unfit(reason))
     }
@@ -308,6 +333,18 @@ impl Session {
     /// Returns the motor's transactions in RobStride's private protocol.
     pub fn private(&mut self) -> Private<'_> {
         Private::new(&mut self.line.link, self.id)
+    }
+
+    /// Returns the motor's transactions in CANSimple.
+    pub fn axis(&mut self) -> Axis<'_> {
+        Axis::new(&mut self.line.link, self.id)
+    }
+
+    /// Returns the rotor turns per turn of the output shaft. Without a configuration they are those of
+    /// a GIM6010-8.
+    pub(crate) fn gear_ratio(&self) -> f32 {
+        let constants = self.settings.as_ref().and_then(|settings| settings.constants);
+        constants.map_or(GEAR_RATIO, |constants| constants.gear_ratio as f32)
     }
 
     /// Returns the scales of [`private`](Self::private). Without a configuration only the position
@@ -372,13 +409,17 @@ impl Session {
         DirectFailure::OtherFormat { source: Box::new(source), formats }
     }
 
-    /// Asks first in the protocol of the configuration, where its ids have 29 bits.
+    /// Asks first in the protocol of the configuration, where its ids have 29 bits, and only in it,
+    /// where they are those of a node.
     fn find(&mut self) -> Result<Option<Found>, Error> {
         let has_long_ids = |motor: &MotorSettings| motor.addresses().command_id.is_extended();
         if self.settings.as_ref().is_some_and(has_long_ids)
             && let Some(found) = identify_private(&mut self.line.link, self.id)?
         {
             return Ok(Some(found));
+        }
+        if self.settings.as_ref().is_some_and(|motor| motor.addresses().node.is_some()) {
+            return identify_node(&mut self.line.link, self.id);
         }
         identify(&mut self.line.link, self.id)
     }
@@ -391,10 +432,11 @@ impl Session {
             Family::Native => Protocol::Gim,
             Family::Mit => Protocol::Mit,
             Family::RobStride { .. } => Protocol::RobStride,
+            Family::CanSimple => Protocol::CanSimple,
             Family::OtherMit { .. } if self.settings.is_some() => Protocol::Mit,
             Family::OtherMit { .. } | Family::Unknown { .. } => return Err(self.unfit(family.describe())),
         };
-        if self.line.link.wire() == Wire::Can && self.protocol != Protocol::RobStride {
+        if self.line.link.wire() == Wire::Can && matches!(self.protocol, Protocol::Gim | Protocol::Mit) {
             let expected = self.host_id.or(host_id);
             if expected != host_id {
                 let raw = |id: Option<FrameId>| id.map_or(0, FrameId::raw);

@@ -1,25 +1,15 @@
 //! The address of a motor in RobStride's private protocol.
 
+use super::values::{Address, Wanted};
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Protocol, Session};
 use motord_protocol::commissioning::{Error, is_taken};
 use motord_protocol::robstride::{ID_MAX, parameter};
-use motord_terminal::json;
-use serde::Serialize;
-use std::io;
 
 /// Follows a change of the protocol.
 const POWER: &str = "changed; power it off and on: it speaks its former protocol until then";
-
-/// The wanted changes of an address.
-pub(super) struct Wanted {
-    pub(super) id: Option<u8>,
-    pub(super) protocol: Option<Protocol>,
-    /// The command line names a host id or a bit rate.
-    pub(super) has_others: bool,
-}
 
 /// `motorctl id`.
 pub(super) fn run(
@@ -44,23 +34,12 @@ pub(super) fn run(
 }
 
 fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
-    #[derive(Serialize)]
-    struct Address {
-        id: u8,
-        host_id: Option<u8>,
-        can_protocol: &'static str,
-        /// No parameter of the protocol has it.
-        can_baud_rate: Option<u32>,
-    }
     let host_id = session.private().read(parameter::HOST)?.map(|[host, ..]| host);
-    let address =
-        Address { id: session.id, host_id, can_protocol: Protocol::RobStride.name(), can_baud_rate: None };
-    if as_json {
-        return Ok(json::write_line(&mut io::stdout().lock(), &address)?);
-    }
+    let (id, can_protocol) = (session.id, Protocol::RobStride.name());
     let host = host_id.map_or_else(|| "not reported".to_owned(), |host| format!("{host:#04X}"));
-    let Address { id, can_protocol, .. } = address;
-    print_line(&format!("{}: id {id}, host id {host}, {can_protocol} over CAN", session.name()))
+    // No parameter of the protocol has the bit rate.
+    Address { id: id.into(), host_id: host_id.map(i32::from), can_protocol, can_baud_rate: None }
+        .show(as_json, &format!("{}: id {id}, host id {host}, {can_protocol} over CAN", session.name()))
 }
 
 fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectFailure> {
@@ -117,10 +96,8 @@ pub(super) fn change_from_mit(session: &mut Session, confirm: Confirm) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::target::OpenLine;
-    use motord_bus::{Instant, VirtualClock};
-    use motord_protocol::commissioning::{Link, identify};
-    use motord_simulator::{BusSettings, Dialect, MotorSettings, SharedBus, SimulatedBus};
+    use motord_protocol::commissioning::identify;
+    use motord_simulator::{Dialect, MotorSettings};
 
     fn robstride(name: &str, id: u16) -> MotorSettings {
         let (vendor, dialect, host_id) = ("robstride", Dialect::RobStride, 0xFD);
@@ -129,10 +106,7 @@ mod tests {
 
     fn session(id: u8) -> Session {
         let motors = vec![robstride("knee", 1), robstride("hip", 5)];
-        let bus = SharedBus::new(SimulatedBus::new(BusSettings::default(), motors, 1));
-        let link = Link::can(bus, VirtualClock::new(Instant::ZERO));
-        let line = OpenLine::simulated(link, None);
-        Session { line, id, host_id: None, protocol: Protocol::RobStride, settings: None }
+        Session::simulated(motors, id, Protocol::RobStride)
     }
 
     const YES: Confirm = Confirm { yes: true };

@@ -173,6 +173,7 @@ impl<'s> Search<'s> {
             (None, [(bus, found)]) if matches!(found.family, Family::RobStride { .. }) => {
                 self.describe_private(*bus, found)
             }
+            (None, [(bus, found)]) if found.family == Family::CanSimple => self.describe_node(*bus, found),
             (None, [(bus, found)]) if !self.is_alone(*bus, found)? => self.describe_collision(*bus, found.id),
             (None, [(bus, found)]) => {
                 let joint = self.joint_at(*bus, found).map(|joint| joint.name.clone());
@@ -207,6 +208,14 @@ impl<'s> Search<'s> {
         format!(
             "motor {} on {} speaks RobStride's private protocol: set it up with `motorctl id`, `motorctl zero` and `motorctl setup`, or \
              change it with `motorctl protocol mit`",
+            found.id,
+            self.bus(bus).device()
+        )
+    }
+
+    fn describe_node(&self, bus: usize, found: &Found) -> String {
+        format!(
+            "motor {} on {} speaks CANSimple: set it up with `motorctl id --protocol cansimple`, `motorctl zero` and `motorctl setup`",
             found.id,
             self.bus(bus).device()
         )

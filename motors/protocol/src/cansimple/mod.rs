@@ -14,6 +14,8 @@
 //! - A frame of another protocol may have the form of a command: a node obeys 32 ids.
 //! - 0x01F saves the configuration. To an ODrive Pro, it means the boot loader.
 
+#[cfg(feature = "commissioning")]
+pub(crate) mod commissioning;
 #[cfg(feature = "drive")]
 mod drive;
 mod family;

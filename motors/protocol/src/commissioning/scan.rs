@@ -18,12 +18,15 @@
 //!   and recognises such drivers by their reports. A silent one is not recognised: the frames with
 //!   lasting effect on one with a factory id are not sent either ([`LASTING`]).
 
+use crate::cansimple::commissioning::Axis;
+use crate::cansimple::{FAMILY, NODE_MAX};
 use crate::gim::commissioning::Native;
 use crate::gim::{Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply};
 use crate::link::Error;
 use crate::link::Formats;
 use crate::link::{LASTING, Unprompted};
 use crate::link::{Link, LinkEvent, Wire};
+use crate::profile::STEADYWIN;
 use crate::robstride::commissioning::Private;
 use crate::robstride::{ID_MAX, parameter};
 use crate::{Scales, mit};
@@ -93,6 +96,8 @@ pub enum Family {
         /// The serial number of the motor's microcontroller.
         serial: [u8; 8],
     },
+    /// CANSimple with a node id (SDC104, GDS68, GDZ, ODrive).
+    CanSimple,
     /// An answer that no supported document lists.
     Unknown {
         /// The answer.
@@ -115,6 +120,10 @@ impl Family {
             }
             Self::RobStride { .. } => {
                 "RobStride's private protocol, set by the factory; the model cannot be read: take it from its label"
+            }
+            Self::CanSimple => {
+                "CANSimple: SteadyWin's drivers SDC104, GDS68 and GDZ, or an ODrive, which motord does not support; the model cannot be \
+                 read: take it from its label"
             }
             Self::Unknown { .. } => "answers like no supported driver: send it no further frames",
         }
@@ -166,6 +175,7 @@ pub fn scan(
     let unasked_formats = link.formats();
     let unprompted = link.unprompted().to_vec();
     let mut report = Report { unprompted, unasked_formats, ..Report::default() };
+    report.found.extend(nodes(&report.unprompted).filter(|found| scan.ids.contains(&found.id)));
     for id in scan.ids.clone().filter(|id| (1..=0xFE).contains(id)) {
         let is_owned = report.unprompted.iter().any(|driver| driver.owns(id));
         let is_lasting = link.wire() == Wire::Can && LASTING.contains(&id);
@@ -186,6 +196,33 @@ pub fn scan(
         }
     }
     Ok(report)
+}
+
+/// Returns the CANSimple drivers among `drivers`. They report by themselves, so they receive nothing:
+/// an MIT motor would read a request to a driver as a control frame.
+fn nodes(drivers: &[Unprompted]) -> impl Iterator<Item = Found> {
+    drivers.iter().filter_map(|driver| match *driver {
+        Unprompted::CanSimple { node } => Some(node_found(node)),
+        Unprompted::CustomFault { .. } => None,
+    })
+}
+
+fn node_found(node: u8) -> Found {
+    let host_id = (FAMILY.default_host_id)(&STEADYWIN, node);
+    Found { id: node, host_id: FrameId::new(host_id), family: Family::CanSimple, refusal: None }
+}
+
+/// Returns the CANSimple driver with this node id, by its heartbeats or its estimates. Only for a
+/// node id whose 32 ids no MIT motor has.
+///
+/// # Errors
+///
+/// [`Error::Bus`].
+pub fn identify_node(link: &mut Link, node: u8) -> Result<Option<Found>, Error> {
+    if node > NODE_MAX || link.wire() != Wire::Can {
+        return Ok(None);
+    }
+    Ok(Axis::new(link, node).is_there()?.then(|| node_found(node)))
 }
 
 /// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers.

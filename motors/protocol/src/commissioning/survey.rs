@@ -1,7 +1,7 @@
 //! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
 //! nothing.
 
-use crate::commissioning::scan::{Family, Found, identify, identify_in_mit, identify_private};
+use crate::commissioning::scan::{Family, Found, identify, identify_in_mit, identify_node, identify_private};
 use crate::gim::commissioning::Native;
 use crate::gim::{ConfigurationItem, Value};
 use crate::link::Error;
@@ -21,6 +21,8 @@ pub enum Question {
     Both,
     /// First RobStride's question for the device, then the frames of a scan.
     PrivateFirst,
+    /// Only the request for the estimates of a CANSimple driver.
+    Node,
     /// Only an MIT stop frame. A motor in native mode refuses it, which identifies the motor.
     MitOnly,
 }
@@ -50,6 +52,7 @@ impl Survey {
                 Family::Mit => ReportedProtocol::Mit,
                 Family::OtherMit { .. } => ReportedProtocol::OtherMit,
                 Family::RobStride { .. } => ReportedProtocol::RobStride,
+                Family::CanSimple => ReportedProtocol::CanSimple,
                 Family::Unknown { .. } => ReportedProtocol::Unknown,
             },
             firmware: self.firmware,
@@ -76,6 +79,7 @@ pub fn survey(
             Some(found) => Some(found),
             None => identify(link, id)?,
         },
+        Question::Node => identify_node(link, id)?,
         Question::MitOnly | Question::PrivateFirst | Question::Both => identify(link, id)?,
     };
     let Some(found) = found else { return Ok(None) };

@@ -57,8 +57,25 @@ const SERIAL_TIMEOUT: Duration = Duration::from_millis(60);
 const SERIAL_LISTEN: Duration = Duration::from_millis(300);
 /// Pause between two attempts to send on a full bus.
 const PAUSE: Duration = Duration::from_millis(1);
+/// Attempts for a request that may be repeated.
+pub(crate) const ATTEMPTS: usize = 3;
 /// Most reads that empty a receive buffer before a request.
 const DRAINS_MAX: usize = 64;
+
+/// Repeats a transaction until it returns a value, [`ATTEMPTS`] times at most.
+///
+/// # Errors
+///
+/// Those of the transaction.
+pub(crate) fn repeat<T>(mut transact: impl FnMut() -> Result<Option<T>, Error>) -> Result<Option<T>, Error> {
+    for _ in 0..ATTEMPTS {
+        let found = transact()?;
+        if found.is_some() {
+            return Ok(found);
+        }
+    }
+    Ok(None)
+}
 
 impl Link {
     /// Returns the link of a CAN bus that receives every id, or at least the host ids of the
@@ -194,15 +211,39 @@ impl Link {
         &mut self,
         request: &Frame,
         timeout: Duration,
+        read: impl FnMut(LinkEvent) -> Option<T>,
+    ) -> Result<Option<T>, Error> {
+        let is_echo = |frame: &Frame| (frame.id(), frame.payload()) == (request.id(), request.payload());
+        self.transact(request, timeout, is_echo, read)
+    }
+
+    /// As [`ask_frame`](Self::ask_frame), for a request to a driver that reports by itself. Its answers
+    /// may equal the request, so an echo is passed.
+    pub(crate) fn ask_node<T>(
+        &mut self,
+        request: &Frame,
+        timeout: Duration,
+        read: impl FnMut(LinkEvent) -> Option<T>,
+    ) -> Result<Option<T>, Error> {
+        let unprompted = std::mem::take(&mut self.unprompted);
+        let answer = self.transact(request, timeout, |_| false, read);
+        self.unprompted = unprompted;
+        answer
+    }
+
+    fn transact<T>(
+        &mut self,
+        request: &Frame,
+        timeout: Duration,
+        is_echo: impl Fn(&Frame) -> bool,
         mut read: impl FnMut(LinkEvent) -> Option<T>,
     ) -> Result<Option<T>, Error> {
         self.drain();
         self.send(request, timeout)?;
-        let echo = (request.id(), request.payload());
         let (unprompted, mut is_ambiguous) = (self.unprompted.clone(), false);
         self.is_extended = request.id().is_extended();
         let answer = self.receive(timeout, |event| match event {
-            LinkEvent::Frame(frame) if (frame.id(), frame.payload()) == echo => None,
+            LinkEvent::Frame(frame) if is_echo(&frame) => None,
             LinkEvent::Frame(frame) if unprompted.iter().any(|driver| driver.sends(frame.id())) => None,
             event => {
                 is_ambiguous |= matches!(event, LinkEvent::Frame(frame) if Unprompted::may_be(&frame));

@@ -1,14 +1,11 @@
 //! The MIT commands, with types. Source: MIT document, and those of the profiles.
 
-use crate::link::Error;
-use crate::link::{Link, LinkEvent};
+use crate::link::{ATTEMPTS, Error, Link, LinkEvent};
 use crate::mit::{Asked, Command, Impedance, Reply, State};
 use crate::profile::STEADYWIN;
 use crate::{Faults, Profile, Scales, register};
 use motord_bus::{Duration, FrameId};
 
-/// Attempts for a request that may be repeated.
-const ATTEMPTS: usize = 3;
 /// Relatives of these motors do not reply for 1 to 1.5 s after set zero, while they write their
 /// flash memory.
 const ZEROING_MAX: Duration = Duration::from_secs(3);

@@ -4,11 +4,9 @@ use super::family::HOST_ID;
 use super::frame::{Command, Feedback, Id, Reply, faults_of_report};
 use super::{ControlCodes, WideScales, parameter};
 use crate::Faults;
-use crate::link::{Error, Link, LinkEvent};
+use crate::link::{Error, Link, LinkEvent, repeat};
 use motord_bus::{Duration, Frame, FrameId};
 
-/// Attempts for a request that may be repeated.
-const ATTEMPTS: usize = 3;
 /// Time for which a motor may be silent while it writes its memory. No source gives one.
 const STORE: Duration = Duration::from_millis(300);
 
@@ -202,13 +200,7 @@ impl<'l> Private<'l> {
         command: Command,
         mut read: impl FnMut(Reply) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        for _ in 0..ATTEMPTS {
-            let found = self.ask(command, self.link.timeout(), &mut read)?;
-            if found.is_some() {
-                return Ok(found);
-            }
-        }
-        Ok(None)
+        repeat(|| self.ask(command, self.link.timeout(), &mut read))
     }
 
     /// Sends `command`, and passes the frames of the motor to `read` until it returns a value.
