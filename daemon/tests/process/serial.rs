@@ -171,9 +171,12 @@ impl Running {
         }
     }
 
-    fn ask(&mut self, operation: Operation, group: usize) {
-        let Self { cycle, client, tick, .. } = self;
-        client.ask(operation, group, || *tick = cycle.run(*tick)).unwrap();
+    /// Returns whether the request was granted. On a busy machine a state may be too old for it.
+    fn ask(&mut self, operation: Operation, group: usize) -> bool {
+        (0..100).any(|_| {
+            let Self { cycle, client, tick, .. } = self;
+            client.ask(operation, group, || *tick = cycle.run(*tick)).is_ok()
+        })
     }
 
     fn send(&mut self) {
@@ -199,13 +202,12 @@ impl Running {
             self.turn(false);
         }
         (0..100).for_each(|_| self.turn(false));
-        for group in [LEGS, HAND] {
-            self.ask(Operation::Claim, group);
-        }
+        let is_claimed = [LEGS, HAND].map(|group| self.ask(Operation::Claim, group));
         self.send();
         self.turn(false);
-        for group in [LEGS, HAND] {
-            self.ask(Operation::Enable, group);
+        let is_started = [LEGS, HAND].map(|group| self.ask(Operation::Enable, group));
+        if [is_claimed, is_started].as_flattened().contains(&false) {
+            return false;
         }
         (0..500).for_each(|_| {
             self.send();
@@ -252,9 +254,19 @@ impl Drop for End<'_> {
     }
 }
 
+/// Waits for the other robot when dropped: it waits for this one even if this one fails.
+struct Meeting<'b>(&'b Barrier);
+
+impl Drop for Meeting<'_> {
+    fn drop(&mut self) {
+        self.0.wait();
+    }
+}
+
 /// Runs a robot for `time`, and applies `misfortunes` to its line. Returns its CAN buses, and the
 /// counters of the line.
 fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord_shared::BusState) {
+    let meeting = Meeting(together);
     let directory = TempDir::new().unwrap();
     let device = directory.path().join("ttyUSB0");
     let settings = settings(&device);
@@ -268,8 +280,7 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         threads.spawn(move || reconnector.run(settings, &tasks, || stop.load(Ordering::Relaxed)));
         prepare_thread(50);
         let is_enabled = robot.enable();
-        // The other robot waits for this one even if it fails.
-        together.wait();
+        drop(meeting);
         assert!(is_enabled, "a group is not active: {:?}", robot.client.state().groups());
         // Healthy and faulty periods alternate. The last healthy one is twice as long, so that a
         // port is opened again.
