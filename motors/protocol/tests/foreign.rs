@@ -1,0 +1,179 @@
+//! Compares the codecs with frames of other projects' clients: those that they sent, and the values that
+//! they read. `verify/rigs/test-foreign-clients` records them while the clients move simulated motors,
+//! except those of MWMotor, the vendor's C code, which was compiled and run once in the same way.
+
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
+
+use motord_protocol::cansimple::{self, AxisState};
+use motord_protocol::mit::{self, Asked, ControlCodes, Impedance};
+use motord_protocol::robstride::{self, WideScales};
+use motord_protocol::{Model, Profile, Scales};
+
+struct Row {
+    motor: &'static str,
+    what: &'static str,
+    id: u32,
+    payload: Vec<u8>,
+    values: Vec<f32>,
+    line: &'static str,
+}
+
+fn rows(direction: &str) -> Vec<Row> {
+    let lines = include_str!("foreign.csv").lines().skip(1);
+    let rows: Vec<Row> = lines.filter(|line| line.starts_with(direction)).map(row).collect();
+    assert!(rows.len() >= 6);
+    rows
+}
+
+fn row(line: &'static str) -> Row {
+    let [_, _, motor, what, id, payload, values] = line.split(',').collect::<Vec<_>>().try_into().unwrap();
+    let pairs = payload.as_bytes().chunks(2);
+    Row {
+        motor,
+        what,
+        id: u32::from_str_radix(id, 16).unwrap(),
+        payload: pairs.map(|pair| u8::from_str_radix(str::from_utf8(pair).unwrap(), 16).unwrap()).collect(),
+        values: values
+            .split(' ')
+            .filter(|value| !value.is_empty())
+            .map(|value| value.parse().unwrap())
+            .collect(),
+        line,
+    }
+}
+
+impl Row {
+    fn scales(&self) -> Scales {
+        match self.motor {
+            "GIM6010-8" => Scales::of(&cansimple::ENDS),
+            name => Model::by_name(name).unwrap().scales().unwrap(),
+        }
+    }
+
+    fn profile(&self) -> &'static Profile {
+        Profile::of_model(self.motor).unwrap().0
+    }
+
+    fn impedance(&self) -> Impedance {
+        let [position, velocity, kp, kd, torque] = self.values[..].try_into().unwrap();
+        Impedance { position, velocity, kp, kd, torque }
+    }
+
+    /// Returns the frame that motord sends for the same.
+    fn own(&self) -> (u32, Vec<u8>) {
+        match self.motor {
+            "RS02" => self.own_private(),
+            "GIM6010-8" => self.own_node(),
+            _ => self.own_mit(),
+        }
+    }
+
+    fn own_mit(&self) -> (u32, Vec<u8>) {
+        let command = match self.what {
+            "enable" => mit::Command::Start,
+            "disable" => mit::Command::Stop,
+            "zero" => mit::Command::SetZero,
+            "clear-fault" => mit::Command::ClearFault,
+            "control" => mit::Command::Control(self.impedance()),
+            other => panic!("{other}"),
+        };
+        (self.id & 0x7FF, self.profile().encode(&command, &self.scales()).unwrap().to_vec())
+    }
+
+    fn own_private(&self) -> (u32, Vec<u8>) {
+        let command = match self.what {
+            "device" => robstride::Command::GetDevice,
+            "enable" => robstride::Command::Enable,
+            "disable" => robstride::Command::Stop,
+            "control" => {
+                let scales = WideScales::of(&self.scales());
+                let values = self.values[..].try_into().unwrap();
+                robstride::Command::Control(robstride::ControlCodes::nearest(values, &scales).unwrap())
+            }
+            other => panic!("{other}"),
+        };
+        let host = (self.id >> 8) as u8;
+        let (id, payload) = command.encode(self.id as u8, host);
+        (id.raw(), payload.to_vec())
+    }
+
+    fn own_node(&self) -> (u32, Vec<u8>) {
+        use cansimple::Command;
+        let command = match self.what {
+            "clear-errors" => Command::ClearErrors,
+            "mode" => Command::SetMode,
+            "closed-loop" => Command::SetState(AxisState::ClosedLoop),
+            "idle" => Command::SetState(AxisState::Idle),
+            "errors" => Command::GetErrors,
+            "estimates" => Command::GetEstimates,
+            "save" => Command::Save,
+            "control" => Command::Control(ControlCodes::nearest(&self.impedance(), &self.scales()).unwrap()),
+            other => panic!("{other}"),
+        };
+        let (id, payload) = command.encode(1);
+        (id.raw().into(), payload.to_vec())
+    }
+
+    /// Returns the codes of a control frame.
+    fn codes(&self, id: u32, payload: &[u8]) -> [u32; 5] {
+        let all = payload.iter().fold(0_u64, |all, byte| all << 8 | u64::from(*byte));
+        let field = |shift: u32, bits: u32| (all >> shift) as u32 & ((1 << bits) - 1);
+        if self.motor == "RS02" {
+            return [field(48, 16), field(32, 16), field(16, 16), field(0, 16), id >> 8 & 0xFFFF];
+        }
+        [field(48, 16), field(36, 12), field(24, 12), field(12, 12), field(0, 12)]
+    }
+}
+
+/// Most clients truncate a code, and motord takes the nearest.
+#[test]
+fn commands_are_those_of_other_clients() {
+    for row in rows("to-motor") {
+        let (id, payload) = row.own();
+        if row.what != "control" {
+            assert_eq!((id, payload), (row.id, row.payload), "{}", row.line);
+            continue;
+        }
+        let [own, other] = [row.codes(id, &payload), row.codes(row.id, &row.payload)];
+        let is_near = own.iter().zip(other).all(|(own, other)| own.abs_diff(other) <= 1);
+        assert!(is_near, "{own:X?} {other:X?}: {}", row.line);
+        if row.motor != "RS02" {
+            assert_eq!(id, row.id, "{}", row.line);
+        }
+    }
+}
+
+/// Returns what motord reads from the frame.
+fn read(row: &Row) -> Vec<f32> {
+    match row.motor {
+        "RS02" => {
+            let id = robstride::Id::of(row.id);
+            let Some((_, robstride::Reply::Feedback(state))) = robstride::Reply::decode(id, &row.payload)
+            else {
+                panic!("{}", row.line)
+            };
+            let [position, velocity, torque] = state.scaled(&WideScales::of(&row.scales()));
+            vec![position, velocity, torque, state.celsius()]
+        }
+        "GIM6010-8" => match cansimple::Reply::decode(cansimple::Id::of(row.id), &row.payload) {
+            Some(cansimple::Reply::State(codes)) => codes.scaled(&row.scales()).to_vec(),
+            other => panic!("{other:?}: {}", row.line),
+        },
+        _ => match row.profile().decode(&row.payload, Asked::State, &row.scales()) {
+            Ok(mit::Reply::State(state)) => vec![state.position, state.velocity, state.torque],
+            other => panic!("{other:?}: {}", row.line),
+        },
+    }
+}
+
+/// The clients' arithmetic differs by less than a code.
+#[test]
+fn states_are_read_as_by_other_clients() {
+    for row in rows("from-motor") {
+        let (own, scales) = (read(&row), row.scales());
+        let steps = [scales.position.step(), scales.velocity.step(), scales.torque.step(), 0.1];
+        for ((own, other), step) in own.iter().zip(&row.values).zip(steps) {
+            assert!(f64::from((own - other).abs()) < step, "{own} {other}: {}", row.line);
+        }
+    }
+}
