@@ -10,9 +10,10 @@ pub mod service;
 pub mod times;
 pub mod trot;
 
+use crate::protocol::codec::Sender;
 use crate::protocol::mit::Meaning;
 use crate::protocol::ranges::Ranges;
-use crate::robot::Wiring;
+use crate::robot::{Wired, Wiring};
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Duration, Frame, FrameId};
 
@@ -219,7 +220,8 @@ fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
     frames
 }
 
-/// Returns the frame of a line; `None` for one from or to an IMU.
+/// Returns the frame of a line; `None` for one from or to an IMU, and for a request that equals its
+/// answer.
 fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
     let complaint = || format!("candump says: {line}");
     let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| complaint())?;
@@ -227,12 +229,12 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
     if !frame.is_classic() {
         return Err(complaint());
     }
-    let id = frame.id();
-    let is_to = |motor: &crate::robot::Wired| motor.interface == interface && motor.id == id;
-    if let Some(motor) = wiring.motors.iter().position(is_to) {
-        // The kind is independent of the ranges, so the same ranges are used for every motor.
-        let bytes = frame.payload().try_into().ok();
-        let meaning = bytes.map(|bytes| Meaning::of(bytes, &Ranges::steadywin(1.0)));
+    let has_sender = |motor: &Wired, sender| {
+        motor.interface == interface && motor.protocol.codec().sender(&frame, &motor.ids) == Some(sender)
+    };
+    let sent_by = |sender| wiring.motors.iter().position(|motor| has_sender(motor, sender));
+    if let Some(motor) = sent_by(Sender::Host) {
+        let meaning = wiring.motors[motor].protocol.meaning(&frame);
         if meaning == Some(Meaning::GetFault) && !wiring.motors[motor].answers_question {
             return Err(format!("a question that is a command to this motor: {line}"));
         }
@@ -243,12 +245,11 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Option<Spoken>, String> {
         let text = format!("{interface} {frame:?}");
         return Ok(Some(Spoken::Command(Command { at, motor, kind: Kind::Fault, meaning: None, text })));
     }
-    if wiring.imus.iter().any(|imu| imu.interface == interface && imu.knows(&frame)) {
+    let is_of_imu = wiring.imus.iter().any(|imu| imu.interface == interface && imu.knows(&frame));
+    if is_of_imu || sent_by(Sender::Either).is_some() {
         return Ok(None);
     }
-    let replies = |motor: &crate::robot::Wired| motor.interface == interface && motor.reply_id == id;
-    let motor = wiring.motors.iter().position(replies);
-    let motor = motor.ok_or_else(|| format!("no motor has this id: {line}"))?;
+    let motor = sent_by(Sender::Motor).ok_or_else(|| format!("no motor has this id: {line}"))?;
     Ok(Some(Spoken::Reply(Reply { at, motor })))
 }
 
@@ -258,7 +259,7 @@ fn read_of_register(wiring: &Wiring, interface: &str, frame: &Frame) -> Option<u
     let &[id, 0, 0x33, _, 0, 0, 0, 0] = frame.payload() else { return None };
     let is_read = frame.id() == FrameId::MAX;
     wiring.motors.iter().position(|motor| {
-        is_read && motor.has_registers && motor.interface == interface && motor.id == FrameId::from(id)
+        is_read && motor.has_registers && motor.interface == interface && motor.ids.motor == u16::from(id)
     })
 }
 

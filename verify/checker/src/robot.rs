@@ -2,6 +2,8 @@
 
 use crate::imu::{ImuTable, WiredImu};
 use crate::protocol::Protocol;
+use crate::protocol::codec::Ids;
+use crate::protocol::ranges::Ranges;
 use crate::vendor::Vendor;
 use motord_bus::{Duration, Frame, FrameId, IdFilter};
 use serde::Deserialize;
@@ -138,10 +140,10 @@ pub struct Wired {
     pub name: String,
     /// Its name in candump.
     pub interface: String,
-    /// Id of the commands.
-    pub id: FrameId,
-    /// Id of the replies.
-    pub reply_id: FrameId,
+    /// Its ids.
+    pub ids: Ids,
+    /// Its protocol. The ranges of the codes are those of one torque: the rules do not need them.
+    pub protocol: Protocol,
     /// It has registers: requests to them have an id of their own.
     pub has_registers: bool,
     /// It answers a fault request. Another motor reads the request as a control frame.
@@ -228,15 +230,16 @@ impl Wiring {
             let vendor = Vendor::of_model(motor.model.as_deref().unwrap_or_default());
             let position = motor.position();
             let reply_id = motor.host_id.unwrap_or(vendor.reply_offset + motor.id);
-            let id =
-                |raw| FrameId::new(raw).ok_or_else(|| format!("{}: no id has more than 11 bits", motor.name));
-            let (id, reply_id) = (id(motor.id)?, id(reply_id)?);
+            let reply = FrameId::new(reply_id).filter(|_| motor.id <= 0xFF);
+            let reply = reply.ok_or_else(|| format!("{}: an id is too large", motor.name))?;
+            let ranges = Ranges::steadywin(1.0);
+            let protocol = Protocol::named(motor.protocol.as_deref().unwrap_or("mit"), ranges, vendor.reply);
             Ok(bus.interface.clone().map(|interface| Wired {
                 interface,
                 position,
                 name: motor.name,
-                id,
-                reply_id,
+                ids: Ids { motor: motor.id, reply },
+                protocol,
                 has_registers: vendor.reply.registers,
                 answers_question: vendor.reply.report.is_some(),
             }))
@@ -259,9 +262,9 @@ impl Wiring {
 }
 
 impl Wired {
-    /// Returns interface and id in candump's format.
+    /// Returns interface and id in candump's format: in MIT, those of a command.
     #[must_use]
     pub fn address(&self) -> String {
-        format!("{} {}", self.interface, self.id)
+        format!("{} {}", self.interface, FrameId::from(self.ids.motor as u8))
     }
 }

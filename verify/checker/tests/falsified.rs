@@ -513,6 +513,37 @@ fn vendor_reply_ids_and_questions_are_respected() {
     assert_eq!([1, 2, 3].map(is_refused), [false, true, false]);
 }
 
+#[test]
+fn frames_of_every_protocol_have_their_motor() {
+    let mut text = String::from("[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n");
+    for (id, model, protocol) in [(4, "RS02", "robstride"), (5, "GIM6010-8", "cansimple")] {
+        let motor = format!("name = \"{model}\"\nbus = \"leg\"\nid = {id}\nmodel = \"{model}\"");
+        writeln!(text, "[[motor]]\n{motor}\nprotocol = \"{protocol}\"").unwrap();
+    }
+    let wiring = Wiring::parse(&text).unwrap();
+    let with = |frame: &str| {
+        let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
+        let starts =
+            "(999.000000) vcan0 0300FD04#0000000000000000\n(999.000000) vcan0 0A7#0800000000000000\n";
+        let control = "(999.100000) vcan0 01800004#8000800000000000\n";
+        let log = format!("{starts}{control}(1000.000000) vcan0 {frame}\n");
+        check(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
+    };
+    let controls = ["01800004#8000800000000000", "0A8#7FFF7FF0000007FF"];
+    let replies =
+        ["028004FD#8000800080000104", "0A8#057FFF7FF7FF", "0A1#0000000008000000", "0A9#0000000000000000"];
+    for frame in controls.into_iter().chain(replies) {
+        let complaints = with(frame);
+        assert!(!complaints.contains("no motor") && !complaints.contains("not due"), "{frame}: {complaints}");
+    }
+    for strange in ["01800006#8000800000000000", "0C8#7FFF7FF0000007FF", "004#7FFF7FF0000007FF"] {
+        assert!(with(strange).contains("no motor has this id"), "{strange}");
+    }
+    for wrong in ["0700FD04#0000000000000000", "0A7#0300000000000000", "0BF#0000000000000000"] {
+        assert!(with(wrong).contains("was not due"), "{wrong}: {}", with(wrong));
+    }
+}
+
 /// Their samples and exactly the requests for them pass: no write of a setting, and no start beside
 /// motors.
 #[test]

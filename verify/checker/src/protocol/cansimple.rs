@@ -3,7 +3,7 @@
 //! Source: chapter 4 of SteadyWin's manual of the GIM6010-8, and the vendor's SDK. The id has the
 //! node in the upper six bits and the command in the lower five.
 
-use super::codec::{Codec, Meaning, Reported};
+use super::codec::{Codec, Ids, Meaning, Reported, Sender};
 use super::ranges::Ranges;
 use motord_bus::Frame;
 
@@ -22,6 +22,20 @@ pub struct Axis {
 }
 
 impl Codec for Axis {
+    /// The reply to an impedance has its id and six bytes. The answers to other questions have their
+    /// length, too.
+    fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
+        let raw = frame.id().raw();
+        if frame.id().is_extended() || raw >> 5 != u32::from(ids.motor) {
+            return None;
+        }
+        Some(match (raw & 0x1F, frame.payload().len()) {
+            (0x01, _) | (0x08, 6) => Sender::Motor,
+            (0x03 | 0x09 | 0x17, _) => Sender::Either,
+            _ => Sender::Host,
+        })
+    }
+
     fn order(&self, frame: &Frame) -> Meaning {
         let (command, bytes) = parts(frame);
         match (command, bytes) {
@@ -110,6 +124,16 @@ mod tests {
         assert!((kd - 1.499_389).abs() < 1e-5, "{kd}");
         assert!((torque - 2.991_453).abs() < 1e-5, "{torque}");
         assert!(matches!(of(0xFFFF_FFFF_FFFF_FFFC), Meaning::Control { .. }));
+    }
+
+    #[test]
+    fn request_that_equals_its_answer_has_either_sender() {
+        let ids = Ids { motor: 5, reply: FrameId::from(0xA8) };
+        let sender = |id, length| AXIS.sender(&frame(id, &[0; 8][..length]), &ids);
+        assert_eq!([sender(0x0A8, 8), sender(0x0A7, 8)], [Some(Sender::Host); 2]);
+        assert_eq!([sender(0x0A8, 6), sender(0x0A1, 8)], [Some(Sender::Motor); 2]);
+        assert_eq!([sender(0x0A3, 8), sender(0x0A9, 8)], [Some(Sender::Either); 2]);
+        assert_eq!([sender(0x0C8, 8), sender(0x088, 6)], [None; 2]);
     }
 
     #[test]

@@ -1,10 +1,39 @@
 //! The meaning of the frames of one protocol.
 
 use super::ranges::Ranges;
-use motord_bus::Frame;
+use motord_bus::{Frame, FrameId};
+
+/// The ids of a motor in a configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ids {
+    /// Its id.
+    pub motor: u16,
+    /// The id of its replies, where the protocol has one.
+    pub reply: FrameId,
+}
+
+/// The sender of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sender {
+    /// The host, to the motor.
+    Host,
+    /// The motor.
+    Motor,
+    /// One of them: a request and its answer may be equal.
+    Either,
+}
 
 /// The meaning of the frames of one protocol.
 pub(crate) trait Codec {
+    /// Returns the sender of a frame to or from the motor with these ids; `None` for another frame.
+    fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
+        match frame.id() {
+            id if id == FrameId::from(ids.motor as u8) => Some(Sender::Host),
+            id if id == ids.reply => Some(Sender::Motor),
+            _ => None,
+        }
+    }
+
     /// Decodes a command to a motor, motor side.
     fn order(&self, frame: &Frame) -> Meaning;
 

@@ -66,6 +66,16 @@ impl Protocol {
         self.codec().order(frame)
     }
 
+    /// Returns the meaning of a command in a log; `None` when it does not have eight bytes.
+    pub(crate) fn meaning(&self, frame: &motord_bus::Frame) -> Option<codec::Meaning> {
+        let bytes: [u8; 8] = frame.payload().try_into().ok()?;
+        Some(match self {
+            Self::Mit(mit) => codec::Meaning::of(bytes, &mit.ranges),
+            Self::Native => codec::Meaning::of(bytes, &Ranges::steadywin(1.0)),
+            other => other.order(frame),
+        })
+    }
+
     /// Returns the step of the positions in its commands, rad; 0 where they have none.
     pub(crate) fn position_code(&self) -> f64 {
         self.codec().codes().map_or(0.0, |codes| codes.position)

@@ -3,7 +3,7 @@
 //! Source: the vendor's manuals of 2026-04-28, chapter "private communication protocol". The id has
 //! the type in bits 24 to 28, 16 bits of data, and the receiver in bits 0 to 7.
 
-use super::codec::{Codec, Meaning, Reported};
+use super::codec::{Codec, Ids, Meaning, Reported, Sender};
 use super::ranges::Ranges;
 use motord_bus::Frame;
 
@@ -20,6 +20,18 @@ pub struct Private {
 }
 
 impl Codec for Private {
+    /// The motor that a frame is to or from is in the lower half of the id.
+    fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
+        let raw = frame.id().raw();
+        let [kind, _, data, target] = raw.to_be_bytes();
+        let is_from_motor = matches!(kind, 0x00 | 0x02 | 0x11 | 0x15 | 0x18) && u16::from(data) == ids.motor;
+        match frame.id().is_extended() {
+            true if u16::from(target) == ids.motor => Some(Sender::Host),
+            true if is_from_motor => Some(Sender::Motor),
+            _ => None,
+        }
+    }
+
     fn order(&self, frame: &Frame) -> Meaning {
         let (id, bytes) = parts(frame);
         match (id >> 24, bytes[0]) {
@@ -122,6 +134,15 @@ mod tests {
         assert!((kp - 50.003_815).abs() < 1e-5, "{kp}");
         assert!((kd - 1.0).abs() < 1e-5, "{kd}");
         assert!((torque - 4.250_324).abs() < 1e-5, "{torque}");
+    }
+
+    #[test]
+    fn sender_is_in_the_id() {
+        let ids = Ids { motor: 5, reply: FrameId::from(0xFD) };
+        let sender = |id| PRIVATE.sender(&frame(id, 0), &ids);
+        assert_eq!(sender(0x01A0_0005), Some(Sender::Host));
+        assert_eq!(sender(0x0280_05FD), Some(Sender::Motor));
+        assert_eq!([sender(0x01A0_0006), sender(0x0280_06FD)], [None, None]);
     }
 
     #[test]
