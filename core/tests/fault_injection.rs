@@ -4,7 +4,8 @@
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
 //! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol, and
-//! in a quarter one of SteadyWin's hips has a CANSimple driver.
+//! in a quarter one of SteadyWin's hips has a CANSimple driver, and in another quarter MyActuator's
+//! motors, which need no enable, are in the place of some knees.
 //! One has native motors among them; half of these seeds put three on a serial line at a fifth of
 //! the rate. In every fourth seed the cycle polls for the last replies.
 //! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
@@ -102,15 +103,13 @@ fn settings(seed: u64) -> Settings {
 /// The frames of a knee in the private protocol are longer.
 const PRIVATE_CYCLE: &str = "[cycle]\nreply-deadline-percent = 90\n";
 
-/// Returns `true` when the RobStride knees of this seed's mixed robot speak their private protocol.
-const fn has_private(seed: u64) -> bool {
-    is_mixed(seed) && seed % 2 == 1
-}
-
 /// Returns `true` when SteadyWin's hip of this seed's mixed robot has a CANSimple driver.
 const fn has_node(seed: u64) -> bool {
     is_mixed(seed) && seed.is_multiple_of(4)
 }
+
+/// A knee that needs no enable.
+const NO_ENABLE: &str = "id = 3\nprotocol = \"myactuator\"\nmodel = \"X8-20\"\ntorque-end-nm = 24";
 
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
@@ -129,9 +128,10 @@ fn mixed_settings(seed: u64) -> Settings {
         joints(&["knee"]).concat(),
     );
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
-    let text = match has_private(seed) {
-        true => PRIVATE_CYCLE.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
-        false => text,
+    let text = match seed % 4 {
+        1 | 3 => PRIVATE_CYCLE.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
+        2 => text.replace(&(knee("mit") + "00\""), NO_ENABLE),
+        _ => text,
     };
     let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
     let text = if has_node(seed) { text.replace(&hip("mit"), &hip("cansimple")) } else { text };
@@ -264,7 +264,7 @@ impl Run {
             pending: Vec::new(),
             memories,
             has_power,
-            is_full: has_private(seed),
+            is_full: is_mixed(seed) && seed % 2 == 1,
             damages: false,
             damaged: 0,
         }
@@ -472,10 +472,11 @@ impl Run {
         self.ask(Operation::Enable, group, 0);
     }
 
-    /// Returns the largest age of a state by which the operator sets a zero, cycles. A motor that sends
-    /// the state of a stopped one by itself does so every 10 ms.
+    /// Returns the largest age of a state by which the operator sets a zero, cycles. Some stopped motors
+    /// report one in every second cycle, or by themselves every 10 ms.
     fn age_max(&self, motor: usize) -> u32 {
-        if self.robot.settings.motors[motor].capabilities.reports_stopped_state { 12 } else { 0 }
+        let abilities = self.robot.settings.motors[motor].capabilities;
+        if abilities.reports_stopped_state { 12 } else { u32::from(abilities.runs_without_enable) }
     }
 
     /// Returns the number of native motors on such buses that follow setpoints.

@@ -157,10 +157,13 @@ fn torque_at_rest(frame: &Frame, ends: &Ends) -> f64 {
 /// Method: the mean torque at rest of the frames of one stop, for each model.
 #[test]
 fn damping_without_a_cycle_pushes_no_joint() {
-    for model in Profile::all().flat_map(|profile| profile.models) {
+    let models = |profile: &'static Profile| profile.models.iter().map(move |model| (profile, model));
+    for (profile, model) in Profile::all().flat_map(models) {
+        let protocol = profile.protocols[0];
+        let end = if protocol == "mit" { "" } else { "torque-end-nm = 24.0\n" };
         let settings = robot::settings(&format!(
-            "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\nprotocol = 'mit'\n\
-             model = '{}'\nlimits = {{ position-rad = [-1.0, 1.0] }}\n",
+            "[[bus]]\nname = 'a'\ntype = 'simulated'\n[[motor]]\nname = 'hip'\nbus = 'a'\nid = 1\nprotocol = '{protocol}'\n\
+             {end}model = '{}'\nlimits = {{ position-rad = [-1.0, 1.0] }}\n",
             model.name
         ));
         let mut outlets = [Jammed { refuses: |_| false, taken: Vec::new() }];

@@ -78,9 +78,10 @@ fn ask(motor: &MotorSettings, link: &mut Link) -> Result<Option<Survey>, Error> 
         return Ok(None);
     }
     // A motor that should speak MIT is sent nothing that only a native motor should read.
-    if motor.addresses().node.is_some() {
-        return survey(link, motor.id, Question::Node, []);
-    }
-    let question = if motor.protocol.family().has_items { Question::Both } else { Question::MitOnly };
+    let family = motor.protocol.family();
+    let question = match family.question {
+        Question::Both if !family.has_items => Question::MitOnly,
+        question => question,
+    };
     survey(link, motor.id, question, constants())
 }

@@ -176,12 +176,12 @@ sections! {
             "Name of its bus.";
         // A byte names the motor in a reply, and 0xFF begins every special MIT frame.
         "id" id: Option<i64>, "" = required("give the motor's CAN id").within(0.0, 254.0),
-            "Its CAN id, at least 1. SteadyWin: ConfID 0x12. Some vendors allow fewer ids. With the protocol `cansimple`: its node id, 0 to 63. The motor then uses the 32 ids from 32 times this number on.";
+            "Its CAN id, at least 1. SteadyWin: ConfID 0x12. Some vendors allow fewer ids. With the protocol `myactuator`: 1 to 32. With `cansimple`: its node id, 0 to 63. The motor then uses the 32 ids from 32 times this number on.";
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
         "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
-            "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. With `cansimple` it has no effect. On a serial bus 0 to 255; some vendors allow fewer ids.";
+            "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. With `cansimple` and `myactuator` it has no effect. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required_choice(),
-            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. `cansimple`: SteadyWin's SDC104, GDS68 and GDZ drivers, whose codes end at 12.5 rad, 65 rad/s and 50 N·m. As the motor is set (SteadyWin: ConfID 0x1C).";
+            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. `cansimple`: SteadyWin's SDC104, GDS68 and GDZ drivers, whose codes end at 12.5 rad, 65 rad/s and 50 N·m. `myactuator`: MyActuator's RMD series; requires `torque-end-nm`. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0).if_negative(REVERSED),
@@ -198,11 +198,11 @@ sections! {
         "max-velocity-rad-s" max_velocity_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 1000.0),
             "Velocity without load. Bounds the default of `velocity-rad-s`. Not beyond the end of the velocity codes.";
         "position-end-rad" position_end_rad: Option<f64>, "rad" = follows("of the model").within(0.1, 1000.0),
-            "`cansimple`; or `mit`, not SteadyWin: the position of the largest code (Damiao: PMAX). The cycle reads it from a motor with registers: without this key it uses the motor's value, with it only a motor with this value is enabled. A motor that reports none of its registers is enabled if the three keys of PMAX, VMAX and TMAX are written.";
+            "`cansimple`, `myactuator`; or `mit`, not SteadyWin: the position of the largest code (Damiao: PMAX). The cycle reads it from a motor with registers: without this key it uses the motor's value, with it only a motor with this value is enabled. A motor that reports none of its registers is enabled if the three keys of PMAX, VMAX and TMAX are written.";
         "velocity-end-rad-s" velocity_end_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 10_000.0),
             "The same for the velocity (Damiao: VMAX).";
         "torque-end-nm" torque_end_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 10_000.0),
-            "The same for the torque (Damiao: TMAX). With `cansimple`, one source has the torque at the rotor: 400 for a gear of 8. Measure it before you rely on torques.";
+            "The same for the torque (Damiao: TMAX). With `cansimple`, one source has the torque at the rotor: 400 for a gear of 8. Measure it before you rely on torques. With `myactuator` it is required, because the sources differ: read it in the vendor's tool or in its document for this motor.";
         "kp-end" kp_end: Option<f64>, "N·m/rad" = follows("of the model").within(1.0, 100_000.0),
             "`mit` only, not SteadyWin: the stiffness of the largest code.";
         "kd-end" kd_end: Option<f64>, "N·m·s/rad" = follows("of the model").within(0.1, 10_000.0),

@@ -272,6 +272,12 @@ pub enum Wrong {
          `motorctl id --set-id`"
     )]
     SharedIds { ids: String, other: String },
+    #[error(
+        "the motor {motor:?} needs no enable, so after a power cut it follows control frames from before the cut that wait for its power; \
+         let motord discard them: give it CAP_NET_ADMIN (docs/guide/install.md), or take the interface down and up before the power \
+         returns"
+    )]
+    NoEnable { motor: String },
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
     #[error(
@@ -305,8 +311,8 @@ pub enum Wrong {
     UnknownBus(String, String),
     #[error("{bus:?} is a serial bus, and {protocol:?} is spoken over CAN only; use protocol = \"gim\"")]
     OnlyOverCan { bus: String, protocol: &'static str },
-    #[error("motors of {motors} do not speak the protocol {protocol:?}; use protocol = \"mit\"")]
-    NotSpoken { motors: &'static str, protocol: &'static str },
+    #[error("motors of {motors} do not speak the protocol {protocol:?}; use protocol = {spoken:?}")]
+    NotSpoken { motors: &'static str, protocol: &'static str, spoken: &'static str },
     #[error("a command of this protocol has no duration; remove it, or use protocol = \"gim\"")]
     NoDuration,
     #[error(
@@ -330,6 +336,12 @@ pub enum Wrong {
         key = unit_and_key[1],
     )]
     BeyondCodes { value: f64, end: f64, model: &'static str, unit_and_key: &'static [&'static str; 2] },
+    #[error(
+        "is missing, and the sources differ on the largest torque code of {motors}: 24 N·m in the protocol document V4.2, 18 N·m in a \
+         driver for V4.3, and other values for large models; read it in the vendor's tool or its document for this motor and firmware, \
+         and write torque-end-nm: with a wrong one each torque is wrong by the same factor"
+    )]
+    NoTorqueEnd { motors: &'static str },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(

@@ -142,8 +142,9 @@ impl BusSettings {
 
 impl MotorSettings {
     /// Returns a motor on the first bus, which is a CAN bus, with the facts of its model. `None`
-    /// for an unknown model, a protocol that its vendor does not speak, and an id that its vendor
-    /// does not permit.
+    /// for an unknown model, a protocol that its vendor does not speak, an id that its vendor does
+    /// not permit, and a protocol whose torque codes only the motor's documents give
+    /// ([`Family::needs_torque_end`](motord_protocol::Family::needs_torque_end)).
     ///
     /// Larger limits need registers to match: a motor whose register reports a smaller end does not
     /// start.
@@ -152,7 +153,8 @@ impl MotorSettings {
         let (profile, model) = Profile::of_model(model)?;
         let family = protocol.family();
         let [least, largest] = (family.ids)(profile);
-        let may_be = (least..=largest).contains(&id) && (family.is_spoken_by)(profile);
+        let is_spoken = (family.is_spoken_by)(profile) && !family.needs_torque_end;
+        let may_be = (least..=largest).contains(&id) && is_spoken;
         let of_protocol = family.ends.map(|ends| Scales::of(&ends));
         let scales = of_protocol.or_else(|| model.scales().ok()).filter(|_| may_be)?;
         let winding = WindingSettings::of(model, &scales);
@@ -167,7 +169,7 @@ impl MotorSettings {
             model: model.name.to_owned(),
             profile,
             scales,
-            constants: (model.ends.is_none() || family.ends.is_some()).then(|| DriveConstants::of(model)),
+            constants: (model.ends.is_none() || family.reports_rotor).then(|| DriveConstants::of(model)),
             winding,
             max_velocity,
             transmission: Transmission::new(1.0, 0.0),

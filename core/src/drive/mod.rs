@@ -38,11 +38,12 @@ pub enum Received {
 pub fn safe_frames(motor: &MotorSettings) -> Option<([Frame; 2], Frame)> {
     let mut drive = Drive::new(motor, Duration::ZERO, true);
     let mut make = |command| drive.request(&command, Instant::ZERO);
-    let stop = make(Command::Stop)?;
     let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
     let damping = Command::Control(Setpoint::impedance(damping));
-    let damp = if motor.capabilities.impedance { [make(damping)?, make(damping)?] } else { [stop; 2] };
-    Some((damp, stop))
+    // A stop may withdraw the permission for impedances, so it is the last.
+    let damp = if motor.capabilities.impedance { Some([make(damping)?, make(damping)?]) } else { None };
+    let stop = make(Command::Stop)?;
+    Some((damp.unwrap_or([stop; 2]), stop))
 }
 
 /// One drive.

@@ -63,3 +63,19 @@ pub(crate) fn check_power_cycle(robot: &mut Robot, joint: usize) {
     robot.operate(Operation::Reset).unwrap();
     robot.activate();
 }
+
+/// A joint without stiffness that turns on beyond the end of the codes, which the motor wraps, reports
+/// each position.
+pub(crate) fn check_unwrapping(text: &str, joint: usize) {
+    let text = text
+        .replace("offset-rad = 0.2", "offset-rad = 0.2\nbeyond-range = \"wrap\"")
+        .replace("[-3.0, 3.0]", "[-20.0, 20.0]");
+    let text = text.replacen("[-20.0, 20.0]", "[-3.0, 3.0]", 1);
+    let mut robot = Robot::new(robot::settings(&text), 3);
+    let mut joints = robot.activate();
+    (joints[joint].kp, joints[joint].kd, joints[joint].velocity) = (0.0, 2.0, 5.0);
+    robot.follow_until(&joints, 6000, |robot| robot.joint(joint).position > 14.0);
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    let (reported, truth) = (f64::from(robot.joint(joint).position), 0.2 - robot.truth(joint).position());
+    assert!((reported - truth).abs() < 0.05, "{reported} {truth}");
+}

@@ -20,6 +20,7 @@ mod imu;
 mod imu_can;
 mod late;
 mod mixed;
+mod myactuator;
 mod power;
 mod publication;
 mod reads;

@@ -43,7 +43,8 @@ fn motors_of_three_vendors_follow_one_wave() {
 
 #[test]
 fn faults_of_each_vendor_use_the_same_words() {
-    for tested in VENDORS {
+    // The mixed robot has no MyActuator motor.
+    for tested in VENDORS.iter().filter(|tested| tested.name != "myactuator") {
         let mut robot = mixed();
         robot.activate();
         let joint = (0..12).find(|&joint| vendor(&robot, joint) == tested.name).expect("one of each");

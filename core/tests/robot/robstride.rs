@@ -220,15 +220,5 @@ fn bus_plan_has_frames_of_29_bits() {
 /// A joint without stiffness that turns on beyond the end of the codes, which the motor wraps.
 #[test]
 fn position_of_private_motor_is_unwrapped() {
-    let text = text()
-        .replace("offset-rad = 0.2", "offset-rad = 0.2\nbeyond-range = \"wrap\"")
-        .replace("[-3.0, 3.0]", "[-20.0, 20.0]");
-    let text = text.replacen("[-20.0, 20.0]", "[-3.0, 3.0]", 1);
-    let mut robot = Robot::new(robot::settings(&text), 3);
-    let mut joints = robot.activate();
-    (joints[KNEE].kp, joints[KNEE].kd, joints[KNEE].velocity) = (0.0, 2.0, 5.0);
-    robot.follow_until(&joints, 6000, |robot| robot.joint(KNEE).position > 14.0);
-    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
-    let (reported, truth) = (f64::from(robot.joint(KNEE).position), 0.2 - robot.truth(KNEE).position());
-    assert!((reported - truth).abs() < 0.05, "{reported} {truth}");
+    family::check_unwrapping(&text(), KNEE);
 }

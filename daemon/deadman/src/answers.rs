@@ -1,7 +1,7 @@
 //! The answers of the motors to the frames of `motord safe-stop`.
 
 use motord_bus::transport::{self, Nodes};
-use motord_bus::{Bus, Content, Duration, Frame, IdFilter, Inbox, clock};
+use motord_bus::{Bus, Content, Duration, Frame, IdFilter, IdSet, Inbox, clock};
 use motord_core::drive::safe_frames;
 use motord_settings::nodes::nodes;
 use motord_settings::settings::{BusSettings, MotorSettings, Settings};
@@ -31,7 +31,7 @@ pub type Listen<'a> = &'a mut dyn FnMut(&str) -> Option<Box<dyn Bus>>;
 struct Commanded {
     name: String,
     /// The ids of its answers.
-    answers: IdFilter,
+    answers: IdSet,
     /// A stop that it answers, on a line.
     stop: Option<Frame>,
     /// Returns whether a frame with such an id confirms the stop; `None` where each one does.
@@ -140,7 +140,7 @@ fn commanded(settings: &Settings, index: usize) -> Vec<Commanded> {
     let is_line = settings.buses[index].is_line();
     let commanded = |motor: &MotorSettings| Commanded {
         name: motor.name.clone(),
-        answers: if is_line { IdFilter::exact(motor.command_id()) } else { motor.addresses().replies },
+        answers: if is_line { IdFilter::exact(motor.command_id()).into() } else { motor.addresses().replies },
         stop: safe_frames(motor).map(|(_, stop)| stop).filter(|_| is_line),
         confirms: motor.protocol.family().confirms_stop,
     };

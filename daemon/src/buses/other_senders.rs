@@ -8,7 +8,7 @@
 //! its motors. The new daemon waits until that is over.
 
 use motord_bus::transport::Hardware;
-use motord_bus::{Bus, Clock, Content, Duration, Frame, IdFilter, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Clock, Content, Duration, Frame, IdSet, Inbox, Instant, Readiness};
 use motord_core::stopper::{BusFrames, REFUSAL_TIMEOUT};
 use motord_settings::settings::Settings;
 
@@ -56,7 +56,7 @@ struct Counts {
 struct Monitor<'a> {
     name: &'a str,
     bus: &'a mut dyn Bus,
-    commands: Vec<IdFilter>,
+    commands: Vec<IdSet>,
     safe: BusFrames,
     /// The daemon starts beside the sender of its commands.
     is_tolerant: bool,

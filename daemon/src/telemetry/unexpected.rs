@@ -54,7 +54,7 @@ impl UnexpectedCounts {
         let interfaces = settings.buses.iter().enumerate().filter_map(|(bus, described)| {
             let interface = described.interface()?;
             let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-            let replies = motors.clone().map(|motor| motor.addresses().replies).collect();
+            let replies = motors.clone().flat_map(|motor| motor.addresses().replies.filters()).collect();
             // A socket receives what other sockets of this computer send: the requests of the cycle
             // to registers.
             let requests = motors.clone().filter(|motor| motor.profile.has_registers).take(1);
@@ -129,7 +129,7 @@ impl UnexpectedCounts {
     }
 }
 
-fn ids(motor: &MotorSettings) -> [IdFilter; 2] {
+fn ids(motor: &MotorSettings) -> impl Iterator<Item = IdFilter> {
     let Addresses { commands, replies, .. } = motor.addresses();
-    [commands, replies]
+    commands.filters().chain(replies.filters())
 }

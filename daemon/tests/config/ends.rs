@@ -124,6 +124,21 @@ fn limits_reach_as_far_as_the_codes() {
     }
 }
 
+/// V4.2 has 24 N·m, a driver for V4.3 18 N·m.
+#[test]
+fn torque_end_of_myactuator_must_be_written() {
+    let keys = "protocol = 'myactuator'\nmodel = 'X8-20'\n";
+    let error = motor(keys).unwrap_err().to_string();
+    for part in ["torque-end-nm: is missing", "24 N·m", "18 N·m", "vendor's tool"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let written = motor(&format!("{keys}torque-end-nm = 18")).unwrap();
+    let expected = Ends { position: 12.5, velocity: 45.0, torque: 18.0, kp: 500.0, kd: 5.0 };
+    assert_eq!((written.scales.ends(), written.winding.peak_torque), (expected, 18.0));
+    let error = motor("protocol = 'mit'\nmodel = 'X8-20'\ntorque-end-nm = 18").unwrap_err().to_string();
+    assert!(error.contains("use protocol = \"myactuator\""), "{error}");
+}
+
 /// The vendor's SDK has the same ends for every model; the torque is disputed.
 #[test]
 fn ends_of_cansimple_do_not_follow_the_model() {

@@ -180,3 +180,47 @@ fn node_whose_ids_another_motor_uses_is_refused() {
         validate(&with_node(node, other)).unwrap_or_else(|error| panic!("{node} {other}: {error}"));
     }
 }
+
+/// A MyActuator motor with id 1 is commanded at 0x141 and 0x401, and by all motors' ids 0x280 and 0x300.
+/// It answers at 0x241 and 0x501.
+#[test]
+fn ids_of_myactuator_motor_are_its_own() {
+    let rmd = |id: u8| format!("id = {id}\nprotocol = 'myactuator'\nmodel = 'X8-20'\ntorque-end-nm = 24");
+    let mit = |ids: &str| format!("{ids}\nprotocol = 'mit'\nmodel = 'GIM8108-8'");
+    let robot = |one: &str, other: &str| {
+        with_node(5, other).replace("id = 5\nprotocol = 'cansimple'\nmodel = 'GIM6010-8'", one)
+    };
+    for (other, part) in [
+        (mit("id = 2\nhost-id = 0x141"), "0x141 is a motor's command id"),
+        (mit("id = 2\nhost-id = 0x401"), "0x401 is a motor's command id"),
+        (mit("id = 2\nhost-id = 0x280"), "0x280 is a motor's command id"),
+        (mit("id = 2\nhost-id = 0x300"), "0x300 is a motor's command id"),
+        (mit("id = 2\nhost-id = 0x241"), "0x241 is the reply id of"),
+        (mit("id = 2\nhost-id = 0x501"), "0x501 is the reply id of"),
+        (mit("id = 1"), "id 1 is used by"),
+        ("id = 10\nprotocol = 'cansimple'\nmodel = 'GIM6010-8'".to_owned(), "0x141 is for commands"),
+        (rmd(1), "id 1 is used by"),
+        (rmd(33), "from 1 to 32"),
+    ] {
+        let error = validate(&robot(&rmd(1), &other)).expect_err(&other).to_string();
+        assert!(error.contains(part), "{other}: {error}");
+    }
+    for other in [rmd(32), mit("id = 2"), "id = 3\nprotocol = 'mit'\nmodel = 'DM-J4310-2EC'".to_owned()] {
+        validate(&robot(&rmd(1), &other)).unwrap_or_else(|error| panic!("{other}: {error}"));
+    }
+}
+
+/// A simulated bus empties itself.
+#[test]
+fn motor_without_enable_is_a_warning() {
+    let rmd = "id = 1\nprotocol = 'myactuator'\nmodel = 'X8-20'\ntorque-end-nm = 24";
+    let mit = "id = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'";
+    for (motor, is_real, count) in [(rmd, true, 1), (rmd, false, 0), (mit, true, 0)] {
+        let bus = if is_real { "'socketcan'\ninterface = 'can0'" } else { "'simulated'" };
+        let text = with_node(5, motor).replace("'simulated'", bus);
+        let warned = super::document::warnings(&text);
+        let needs_none = warned.iter().filter(|warning| warning.contains("needs no enable"));
+        assert_eq!(needs_none.count(), count, "{warned:?}");
+        assert!(!warned.iter().any(|warning| warning.contains("outrank")), "{warned:?}");
+    }
+}

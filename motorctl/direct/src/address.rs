@@ -2,6 +2,7 @@
 
 mod node;
 mod private;
+mod rmd;
 mod values;
 
 use crate::confirm::Confirm;
@@ -71,10 +72,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
             return private::run(&mut session, &address, arguments.confirm, arguments.json);
         }
         Protocol::CanSimple => return node::run(&mut session, &address, arguments.confirm, arguments.json),
+        Protocol::MyActuator => return rmd::run(&mut session, &address, arguments.confirm, arguments.json),
         Protocol::Gim | Protocol::Mit => {}
     }
     let mut session = session.require_gim()?;
-    if matches!(arguments.set_protocol, Some(Protocol::RobStride | Protocol::CanSimple)) {
+    if !matches!(arguments.set_protocol, None | Some(Protocol::Mit | Protocol::Gim)) {
         return Err(session.unfit("its driver does not speak this protocol"));
     }
     let present = read(&mut session)?;
@@ -94,14 +96,12 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     match (session.protocol, to) {
         (Protocol::RobStride, Protocol::Mit) => return private::change_to_mit(&mut session, confirm),
         (Protocol::Mit, Protocol::RobStride) => return private::change_from_mit(&mut session, confirm),
-        (Protocol::RobStride | Protocol::CanSimple, _) | (_, Protocol::RobStride | Protocol::CanSimple) => {
-            return Err(session.unfit("no motor speaks both protocols"));
-        }
-        (Protocol::Mit, _) => {
+        (Protocol::Mit, Protocol::Gim) => {
             let reason = "a motor in MIT mode cannot be changed over CAN: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
             return Err(session.unfit(reason));
         }
-        (Protocol::Gim, _) => {}
+        (Protocol::Gim, Protocol::Mit | Protocol::Gim) => {}
+        _ => return Err(session.unfit("no motor speaks both protocols")),
     }
     let present = read(&mut session)?;
     let wanted = with(&present, PROTOCOL, protocol_number(to));
@@ -139,8 +139,8 @@ pub(crate) fn with(values: &Values, name: &str, new: i32) -> Values {
 /// Returns the number of a protocol that a SteadyWin motor stores.
 pub(crate) const fn protocol_number(protocol: Protocol) -> i32 {
     match protocol {
-        Protocol::Gim | Protocol::RobStride | Protocol::CanSimple => 0,
         Protocol::Mit => 1,
+        Protocol::Gim | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => 0,
     }
 }
 

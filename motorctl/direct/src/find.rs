@@ -66,6 +66,7 @@ impl<'a> ScannedMotor<'a> {
                 ("robstride", Some(format!("serial number {:016X}", u64::from_be_bytes(serial))))
             }
             Family::CanSimple => ("cansimple", None),
+            Family::MyActuator => ("myactuator", None),
             Family::Unknown { answer } => ("unknown", Some(format!("{answer:?}"))),
         };
         Self {
@@ -253,6 +254,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
         target::Protocol::Gim => session.gim().version().map(|_| "gim"),
         target::Protocol::RobStride => session.private().stop().map(|_| "robstride"),
         target::Protocol::CanSimple => session.axis().estimates().map(|_| "cansimple"),
+        target::Protocol::MyActuator => session.rmd().status().map(|_| "myactuator"),
     }
     .map_err(|error| session.explain(error))?;
     let elapsed = session.line.link.now().since(begun);

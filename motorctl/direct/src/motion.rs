@@ -246,6 +246,13 @@ impl<'s> Jogged<'s> {
                 motor.start()?;
                 at
             }
+            Protocol::MyActuator => {
+                let scales = self.session.configured_scales()?;
+                let mut motor = self.session.rmd();
+                motor.stop()?;
+                let [at, ..] = motor.start(&scales)?.scaled(&scales);
+                at
+            }
             Protocol::Gim => {
                 let mut motor = self.session.gim();
                 motor.read_scales()?;
@@ -260,7 +267,7 @@ impl<'s> Jogged<'s> {
     /// Follows `velocity`, rad/s. Returns position, rad, and velocity, rad/s.
     pub(crate) fn follow(&mut self, velocity: f64) -> Result<[f64; 2], Error> {
         match self.session.protocol {
-            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple => {
+            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => {
                 self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
             Protocol::Gim => self.speed(velocity),
@@ -273,12 +280,10 @@ impl<'s> Jogged<'s> {
     /// with any torque. Returns position, rad, velocity, rad/s, and torque, N·m.
     pub(crate) fn pull(&mut self, position: f64, velocity: f64, kp: f32) -> Result<[f64; 3], Error> {
         match self.session.protocol {
-            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple => self.control(&Impedance {
-                position: position as f32,
-                kp,
-                kd: self.kd,
-                ..Impedance::default()
-            }),
+            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => {
+                let (position, kd) = (position as f32, self.kd);
+                self.control(&Impedance { position, kp, kd, ..Impedance::default() })
+            }
             Protocol::Gim => self.speed(velocity),
         }
     }
@@ -302,6 +307,11 @@ impl<'s> Jogged<'s> {
             let scales = Scales::of(&cansimple::ENDS);
             let sent = nearest(wanted, &mut self.feedback, &scales);
             return Ok(self.session.axis().control(&sent)?.scaled(&scales).map(f64::from));
+        }
+        if self.session.protocol == Protocol::MyActuator {
+            let scales = self.session.configured_scales()?;
+            let sent = nearest(wanted, &mut self.feedback, &scales);
+            return Ok(self.session.rmd().control(&sent, &scales)?.scaled(&scales).map(f64::from));
         }
         let scales = self.session.scales();
         let sent = nearest(wanted, &mut self.feedback, &scales);
@@ -334,6 +344,7 @@ impl Stop for Jogged<'_> {
             Protocol::Gim => self.session.gim().stop(),
             Protocol::RobStride => self.session.private().stop().map(drop),
             Protocol::CanSimple => self.session.axis().stop(),
+            Protocol::MyActuator => self.session.rmd().stop(),
         }
     }
 }

@@ -99,6 +99,7 @@ pub(crate) fn clear_fault(session: &mut Session) -> Result<(), Error> {
         Protocol::Mit => session.mit().clear_fault(),
         Protocol::RobStride => session.private().clear_fault(),
         Protocol::CanSimple => session.axis().clear_fault(),
+        Protocol::MyActuator => session.rmd().clear_fault(),
     }
 }
 
@@ -120,7 +121,7 @@ pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
             must_be_free(session, id, host_id)?;
             Registers::new(&mut session.line.link, session.id, before).set_address(id, host_id)?;
         }
-        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple, _) => {
+        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator, _) => {
             let reason = format!(
                 "its id cannot be changed over CAN in MIT mode: set id {id} and host id {:#05X} with the vendor's tool",
                 host_id.raw()
@@ -147,6 +148,7 @@ pub(crate) fn vendor(link: &mut Link, found: &Found) -> Result<&'static str, Err
     else {
         return Ok(match found.family {
             Family::RobStride { .. } => "robstride",
+            Family::MyActuator => "myactuator",
             Family::Unknown { .. } => "unknown",
             _ => "steadywin",
         });
@@ -166,10 +168,10 @@ pub(crate) fn mismatch(vendor: &str, family: Family, joint: &MotorSettings) -> O
             profile.name
         ));
     }
-    let is_other = matches!(family, Family::RobStride { .. } | Family::CanSimple);
-    if is_other || [Protocol::RobStride, Protocol::CanSimple].map(Protocol::name).contains(&protocol.name()) {
+    let is_other = matches!(family, Family::RobStride { .. } | Family::CanSimple | Family::MyActuator);
+    if is_other || ![Protocol::Mit, Protocol::Gim].map(Protocol::name).contains(&protocol.name()) {
         return Some(format!(
-            "{name} or this motor has RobStride's private protocol or CANSimple: use `motorctl id`, `motorctl zero` and `motorctl setup --config FILE`"
+            "{name} or this motor has neither MIT nor the GIM protocol: use `motorctl id`, `motorctl zero` and `motorctl setup --config FILE`"
         ));
     }
     let is_mit = family != Family::Native;

@@ -8,7 +8,7 @@ use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, Verdict, end_findings, end_lines, findings};
 use motord_protocol::commissioning::{
-    Error, LISTEN, Native, Private, Question, ReportedMotor, ReportedProtocol, ends, survey,
+    Error, LISTEN, Native, Private, ReportedMotor, ReportedProtocol, ends, survey,
 };
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_protocol::robstride::parameter::{TIMEOUT, TIMEOUT_HZ};
@@ -159,12 +159,7 @@ fn ask<'s>(
     bus: &str,
     line: &mut OpenLine,
 ) -> Result<ComparedMotor<'s>, DirectFailure> {
-    let addresses = motor.addresses();
-    let question = match (addresses.node, addresses.command_id.is_extended()) {
-        (Some(_), _) => Question::Node,
-        (None, true) => Question::PrivateFirst,
-        (None, false) => Question::Both,
-    };
+    let question = motor.protocol.family().question;
     let survey = survey(&mut line.link, motor.id, question, &CONFIGURATION)?;
     let reported = survey.map(|survey| survey.reported(&motor.name, bus));
     let mut findings = findings(settings, motor, reported.as_ref());

@@ -32,6 +32,13 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailur
         let [a, b, c, d] = numbers;
         return print_line(&format!("{}: firmware version {a}.{b}.{c}.{d}", session.name()));
     }
+    if session.protocol == Protocol::MyActuator {
+        let version = session.rmd().version()?;
+        if as_json {
+            return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
+        }
+        return print_line(&format!("{}: firmware of {version}", session.name()));
+    }
     let mut session = session.require_gim()?;
     let version = session.gim().version().map_err(|error| session.explain(error))?;
     if as_json {
@@ -99,6 +106,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
         Protocol::Gim => Ok(session.gim().fault()?.faults()),
         Protocol::RobStride => session.private().fault(),
         Protocol::CanSimple => session.axis().fault(),
+        Protocol::MyActuator => session.rmd().fault(),
     }
 }
 
@@ -113,6 +121,7 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
         Protocol::Gim => session.gim().acknowledge_fault(),
         Protocol::RobStride => session.private().clear_fault(),
         Protocol::CanSimple => session.axis().clear_fault(),
+        Protocol::MyActuator => session.rmd().clear_fault(),
     };
     cleared?;
     let left = read_faults(&mut session)?;
@@ -143,11 +152,12 @@ pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
 pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
-        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple, true) => {
+        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator, true) => {
             return Err(session.unfit("its protocol has no such command: leave --control out"));
         }
         (Protocol::RobStride, false) => session.private().stop().map(drop),
         (Protocol::CanSimple, false) => session.axis().stop(),
+        (Protocol::MyActuator, false) => session.rmd().stop(),
         (Protocol::Mit, false) => session.mit().stop().map(drop),
         (Protocol::Gim, true) => session.gim().stop_control(),
         (Protocol::Gim, false) => session.gim().stop(),

@@ -5,12 +5,11 @@ use motord_bus::transport::{self, Nodes, OpenedAsIs};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_configuration as config;
 use motord_protocol::commissioning::{
-    Axis, Error, Family, Found, Link, Mit, Native, Private, Wire, answers, ends, identify, identify_node,
-    identify_private,
+    Axis, Error, Family, Found, Link, Mit, Native, Private, Question, Rmd, Wire, answers, ends, identify_by,
 };
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::robstride::{self, WideScales};
-use motord_protocol::{Ends, Scales, cansimple, gim, mit};
+use motord_protocol::{Ends, Scales, cansimple, gim, mit, myactuator};
 use motord_settings::settings::MotorSettings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -38,6 +37,9 @@ pub enum Protocol {
     /// CANSimple of SteadyWin's SDC104, GDS68 and GDZ drivers, on CAN only.
     #[value(name = "cansimple")]
     CanSimple,
+    /// MyActuator's protocol of the RMD series, on CAN only.
+    #[value(name = "myactuator")]
+    MyActuator,
 }
 
 impl Protocol {
@@ -48,6 +50,7 @@ impl Protocol {
             Self::Gim => gim::FAMILY.name,
             Self::RobStride => robstride::FAMILY.name,
             Self::CanSimple => cansimple::FAMILY.name,
+            Self::MyActuator => myactuator::FAMILY.name,
         }
     }
 }
@@ -217,7 +220,7 @@ impl Target {
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
-            (Some(Protocol::Mit | Protocol::RobStride | Protocol::CanSimple), Wire::Serial) => {
+            (Some(protocol), Wire::Serial) if protocol != Protocol::Gim => {
                 Err(session.unfit("a serial line always has the GIM protocol: leave --protocol out"))
             }
             (Some(_), _) => Ok(session),
@@ -293,6 +296,7 @@ impl Session {
             Family::Native => Protocol::Gim,
             Family::RobStride { .. } => Protocol::RobStride,
             Family::CanSimple => Protocol::CanSimple,
+            Family::MyActuator => Protocol::MyActuator,
             Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Protocol::Mit,
         };
         Self { line, id: found.id, host_id: found.host_id, protocol, settings: None }
@@ -313,6 +317,7 @@ impl Session {
                 "it speaks RobStride's private protocol, for which motorctl has no such command"
             }
             Protocol::CanSimple => "it speaks CANSimple, for which motorctl has no such command",
+            Protocol::MyActuator => "it speaks MyActuator's protocol, for which motorctl has no such command",
         };
         Err(self.unfit(reason))
     }
@@ -340,6 +345,11 @@ impl Session {
         Axis::new(&mut self.line.link, self.id)
     }
 
+    /// Returns the motor's transactions in MyActuator's protocol.
+    pub fn rmd(&mut self) -> Rmd<'_> {
+        Rmd::new(&mut self.line.link, self.id)
+    }
+
     /// Returns the rotor turns per turn of the output shaft. Without a configuration they are those of
     /// a GIM6010-8.
     pub(crate) fn gear_ratio(&self) -> f32 {
@@ -357,6 +367,16 @@ impl Session {
     /// Returns the scales of [`mit`](Self::mit).
     pub(crate) fn scales(&self) -> Scales {
         self.settings.as_ref().map_or(Scales::WITHOUT_CONSTANTS, |settings| settings.scales)
+    }
+
+    /// Returns the configured scales of a motor whose torque codes no source gives for certain.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Protocol`] without a configuration.
+    pub(crate) fn configured_scales(&self) -> Result<Scales, Error> {
+        let reason = "the largest torque code of its motor must be known: use --config and --joint, with torque-end-nm in the file";
+        self.settings.as_ref().map(|settings| settings.scales).ok_or(Error::Protocol { id: self.id, reason })
     }
 
     /// Uses the ends of its codes that the motor reports, where it has registers, in place of those of its model.
@@ -409,19 +429,11 @@ impl Session {
         DirectFailure::OtherFormat { source: Box::new(source), formats }
     }
 
-    /// Asks first in the protocol of the configuration, where its ids have 29 bits, and only in it,
-    /// where they are those of a node.
+    /// Asks by the requests of the configured family; without a configuration by the frames of a scan.
     fn find(&mut self) -> Result<Option<Found>, Error> {
-        let has_long_ids = |motor: &MotorSettings| motor.addresses().command_id.is_extended();
-        if self.settings.as_ref().is_some_and(has_long_ids)
-            && let Some(found) = identify_private(&mut self.line.link, self.id)?
-        {
-            return Ok(Some(found));
-        }
-        if self.settings.as_ref().is_some_and(|motor| motor.addresses().node.is_some()) {
-            return identify_node(&mut self.line.link, self.id);
-        }
-        identify(&mut self.line.link, self.id)
+        let question = |motor: &MotorSettings| motor.protocol.family().question;
+        let question = self.settings.as_ref().map_or(Question::Both, question);
+        identify_by(&mut self.line.link, self.id, question)
     }
 
     fn identify(&mut self) -> Result<(), DirectFailure> {
@@ -433,6 +445,7 @@ impl Session {
             Family::Mit => Protocol::Mit,
             Family::RobStride { .. } => Protocol::RobStride,
             Family::CanSimple => Protocol::CanSimple,
+            Family::MyActuator => Protocol::MyActuator,
             Family::OtherMit { .. } if self.settings.is_some() => Protocol::Mit,
             Family::OtherMit { .. } | Family::Unknown { .. } => return Err(self.unfit(family.describe())),
         };

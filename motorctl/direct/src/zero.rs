@@ -43,12 +43,19 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     ))?;
     let after = set(&mut session, at)?;
     print_line(&format!("{name}: reports {after:.3} rad now"))?;
-    if session.protocol == Protocol::CanSimple { print_line(POWER_CYCLE) } else { Ok(()) }
+    match session.protocol {
+        Protocol::CanSimple => print_line(POWER_CYCLE),
+        Protocol::MyActuator => print_line(RESTARTED),
+        Protocol::Mit | Protocol::Gim | Protocol::RobStride => Ok(()),
+    }
 }
 
 /// The zero of a CANSimple driver after a loss of power. Source: five motors that a user measured.
 const POWER_CYCLE: &str = "After a power cycle its zero may differ by 6.4° (0.11 rad) at the output shaft. Power it off and on in a known \
      pose, and compare the position, before each use";
+
+/// The zero of a MyActuator motor. Source: protocol document V4.2, command 0x64.
+const RESTARTED: &str = "It was restarted (0x76): the zero acts after a restart only";
 
 /// Makes the motor report `at`, rad, in its present pose; 0 in MIT mode. Returns the position that it
 /// then reports, rad.
@@ -63,6 +70,7 @@ pub(crate) fn set(session: &mut Session, at: f64) -> Result<f64, DirectFailure> 
         Protocol::Gim => move_zero(session, before, at)?,
         Protocol::RobStride => session.private().set_zero().map(drop)?,
         Protocol::CanSimple => session.axis().set_zero().map(drop)?,
+        Protocol::MyActuator => session.rmd().set_zero().map(drop)?,
     }
     let after = position(session)?;
     if off_by(after, at) <= TOLERANCE {
@@ -89,6 +97,10 @@ pub(crate) fn position(session: &mut Session) -> Result<f64, DirectFailure> {
             motor.stop()?;
             let [position, _] = motor.estimates()?.at_output(ratio);
             position
+        }
+        Protocol::MyActuator => {
+            session.rmd().stop()?;
+            session.rmd().angle()?
         }
         Protocol::Gim => {
             let mut motor = session.gim();

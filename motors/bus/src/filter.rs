@@ -63,6 +63,66 @@ impl IdFilter {
     }
 }
 
+/// Most filters of a set.
+const FILTERS_MAX: usize = 4;
+
+/// The ids of some filters, at most four.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct IdSet {
+    /// The first one again where there are fewer.
+    filters: [IdFilter; FILTERS_MAX],
+}
+
+impl From<IdFilter> for IdSet {
+    fn from(filter: IdFilter) -> Self {
+        Self { filters: [filter; FILTERS_MAX] }
+    }
+}
+
+impl IdSet {
+    /// The ids of both filters.
+    #[must_use]
+    pub const fn of_two(first: IdFilter, second: IdFilter) -> Self {
+        Self { filters: [first, second, first, first] }
+    }
+
+    /// The ids of four filters.
+    #[must_use]
+    pub const fn of_four(filters: [IdFilter; FILTERS_MAX]) -> Self {
+        Self { filters }
+    }
+
+    /// Returns its filters, each once.
+    pub fn filters(self) -> impl Iterator<Item = IdFilter> + Clone {
+        let is_first = move |index: &usize| !self.filters[..*index].contains(&self.filters[*index]);
+        (0..FILTERS_MAX).filter(is_first).map(move |index| self.filters[index])
+    }
+
+    /// Returns `true` when `id` belongs to one of them. Constant time.
+    #[must_use]
+    pub fn matches(self, id: FrameId) -> bool {
+        self.filters.iter().any(|filter| filter.matches(id))
+    }
+
+    /// Returns the filter of both whose ids belong to `other`, too.
+    #[must_use]
+    pub fn overlap(self, other: Self) -> Option<IdFilter> {
+        self.filters().find(|filter| other.filters().any(|others| filter.overlaps(others)))
+    }
+
+    /// Returns `true` when some id belongs to both.
+    #[must_use]
+    pub fn overlaps(self, other: Self) -> bool {
+        self.overlap(other).is_some()
+    }
+
+    /// Returns the id among them that loses the bus to all others.
+    #[must_use]
+    pub fn highest(self) -> FrameId {
+        self.filters().map(IdFilter::highest).max().unwrap_or(self.filters[0].highest())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,5 +162,17 @@ mod tests {
         let filter = IdFilter::masked(short(0x112), 0xFF);
         assert_eq!([filter.lowest(), filter.highest()], [short(0x012), short(0x712)]);
         assert_eq!(IdFilter::exact(short(0x112)).highest(), short(0x112));
+    }
+
+    #[test]
+    fn set_has_the_ids_of_each_filter_once() {
+        let exact = |raw| IdFilter::exact(FrameId::new(raw).unwrap());
+        let [one, two] = [IdSet::from(exact(0x141)), IdSet::of_two(exact(0x240), exact(0x141))];
+        assert_eq!((one.filters().count(), two.filters().count()), (1, 2));
+        let has = |raw| two.matches(FrameId::new(raw).unwrap());
+        assert!(has(0x141) && has(0x240) && !has(0x142));
+        assert_eq!(two.overlap(one), Some(exact(0x141)));
+        assert!(!IdSet::from(exact(0x140)).overlaps(two));
+        assert_eq!(two.highest().raw(), 0x240);
     }
 }

@@ -48,7 +48,7 @@ mod wait;
 
 #[cfg(feature = "linux")]
 pub use adapter::{Adapter, Difference};
-pub use filter::IdFilter;
+pub use filter::{IdFilter, IdSet};
 pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
 #[cfg(feature = "linux")]
 pub use holder::Holder;

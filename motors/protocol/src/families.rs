@@ -69,6 +69,8 @@ families! {
     RobStride = robstride::RobStrideDialect,
     /// The CANSimple dialect of SteadyWin's SDC104, GDS68 and GDZ drivers, over CAN.
     CanSimple = cansimple::CanSimpleDialect,
+    /// MyActuator's protocol of the RMD series, over CAN.
+    MyActuator = myactuator::MyActuatorDialect,
 }
 
 impl Default for MotorProtocol {

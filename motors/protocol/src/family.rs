@@ -26,6 +26,10 @@ pub struct Family {
     /// The values of the largest codes, where they are the same for every model. `None`: a model has
     /// its own.
     pub ends: Option<Ends>,
+    /// The sources differ on the end of the torque codes, so the configuration must have it.
+    pub needs_torque_end: bool,
+    /// A stopped motor reports the position of its rotor.
+    pub reports_rotor: bool,
     /// Returns the smallest and the largest id of a vendor's motor.
     pub ids: fn(&Profile) -> [u8; 2],
     /// The bit rate of a motor from the factory, bit/s, where it is not that of most motors, 1 Mbit/s.
@@ -38,6 +42,9 @@ pub struct Family {
     /// Returns how the lock file names the answer of a vendor's motor.
     #[cfg(feature = "commissioning")]
     pub reported: fn(&Profile) -> crate::reported::ReportedProtocol,
+    /// The requests by which a program without a cycle finds such a motor.
+    #[cfg(feature = "commissioning")]
+    pub question: crate::reported::Question,
     /// Returns the lengths of a command and of the shortest reply with a state, for the plan of a
     /// bus.
     #[cfg(feature = "drive")]

@@ -66,6 +66,16 @@ impl Faults {
         all.map(|(name, faults)| (name.to_ascii_lowercase().replace('_', "-"), faults))
     }
 
+    /// Returns the faults of a vendor's `bits` by a table. Of the bits that the table does not have, the
+    /// lowest is reported by its index.
+    #[must_use]
+    pub fn of_bits(table: &[(u64, Self)], bits: u64) -> Self {
+        let known = table.iter().filter(|(bit, _)| bits & bit != 0);
+        let (faults, rest) =
+            known.fold((Self::NONE, bits), |(all, rest), (bit, fault)| (all.and(*fault), rest & !bit));
+        if rest == 0 { faults } else { faults.and(Self::of_unknown_code(rest.trailing_zeros() as u8)) }
+    }
+
     /// Returns the vendor's number of an unrecognised fault, if there is one.
     #[must_use]
     pub const fn unrecognised(self) -> Option<u8> {

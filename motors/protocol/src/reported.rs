@@ -3,6 +3,21 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Requests by which the protocol of a motor is determined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Question {
+    /// The frames of a scan.
+    Both,
+    /// First RobStride's question for the device, then the frames of a scan.
+    PrivateFirst,
+    /// Only the request for the estimates of a CANSimple driver.
+    Node,
+    /// Only MyActuator's question for the status.
+    MotorStatus,
+    /// Only an MIT stop frame. A motor in native mode refuses it, which identifies the motor.
+    MitOnly,
+}
+
 /// A motor, as it reports itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -40,6 +55,9 @@ pub enum ReportedProtocol {
     /// CANSimple.
     #[serde(rename = "cansimple")]
     CanSimple,
+    /// MyActuator's own protocol.
+    #[serde(rename = "myactuator")]
+    MyActuator,
     /// A protocol that is not known.
     Unknown,
 }
@@ -54,6 +72,7 @@ impl ReportedProtocol {
             Self::Gim => "gim",
             Self::RobStride => "robstride",
             Self::CanSimple => "cansimple",
+            Self::MyActuator => "myactuator",
             Self::Unknown => "unknown",
         }
     }

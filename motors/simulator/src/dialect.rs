@@ -1,6 +1,6 @@
 //! The protocols that a motor may speak over CAN: one row for each, and a file in `motor`.
 
-use motord_bus::{Frame, FrameId, IdFilter};
+use motord_bus::{Frame, FrameId, IdFilter, IdSet};
 
 /// Bytes of every command of MIT and GIM, and of every request to a register.
 const COMMAND_BYTES: usize = 8;
@@ -43,9 +43,9 @@ macro_rules! dialects {
             }
 
             /// Returns the ids of the commands to the motor with this id.
-            pub(crate) fn commands(self, id: FrameId) -> IdFilter {
+            pub(crate) fn commands(self, id: FrameId) -> IdSet {
                 match self {
-                    $(Self::$dialect => $commands(id)),+
+                    $(Self::$dialect => $commands(id).into()),+
                 }
             }
 
@@ -75,6 +75,13 @@ fn to_node(id: FrameId) -> IdFilter {
     IdFilter::masked(first.unwrap_or(FrameId::MAX), 0x7E0)
 }
 
+/// Returns the ids of the commands to a MyActuator motor, and of those to all of them.
+fn to_motor(id: FrameId) -> IdSet {
+    let number = id.raw() as u16 & 0x3F;
+    let exact = |raw| IdFilter::exact(FrameId::new(raw).unwrap_or(FrameId::MAX));
+    IdSet::of_four([0x400 + number, 0x140 + number, 0x280, 0x300].map(exact))
+}
+
 dialects! {
     /// The MIT protocol.
     Mit = "mit", 1, IdFilter::exact, is_classic_command;
@@ -84,4 +91,6 @@ dialects! {
     RobStride = "robstride", 2, to_receiver, is_classic_command;
     /// The CANSimple dialect. An id has the node above the command.
     CanSimple = "cansimple", 3, to_node, is_classic_command;
+    /// MyActuator's protocol. An id is that of the motor, and a number for the kind of the frame.
+    MyActuator = "myactuator", 4, to_motor, is_classic_command;
 }

@@ -6,6 +6,7 @@ mod configuration;
 mod gim;
 mod indicator;
 mod mit;
+mod myactuator;
 mod power;
 mod private;
 mod registers;
@@ -20,7 +21,9 @@ use crate::settings::{HostLoss, Medium, MotorSettings, OtherBitrate};
 use crate::wire::{POSITION, Scale, State, VELOCITY};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;
-use motord_bus::{Duration, Frame, FrameId, IdFilter, Instant};
+#[cfg(feature = "bridge")]
+use motord_bus::IdFilter;
+use motord_bus::{Duration, Frame, FrameId, IdSet, Instant};
 
 /// Most steps that one call computes, 0.2 s. A longer gap takes longer steps.
 const STEPS_MAX: u64 = 4_000;
@@ -355,6 +358,7 @@ impl Motor {
             Dialect::Mit => (self.mit(at, frame)?, Duration::ZERO),
             Dialect::RobStride => (self.robstride(at, frame)?, Duration::ZERO),
             Dialect::CanSimple => (self.cansimple(at, frame)?, Duration::ZERO),
+            Dialect::MyActuator => (self.myactuator(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
         Some(DelayedReply { frame, after })
@@ -369,14 +373,14 @@ impl Motor {
     }
 
     /// Returns the ids of the commands to it.
-    fn commands(&self) -> IdFilter {
+    fn commands(&self) -> IdSet {
         self.dialect().commands(self.address())
     }
 
     /// Returns the ids of all frames that it receives.
     #[cfg(feature = "bridge")]
     pub(crate) fn addresses(&self) -> impl Iterator<Item = IdFilter> {
-        [self.commands()].into_iter().chain(self.register_requests().map(IdFilter::exact))
+        self.commands().filters().chain(self.register_requests().map(IdFilter::exact))
     }
 
     /// Returns `true` when it destroys a frame on a CAN bus, as a motor with another bit rate may.

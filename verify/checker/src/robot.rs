@@ -5,7 +5,7 @@ use crate::protocol::Protocol;
 use crate::protocol::codec::Ids;
 use crate::protocol::ranges::Ranges;
 use crate::vendor::Vendor;
-use motord_bus::{Duration, Frame, FrameId, IdFilter};
+use motord_bus::{Duration, Frame, FrameId, IdSet};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -53,9 +53,9 @@ pub struct Motor {
     /// The number that identifies it in a payload.
     pub id: u8,
     /// Ids of the commands.
-    pub commands: IdFilter,
+    pub commands: IdSet,
     /// Ids of the replies.
-    pub replies: IdFilter,
+    pub replies: IdSet,
     /// The protocol that it speaks.
     pub protocol: Protocol,
     /// Number of cycles per command to it.

@@ -52,6 +52,15 @@ pub const VENDORS: &[Vendor] = &[
         over_voltage: "fault 0x08",
         over_current: "fault 0x10000",
     },
+    // MyActuator's protocol document V4.2: MIT only by the fields of its motion mode.
+    Vendor {
+        name: "myactuator",
+        models: "X",
+        reply_offset: 0x500,
+        reply: ReplyFormat { id_mask: 0xFF, length: 8, report: None, registers: false },
+        over_voltage: "fault 0x08",
+        over_current: "fault 0x10",
+    },
 ];
 
 impl Vendor {

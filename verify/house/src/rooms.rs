@@ -66,7 +66,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "core/twin/src/physics.rs",
 ];
 
-const VENDORS: &[&str] = &["steadywin", "damiao", "robstride", "cubemars", "gim"];
+const VENDORS: &[&str] = &["steadywin", "damiao", "robstride", "cubemars", "myactuator", "gim"];
 
 /// The imports between the rooms of a crate, a row for each room.
 fn rooms<'a>(files: impl Iterator<Item = (&'a str, &'a str)>) -> BTreeMap<String, BTreeSet<String>> {

@@ -257,6 +257,11 @@ impl Compare<'_> {
             ReportedProtocol::CanSimple if motor.profile.speaks(motord_protocol::cansimple::FAMILY.name) => {
                 "its driver speaks only CANSimple: write `protocol = \"cansimple\"`".into()
             }
+            ReportedProtocol::MyActuator
+                if motor.profile.speaks(motord_protocol::myactuator::FAMILY.name) =>
+            {
+                "the motor has only MyActuator's protocol: write `protocol = \"myactuator\"`".into()
+            }
             _ => "the model is not the one that is connected: write the right one".into(),
         };
         self.finding(

@@ -154,6 +154,18 @@ fn shared_ids(settings: &Settings, buses: [usize; 2]) -> Option<String> {
     (!shared.is_empty()).then(|| shared.join(", "))
 }
 
+/// Warns of a bus with a queue and a motor that follows what waited in it.
+pub(super) fn check_enables(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
+    for (bus, item) in items.iter().enumerate().filter(|(bus, _)| settings.buses[*bus].interface().is_some())
+    {
+        let mut motors = settings.motors.iter().filter(|motor| motor.bus == bus);
+        let motor = motors.find(|motor| motor.capabilities.runs_without_enable);
+        if let Some(MotorSettings { name, .. }) = motor {
+            findings.warn(item.at, Wrong::NoEnable { motor: name.clone() });
+        }
+    }
+}
+
 /// Reports the buses that have no capacity for their motors.
 pub(super) fn check_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
@@ -251,8 +263,10 @@ pub(super) fn check_sensor_load(
 pub(super) fn motor_with(settings: &Settings, bus: usize, id: u16) -> Option<String> {
     let motors = || settings.motors.iter().filter(|motor| motor.bus == bus);
     let id = FrameId::new(id)?;
-    let obeys =
-        |motor: &&MotorSettings| motor.addresses().obeyed(&motor.profile.ids).any(|obeyed| obeyed == id);
+    let obeys = |motor: &&MotorSettings| {
+        let mut obeyed = motor.addresses().obeyed(&motor.profile.ids);
+        motor.addresses().commands.matches(id) || obeyed.any(|obeyed| obeyed == id)
+    };
     if let Some(motor) = motors().find(obeys) {
         return Some(format!("commands to the motor {:?}", motor.name));
     }

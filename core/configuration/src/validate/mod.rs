@@ -53,6 +53,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     bus::check_load(&document.buses, &settings, findings);
     imu_can::check(&document.sensors.imus, &settings, findings);
     bus::check_shared_ids(&document.buses, &settings, findings);
+    bus::check_enables(&document.buses, &settings, findings);
     motor::check_durations(&document.motors, &settings, findings);
     check_rates(document, &settings, findings);
     Some(settings)

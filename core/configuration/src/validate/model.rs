@@ -65,6 +65,14 @@ pub(super) fn check_ends(keys: &keys::Motor, model: Option<&Model>, findings: &m
     }
 }
 
+/// Reports a missing end of the torque codes, where no source has it for certain.
+pub(super) fn require_torque_end(keys: &keys::Motor, profile: Option<&Profile>, findings: &mut Findings<'_>) {
+    let is_needed = keys.protocol.value.is_some_and(|protocol| protocol.family().needs_torque_end);
+    if let Some(profile) = profile.filter(|_| is_needed && !keys.torque_end_nm.is_written) {
+        findings.error(keys.torque_end_nm.at, Wrong::NoTorqueEnd { motors: profile.motors });
+    }
+}
+
 /// Returns whether the values of a motor are codes; also where its protocol is not known.
 fn has_codes(keys: &keys::Motor) -> bool {
     keys.protocol.value.is_none_or(|protocol| protocol.family().has_codes)

@@ -1,6 +1,6 @@
 //! Checks `[[motor]]` and its ids on the bus.
 
-use motord_bus::{Duration, FrameId, IdFilter};
+use motord_bus::{Duration, FrameId, IdFilter, IdSet};
 use motord_protocol::drive::{Addresses, Transmission};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{ReplyId, STEADYWIN};
@@ -12,7 +12,7 @@ use motord_settings::settings::{
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
-use super::model::{check_ends, check_reach, ends, model, registers, scales};
+use super::model::{check_ends, check_reach, ends, model, registers, require_torque_end, scales};
 use super::time::micros;
 use crate::document::MotorTables;
 use crate::entry::{self, Entry, degrees};
@@ -55,6 +55,7 @@ fn motor(
     let (profile, model) = model(&keys.model, findings).unzip();
     check_constants(keys, model, findings);
     check_ends(keys, model, findings);
+    require_torque_end(keys, profile, findings);
     let constants = constants(keys, model);
     let scales = model.and_then(|model| scales(keys, model));
     check_reach(keys, (model, scales.as_ref()), findings);
@@ -73,7 +74,7 @@ fn motor(
         profile: profile?,
         scales: scales?,
         constants: constants
-            .filter(|_| model.is_some_and(|model| model.ends.is_none()) || protocol.family().ends.is_some()),
+            .filter(|_| model.is_some_and(|model| model.ends.is_none()) || protocol.family().reports_rotor),
         winding: WindingSettings {
             rated_torque: capability.rated_torque as f32,
             peak_torque: capability.peak_torque as f32,
@@ -110,12 +111,24 @@ impl Address {
     /// Returns whether some id commands both motors, or `motorctl` cannot name one alone: it names a
     /// motor by its id, without its protocol.
     fn is_named_alike(&self, other: &Self) -> bool {
-        self.on_wire.commands.overlaps(other.on_wire.commands) || self.id == other.id
+        // The ids of a node are checked as a whole.
+        let is_node = self.on_wire.node.is_some() || other.on_wire.node.is_some();
+        let obeys = |one: &Self, other: &Self| !is_node && one.obeys(other.on_wire.commands);
+        self.on_wire.commands.overlaps(other.on_wire.commands)
+            || obeys(self, other)
+            || obeys(other, self)
+            || self.id == other.id
+    }
+
+    /// Returns whether its replies have its host id. In another id the host id is a part or has no
+    /// effect, and does not decide the priority.
+    fn has_reply_id(&self) -> bool {
+        self.on_wire.replies == IdFilter::exact(self.host_id).into()
     }
 
     /// Returns an id of `node` that this motor uses, and its use in words.
     fn uses(&self, node: IdFilter) -> Option<(FrameId, &'static str)> {
-        let of = |ids: IdFilter| ids.overlaps(node).then(|| ids.lowest().max(node.lowest()));
+        let of = |ids: IdSet| ids.overlap(node.into()).map(|ids| ids.lowest().max(node.lowest()));
         let obeyed = self.on_wire.obeyed(&self.profile.ids).find(|id| node.matches(*id));
         let request = FrameId::new(register::REQUEST_ID).filter(|_| self.profile.has_registers);
         let commands = of(self.on_wire.receives()).or(obeyed).map(|id| (id, "commands"));
@@ -126,7 +139,7 @@ impl Address {
 
     /// Returns whether the motor reads one of the ids as a command, or as a request to its
     /// registers. These have one id for all motors of the bus.
-    fn obeys(&self, ids: IdFilter) -> bool {
+    fn obeys(&self, ids: IdSet) -> bool {
         let is_request = FrameId::new(register::REQUEST_ID).is_some_and(|id| ids.matches(id));
         self.on_wire.commands.overlaps(ids)
             || self.on_wire.obeyed(&self.profile.ids).any(|id| ids.matches(id))
@@ -156,7 +169,8 @@ fn address(
         }
         if !(protocol.family().is_spoken_by)(profile) {
             let (motors, protocol) = (profile.motors, protocol.name());
-            findings.error(keys.protocol.at, Wrong::NotSpoken { motors, protocol });
+            let spoken = profile.protocols.first().unwrap_or(&"mit");
+            findings.error(keys.protocol.at, Wrong::NotSpoken { motors, protocol, spoken });
         }
     }
     let ids = &profile.ids;
@@ -191,9 +205,8 @@ fn at_most(
 /// have no effect.
 fn check_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(model) = model.filter(|model| ends(keys, model).is_some()) else { return };
-    // The positions of a stopped motor in CANSimple are those of the rotor.
-    let has_rotor_positions = keys.protocol.value.is_some_and(|protocol| protocol.family().ends.is_some());
-    let ratio = (!has_rotor_positions).then_some(&keys.gear_ratio);
+    let reports_rotor = keys.protocol.value.is_some_and(|protocol| protocol.family().reports_rotor);
+    let ratio = (!reports_rotor).then_some(&keys.gear_ratio);
     for entry in [Some(&keys.torque_constant_nm_per_a), ratio].into_iter().flatten() {
         if entry.is_written {
             findings.error(entry.at, Wrong::NoCurrentCode { model: model.name });
@@ -303,9 +316,9 @@ fn check_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             continue;
         }
         let (host_id, default) = (motor.host_id.raw(), motor.default_host_id);
-        // In another id the host id is a part, and does not decide the priority.
-        let is_reply_id = replies == IdFilter::exact(motor.host_id);
-        let last = on_bus(motor.bus).map(|(_, other)| other.on_wire.command_id.raw()).max();
+        let is_reply_id = motor.has_reply_id();
+        let last = on_bus(motor.bus).filter(|(_, other)| other.has_reply_id());
+        let last = last.map(|(_, other)| other.on_wire.command_id.raw()).max();
         let is_shared =
             matches!(motor.profile.ids.reply, ReplyId::Shared(shared) if u32::from(shared) == host_id);
         if let Some((other, _)) = before.find(|(_, other)| other.on_wire.replies.overlaps(replies)) {

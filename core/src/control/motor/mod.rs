@@ -256,8 +256,13 @@ impl Motor {
         self.applied.setpoint = Setpoint::impedance(Impedance::new(position, 0.0, 0.0, 0.0, 0.0));
     }
 
-    /// Stops following setpoints.
+    /// Stops following setpoints. A motor that never ran is only stopped: damping would be its first
+    /// impedance.
     pub(super) fn begin_damping(&mut self) {
+        let is_limp = matches!(self.mode, Mode::Starting(start) if !start.is_answered());
+        if is_limp && self.settings.capabilities.runs_without_enable {
+            self.mode = Mode::Idle;
+        }
         if matches!(self.mode, Mode::Starting(_) | Mode::Active) {
             let Impedance { kp, kd, .. } = self.applied.setpoint.values;
             let here = self.measured.filter(|_| self.is_fresh());

@@ -151,6 +151,11 @@ impl Start {
         }
     }
 
+    /// Returns whether the start command was answered.
+    pub(super) const fn is_answered(self) -> bool {
+        matches!(self, Self::Answered | Self::Ready)
+    }
+
     /// Records an answer; `is_on`: with a state that does not report "off".
     pub(super) const fn answered(&mut self, is_on: bool) {
         *self = match *self {

@@ -27,8 +27,9 @@ impl ForeignCommands {
     /// Counts on the CAN bus with this index. Allocates; nothing after it does.
     pub(super) fn new(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
-        let commands = motors.map(|(motor, settings)| {
-            (settings.addresses().commands, settings.command_id(), motor, ForeignFrames::default())
+        let commands = motors.flat_map(|(motor, settings)| {
+            let id = settings.command_id();
+            settings.addresses().commands.filters().map(move |ids| (ids, id, motor, ForeignFrames::default()))
         });
         Self {
             commands: commands.collect(),

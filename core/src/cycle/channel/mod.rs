@@ -20,7 +20,7 @@ use crate::sensor::Sensors;
 use crate::stopper::Outlet;
 use motord_bus::{Bus, Frame, IdFilter, Instant, Refusal};
 use motord_settings::plan::BusPlan;
-use motord_settings::settings::Settings;
+use motord_settings::settings::{MotorSettings, Settings};
 
 /// A bus, and everything the cycle knows of it.
 pub(super) enum BusChannel {
@@ -37,7 +37,8 @@ impl BusChannel {
         if settings.buses[index].is_line() {
             // A frame on a line names its receiver only, so such a bus names the motor that
             // answers.
-            let routes = motors().map(|(motor, settings)| (IdFilter::exact(settings.command_id()), motor));
+            let line_id = |settings: &MotorSettings| IdFilter::exact(settings.command_id()).into();
+            let routes = motors().map(|(motor, settings)| (line_id(settings), motor));
             return Self::Line(LineChannel::new(ChannelBase::new(
                 bus,
                 Routes::new(routes),

@@ -174,6 +174,7 @@ impl<'s> Search<'s> {
                 self.describe_private(*bus, found)
             }
             (None, [(bus, found)]) if found.family == Family::CanSimple => self.describe_node(*bus, found),
+            (None, [(bus, found)]) if found.family == Family::MyActuator => self.describe_rmd(*bus, found),
             (None, [(bus, found)]) if !self.is_alone(*bus, found)? => self.describe_collision(*bus, found.id),
             (None, [(bus, found)]) => {
                 let joint = self.joint_at(*bus, found).map(|joint| joint.name.clone());
@@ -216,6 +217,14 @@ impl<'s> Search<'s> {
     fn describe_node(&self, bus: usize, found: &Found) -> String {
         format!(
             "motor {} on {} speaks CANSimple: set it up with `motorctl id --protocol cansimple`, `motorctl zero` and `motorctl setup`",
+            found.id,
+            self.bus(bus).device()
+        )
+    }
+
+    fn describe_rmd(&self, bus: usize, found: &Found) -> String {
+        format!(
+            "motor {} on {} speaks MyActuator's protocol: set it up with `motorctl id`, `motorctl zero` and `motorctl setup`",
             found.id,
             self.bus(bus).device()
         )

@@ -1,9 +1,9 @@
 //! The questions to a transport.
 
-use crate::IdFilter;
 use crate::frame::FrameId;
 use crate::serial;
 use crate::time::Duration;
+use crate::{IdFilter, IdSet};
 
 #[cfg(feature = "linux")]
 use crate::{Bus, ErrorFrame, Holder, Identity, LockError, Sent, lock::BusLock, socketcan::LinkNote};
@@ -91,9 +91,9 @@ pub struct Node {
     /// The id that its replies name on a line.
     pub host_id: FrameId,
     /// The frames that command it on a CAN bus.
-    pub commands: IdFilter,
+    pub commands: IdSet,
     /// The frames that are its replies on a CAN bus.
-    pub replies: IdFilter,
+    pub replies: IdSet,
 }
 
 /// The nodes of a bus, as its transport needs them to open it.

@@ -79,8 +79,8 @@ mod linux {
         /// motors that another socket or node sends.
         fn open(&self, nodes: &Nodes, expected: Option<Identity>) -> Result<Opened, OpenError> {
             let Nodes { motors, sensor_ids, requests, .. } = nodes;
-            let host_ids: Vec<_> = motors.iter().map(|motor| motor.replies).collect();
-            let commands = motors.iter().map(|motor| motor.commands);
+            let host_ids: Vec<_> = motors.iter().flat_map(|motor| motor.replies.filters()).collect();
+            let commands = motors.iter().flat_map(|motor| motor.commands.filters());
             let others = commands.chain(sensor_ids.iter().copied().map(IdFilter::exact));
             let received: Vec<_> = host_ids.iter().copied().chain(others).collect();
             let mut bus = SocketCanBus::open(&Settings {

@@ -24,7 +24,7 @@ use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
     Shape, Status, Transmission, Unwrap,
 };
-use crate::mit::{self, ControlCodes, Feedback};
+use crate::mit::{Feedback, control_codes};
 use crate::{Scales, StateCodes};
 use motord_bus::{Duration, Frame, FrameId};
 
@@ -158,17 +158,8 @@ impl CanSimpleDialect {
     /// Returns the command for an impedance. `None` where a value is not finite.
     #[inline]
     fn control(&mut self, wanted: &Impedance<MotorSide>) -> Option<frame::Command> {
-        let Impedance { position, velocity, kp, kd, torque, .. } = *wanted;
-        // Without stiffness the position has no effect.
-        let position = if kp > 0.0 { position } else { 0.0 };
-        let (wanted, scales) = (mit::Impedance { position, velocity, kp, kd, torque }, &self.scales);
-        let codes = match &mut self.feedback {
-            Some(feedback) => {
-                ControlCodes::nearest_with(&wanted, scales, |wanted| feedback.quantise(wanted, scales))
-            }
-            None => ControlCodes::nearest(&wanted, scales),
-        };
-        codes.ok().map(frame::Command::Control)
+        let codes = control_codes(wanted, self.feedback.as_mut(), &self.scales);
+        codes.map(frame::Command::Control)
     }
 
     /// Writes an impedance whose answer counts.

@@ -22,12 +22,16 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: Some(ENDS),
+    needs_torque_end: false,
+    reports_rotor: true,
     ids: |_| [0, NODE_MAX],
     factory_bitrate: Some(500_000),
     capabilities,
     default_host_id: |_, node| u16::from(node & NODE_MAX) << 5 | 0x08,
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::CanSimple,
+    #[cfg(feature = "commissioning")]
+    question: crate::reported::Question::Node,
     #[cfg(feature = "drive")]
     frame_lengths: |_| [8, 6].map(FrameLength::classic),
     #[cfg(feature = "drive")]
@@ -58,6 +62,7 @@ const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
         scales_by_registers: false,
         reports_stopped_state: true,
         state_confirms_stop: true,
+        runs_without_enable: false,
     }
 }
 
@@ -82,9 +87,10 @@ fn addresses(node: u8, _: FrameId) -> Addresses {
     let commands = masked(COMMANDS, PART_MASK);
     Addresses {
         command_id: commands.highest(),
-        commands,
-        replies: masked(0, PART_MASK),
+        commands: commands.into(),
+        replies: masked(0, PART_MASK).into(),
         node: Some(masked(0, NODE_MASK)),
+        shared: &[],
     }
 }
 

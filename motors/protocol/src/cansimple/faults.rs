@@ -88,24 +88,13 @@ impl Errors {
     /// Returns the faults. Of the bits without a name, the lowest is reported by its index.
     #[must_use]
     pub fn faults(&self) -> Faults {
-        let of_motor = named(&MOTOR_ERRORS, self.motor.unwrap_or(0));
+        let of_motor = Faults::of_bits(&MOTOR_ERRORS, self.motor.unwrap_or(0));
         let Some(beat) = self.heartbeat else { return of_motor };
         let by_flag = [(beat.encoder_failed, 1 << 8), (beat.motor_failed, MOTOR_FAILED)];
         let flags = by_flag.iter().filter(|(is_set, _)| *is_set).fold(0, |flags, (_, bit)| flags | bit);
         let axis = beat.axis_errors | flags;
         // Once its cause has a name, this bit has nothing to add.
         let pointer = if of_motor.is_none() { 0 } else { MOTOR_FAILED };
-        of_motor.and(named(&AXIS_ERRORS, u64::from(axis & !pointer)))
+        of_motor.and(Faults::of_bits(&AXIS_ERRORS, u64::from(axis & !pointer)))
     }
-}
-
-/// Returns the faults of `errors` by a table.
-fn named(table: &[(u64, Faults)], errors: u64) -> Faults {
-    if errors == 0 {
-        return Faults::NONE;
-    }
-    let known = table.iter().filter(|(bit, _)| errors & bit != 0);
-    let (faults, rest) =
-        known.fold((Faults::NONE, errors), |(all, rest), (bit, fault)| (all.and(*fault), rest & !bit));
-    if rest == 0 { faults } else { faults.and(Faults::of_unknown_code(rest.trailing_zeros() as u8)) }
 }

@@ -1,8 +1,8 @@
 //! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and
 //! any clock.
 //!
-//! A [`Link`] sends a request and waits for its answer. [`Native`], [`Mit`], [`Private`] and [`Axis`]
-//! are the typed commands of the four protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
+//! A [`Link`] sends a request and waits for its answer. [`Native`], [`Mit`], [`Private`], [`Axis`] and
+//! [`Rmd`] are the typed commands of the five protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
 //! writes a configuration and reads back every item.
 //!
 //! Rules of every transaction:
@@ -40,10 +40,12 @@ pub use crate::gim::commissioning::{CALIBRATION_MAX, Confirmation, Native, NextM
 pub use crate::link::{Error, Formats, LASTING, Link, LinkEvent, MotorRefusal, Unprompted, Wire};
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::registers::{Registers, ends};
-pub use crate::reported::{ReportedMotor, ReportedProtocol};
+pub use crate::myactuator::commissioning::Rmd;
+pub use crate::reported::{Question, ReportedMotor, ReportedProtocol};
 pub use crate::robstride::commissioning::Private;
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use scan::{
-    Family, Found, LISTEN, Progress, Report, Scan, identify, identify_node, identify_private, is_taken, scan,
+    Family, Found, LISTEN, Progress, Report, Scan, identify, identify_by, identify_node, identify_private,
+    is_taken, scan,
 };
-pub use survey::{Question, Survey, constants, survey};
+pub use survey::{Survey, constants, survey};

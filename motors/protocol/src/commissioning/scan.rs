@@ -9,6 +9,9 @@
 //! An id without an answer also receives RobStride's question for the device, with an id of 29 bits.
 //! Motors whose commands have 11 bits do not receive it. It moves and changes no motor.
 //!
+//! An id up to 32 without an answer then receives MyActuator's question for the status at 0x140 + id. It
+//! moves and changes no such motor. It is not sent to ids of a CANSimple driver that reports.
+//!
 //! A scan never sends the following frames:
 //! - 0xB1, which sets the zero position in another driver family;
 //! - 0xB2, unless requested, which sets a speed limit there;
@@ -26,7 +29,10 @@ use crate::link::Error;
 use crate::link::Formats;
 use crate::link::{LASTING, Unprompted};
 use crate::link::{Link, LinkEvent, Wire};
+use crate::myactuator::commissioning::Rmd;
+use crate::myactuator::{self, MOTORS_MAX};
 use crate::profile::STEADYWIN;
+use crate::reported::Question;
 use crate::robstride::commissioning::Private;
 use crate::robstride::{ID_MAX, parameter};
 use crate::{Scales, mit};
@@ -98,6 +104,8 @@ pub enum Family {
     },
     /// CANSimple with a node id (SDC104, GDS68, GDZ, ODrive).
     CanSimple,
+    /// MyActuator's own protocol.
+    MyActuator,
     /// An answer that no supported document lists.
     Unknown {
         /// The answer.
@@ -124,6 +132,9 @@ impl Family {
             Self::CanSimple => {
                 "CANSimple: SteadyWin's drivers SDC104, GDS68 and GDZ, or an ODrive, which motord does not support; the model cannot be \
                  read: take it from its label"
+            }
+            Self::MyActuator => {
+                "MyActuator's protocol; model and largest torque code cannot be read: take them from its label and documents"
             }
             Self::Unknown { .. } => "answers like no supported driver: send it no further frames",
         }
@@ -285,6 +296,36 @@ pub fn identify_private(link: &mut Link, id: u8) -> Result<Option<Found>, Error>
     only(link, id, 2, |link, window| private(link, id, window))
 }
 
+/// Returns the motor with this id and MyActuator's protocol, by its status. Only for an id for which
+/// no CANSimple driver takes the request.
+///
+/// # Errors
+///
+/// As for [`identify`].
+fn identify_status(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
+    only(link, id, 2, |link, window| motor_status(link, id, window))
+}
+
+/// Returns the motor with this id, by the requests of its family.
+///
+/// # Errors
+///
+/// As for [`identify`].
+pub fn identify_by(link: &mut Link, id: u8, question: Question) -> Result<Option<Found>, Error> {
+    let is_can = link.wire() == Wire::Can;
+    match question {
+        Question::Node => return identify_node(link, id),
+        Question::MotorStatus if is_can => return identify_status(link, id),
+        Question::PrivateFirst if is_can => {
+            if let Some(found) = identify_private(link, id)? {
+                return Ok(Some(found));
+            }
+        }
+        Question::Both | Question::MitOnly | Question::MotorStatus | Question::PrivateFirst => {}
+    }
+    identify(link, id)
+}
+
 /// Like [`identify`], by an MIT stop frame alone.
 pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     let Some(stop) = stop_frame() else { return Ok(None) };
@@ -338,7 +379,25 @@ fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
     }
     let is_can = link.wire() == Wire::Can;
     let (private, collision) = if is_can { private(link, id, window)? } else { (Vec::new(), false) };
-    Ok((private, collided | collision))
+    collided |= collision;
+    if !is_can || !private.is_empty() {
+        return Ok((private, collided));
+    }
+    let (found, collision) = motor_status(link, id, window)?;
+    Ok((found, collided | collision))
+}
+
+/// Asks for the status of a MyActuator motor, unless a driver of another family has the id of the
+/// request.
+fn motor_status(link: &mut Link, id: u8, window: Duration) -> Answers {
+    let host_id = FrameId::new((myactuator::FAMILY.default_host_id)(&STEADYWIN, id));
+    let mut motor = Rmd::new(link, id);
+    if !(1..=MOTORS_MAX).contains(&id) || motor.is_owned() {
+        return Ok((Vec::new(), false));
+    }
+    let (answers, collided) = motor.answers(window)?;
+    let found = Found { id, host_id, family: Family::MyActuator, refusal: None };
+    Ok((vec![found; answers], collided))
 }
 
 /// Asks for a motor in RobStride's private protocol. One that is alone also reports its host id.

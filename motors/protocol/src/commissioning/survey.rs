@@ -1,30 +1,17 @@
 //! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
 //! nothing.
 
-use crate::commissioning::scan::{Family, Found, identify, identify_in_mit, identify_node, identify_private};
+use crate::commissioning::scan::{Family, Found, identify_by, identify_in_mit};
 use crate::gim::commissioning::Native;
 use crate::gim::{ConfigurationItem, Value};
 use crate::link::Error;
 use crate::link::{Link, Wire};
-use crate::reported::{ReportedMotor, ReportedProtocol};
+use crate::reported::{Question, ReportedMotor, ReportedProtocol};
 use motord_bus::FrameId;
 
 /// Returns the configuration items that determine torque and angle.
 pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {
     ConfigurationItem::CONSTANTS.into_iter().filter_map(ConfigurationItem::by_name)
-}
-
-/// Requests by which the protocol of a motor is determined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Question {
-    /// The frames of a scan.
-    Both,
-    /// First RobStride's question for the device, then the frames of a scan.
-    PrivateFirst,
-    /// Only the request for the estimates of a CANSimple driver.
-    Node,
-    /// Only an MIT stop frame. A motor in native mode refuses it, which identifies the motor.
-    MitOnly,
 }
 
 /// A motor's reports about itself.
@@ -53,6 +40,7 @@ impl Survey {
                 Family::OtherMit { .. } => ReportedProtocol::OtherMit,
                 Family::RobStride { .. } => ReportedProtocol::RobStride,
                 Family::CanSimple => ReportedProtocol::CanSimple,
+                Family::MyActuator => ReportedProtocol::MyActuator,
                 Family::Unknown { .. } => ReportedProtocol::Unknown,
             },
             firmware: self.firmware,
@@ -75,12 +63,7 @@ pub fn survey(
 ) -> Result<Option<Survey>, Error> {
     let found = match question {
         Question::MitOnly if link.wire() == Wire::Can => identify_in_mit(link, id)?,
-        Question::PrivateFirst if link.wire() == Wire::Can => match identify_private(link, id)? {
-            Some(found) => Some(found),
-            None => identify(link, id)?,
-        },
-        Question::Node => identify_node(link, id)?,
-        Question::MitOnly | Question::PrivateFirst | Question::Both => identify(link, id)?,
+        question => identify_by(link, id, question)?,
     };
     let Some(found) = found else { return Ok(None) };
     let mut survey = Survey { found, firmware: None, values: Vec::new() };

@@ -1,7 +1,7 @@
 //! The ids of a motor on a bus of frames.
 
 use crate::profile::Ids;
-use motord_bus::{FrameId, IdFilter};
+use motord_bus::{FrameId, IdFilter, IdSet};
 
 /// The ids by which a motor and its host address each other on a bus of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,12 +9,14 @@ pub struct Addresses {
     /// The id of a command to the motor: the highest, where its commands have several.
     pub command_id: FrameId,
     /// The ids of all frames that command the motor. One from elsewhere is another master's.
-    pub commands: IdFilter,
+    pub commands: IdSet,
     /// The ids of the frames that the motor sends.
-    pub replies: IdFilter,
+    pub replies: IdSet,
     /// All ids that the motor sends or may read as commands, where they are more than these. No other
     /// node of its bus may use one.
     pub node: Option<IdFilter>,
+    /// Ids of 11 bits by which all motors of its family are commanded together.
+    pub shared: &'static [u16],
 }
 
 impl Addresses {
@@ -23,16 +25,17 @@ impl Addresses {
     pub fn by_id(id: u8, host_id: FrameId) -> Self {
         Self {
             command_id: FrameId::from(id),
-            commands: IdFilter::exact(FrameId::from(id)),
-            replies: IdFilter::exact(host_id),
+            commands: IdFilter::exact(FrameId::from(id)).into(),
+            replies: IdFilter::exact(host_id).into(),
             node: None,
+            shared: &[],
         }
     }
 
     /// Returns the ids of all frames that the motor may read as commands.
     #[must_use]
-    pub fn receives(&self) -> IdFilter {
-        self.node.unwrap_or(self.commands)
+    pub fn receives(&self) -> IdSet {
+        self.node.map_or(self.commands, IdSet::from)
     }
 
     /// Returns the ids of the frames that a motor of a vendor with these `ids` reads as commands to
@@ -40,7 +43,8 @@ impl Addresses {
     pub fn obeyed(self, ids: &Ids) -> impl Iterator<Item = FrameId> {
         let standard = u16::try_from(self.command_id.raw()).ok().filter(|_| !self.command_id.is_extended());
         let others = ids.also_receives.iter().filter_map(move |offset| FrameId::new(standard? + offset));
-        core::iter::once(self.command_id).chain(others)
+        let shared = self.shared.iter().filter_map(|id| FrameId::new(*id));
+        core::iter::once(self.command_id).chain(others).chain(shared)
     }
 }
 

@@ -16,12 +16,16 @@ pub const FAMILY: Family = Family {
     has_items: true,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: None,
+    needs_torque_end: false,
+    reports_rotor: false,
     ids: |profile| [1, profile.ids.largest],
     factory_bitrate: None,
     capabilities,
     default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::Gim,
+    #[cfg(feature = "commissioning")]
+    question: crate::reported::Question::Both,
     #[cfg(feature = "drive")]
     frame_lengths: |_| [FrameLength::classic(8); 2],
     #[cfg(feature = "drive")]
@@ -44,5 +48,6 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         scales_by_registers: false,
         reports_stopped_state: false,
         state_confirms_stop: false,
+        runs_without_enable: false,
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! Real-time: after [`MitDialect::new`] nothing here allocates, blocks or loops.
 
+use super::control_codes;
 use super::feedback::Feedback;
-use super::{Asked, ControlCodes, Reply, State};
+use super::{Asked, Reply, State};
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
     Shape, Status, Transmission, Unwrap,
@@ -150,26 +151,9 @@ impl MitDialect {
     #[inline(always)]
     fn encode_impedance(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
         let wanted = self.wanted(command);
-        let codes = self.codes(&wanted)?;
+        let codes = control_codes(&wanted, self.feedback.as_mut(), &self.scales)?;
         frame.set(self.command_id, codes.pack());
         Some(Question::State)
-    }
-
-    /// The control codes for an impedance, clamped to the ranges of the codes.
-    #[inline(always)]
-    fn codes(&mut self, wanted: &Impedance<MotorSide>) -> Option<ControlCodes> {
-        // Without stiffness the position has no effect, so it is sent as zero: 0x80, the first byte
-        // of zero, is no GIM command, if this motor has left MIT mode (protocol note 1.3).
-        let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
-        let Impedance { velocity, kp, kd, torque, .. } = *wanted;
-        let (wanted, scales) = (super::Impedance { position, velocity, kp, kd, torque }, &self.scales);
-        let codes = match &mut self.feedback {
-            Some(feedback) => {
-                ControlCodes::nearest_with(&wanted, scales, |wanted| feedback.quantise(wanted, scales))
-            }
-            None => ControlCodes::nearest(&wanted, scales),
-        };
-        codes.ok()
     }
 
     /// Returns whether the payload, read as a state, continues the motion.

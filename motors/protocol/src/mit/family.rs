@@ -18,12 +18,16 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: None,
+    needs_torque_end: false,
+    reports_rotor: false,
     ids: |profile| [1, profile.ids.largest],
     factory_bitrate: None,
     capabilities,
     default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported,
+    #[cfg(feature = "commissioning")]
+    question: crate::reported::Question::Both,
     #[cfg(feature = "drive")]
     frame_lengths: |profile| [8, profile.reply.lengths[0] as u32].map(FrameLength::classic),
     #[cfg(feature = "drive")]
@@ -51,5 +55,6 @@ const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
         scales_by_registers: profile.has_registers,
         reports_stopped_state: false,
         state_confirms_stop: true,
+        runs_without_enable: false,
     }
 }

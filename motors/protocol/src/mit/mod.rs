@@ -28,6 +28,8 @@ mod drive;
 mod family;
 #[cfg(feature = "drive")]
 mod feedback;
+#[cfg(feature = "drive")]
+mod impedance;
 #[cfg(feature = "commissioning")]
 pub(crate) mod registers;
 mod reply;
@@ -39,4 +41,6 @@ pub use drive::MitDialect;
 pub use family::FAMILY;
 #[cfg(feature = "drive")]
 pub use feedback::Feedback;
+#[cfg(feature = "drive")]
+pub(crate) use impedance::control_codes;
 pub use reply::{Asked, Reply, State};

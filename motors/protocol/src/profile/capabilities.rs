@@ -29,4 +29,7 @@ pub struct Capabilities {
     /// A state that answers a stop confirms the stop, unless the state reports that the motor runs.
     /// Otherwise the motor confirms a stop by a separate message.
     pub state_confirms_stop: bool,
+    /// The motor follows the first impedance that it receives, also one from before a loss of power. It
+    /// gets none before its start is answered.
+    pub runs_without_enable: bool,
 }

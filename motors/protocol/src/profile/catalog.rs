@@ -31,6 +31,8 @@ shipped! {
     ROBSTRIDE = "robstride.toml",
     /// CubeMars' AK series, MIT mode.
     CUBEMARS = "cubemars.toml",
+    /// MyActuator's RMD series.
+    MYACTUATOR = "myactuator.toml",
 }
 
 /// The profiles that the user registered. Never read by a cycle.

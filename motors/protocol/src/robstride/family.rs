@@ -22,12 +22,16 @@ pub const FAMILY: Family = Family {
     has_items: false,
     is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: None,
+    needs_torque_end: false,
+    reports_rotor: false,
     ids: |profile| [1, profile.ids.largest],
     factory_bitrate: None,
     capabilities,
     default_host_id: |_, _| HOST_ID.into(),
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::RobStride,
+    #[cfg(feature = "commissioning")]
+    question: crate::reported::Question::PrivateFirst,
     #[cfg(feature = "drive")]
     frame_lengths: |_| [FrameLength { width: IdWidth::Extended, format: Format::Classic, bytes: 8 }; 2],
     #[cfg(feature = "drive")]
@@ -56,6 +60,7 @@ const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
         scales_by_registers: false,
         reports_stopped_state: false,
         state_confirms_stop: true,
+        runs_without_enable: false,
     }
 }
 
@@ -67,5 +72,11 @@ fn addresses(id: u8, host_id: FrameId) -> Addresses {
         |raw: u32, mask| IdFilter::masked(FrameId::extended(raw).unwrap_or(FrameId::MAX_EXTENDED), mask);
     let commands = masked(u32::from(id), COMMAND_MASK);
     let replies = masked(u32::from(id) << 8 | host_id.raw() & 0xFF, REPLY_MASK);
-    Addresses { command_id: commands.highest(), commands, replies, node: None }
+    Addresses {
+        command_id: commands.highest(),
+        commands: commands.into(),
+        replies: replies.into(),
+        node: None,
+        shared: &[],
+    }
 }

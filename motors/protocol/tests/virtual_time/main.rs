@@ -6,6 +6,7 @@
 mod configuration;
 mod node;
 mod private;
+mod rmd;
 mod scan;
 mod transactions;
 

@@ -9,6 +9,7 @@ mod cubemars;
 mod damiao;
 mod described;
 mod drive;
+mod myactuator;
 mod robstride;
 mod steadywin;
 
@@ -18,7 +19,8 @@ pub(crate) use drive::{Answer, Asked, Drive, Status};
 use crate::drive_facts::DriveFacts;
 
 /// All supported vendors.
-const DRIVES: &[&Drive] = &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE, &cubemars::DRIVE];
+const DRIVES: &[&Drive] =
+    &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE, &cubemars::DRIVE, &myactuator::DRIVE];
 
 impl AnyDrive {
     /// Returns the drive of `vendor`: the one that is written for it, or one by these facts.

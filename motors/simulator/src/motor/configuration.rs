@@ -234,6 +234,7 @@ impl Items {
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
         let (protocol, host_id) = match settings.vendor {
             _ if settings.dialect == Dialect::CanSimple => (Dialect::CanSimple, 0),
+            _ if settings.dialect == Dialect::MyActuator => (Dialect::MyActuator, 0),
             "steadywin" => (Dialect::Gim, 0),
             "robstride" => (Dialect::RobStride, 0xFD),
             _ => (Dialect::Mit, 0),

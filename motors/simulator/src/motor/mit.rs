@@ -101,7 +101,7 @@ impl Motor {
         }
     }
 
-    fn law_of(&self, control: Control) -> Law {
+    pub(super) fn law_of(&self, control: Control) -> Law {
         self.law_with(control, self.scales())
     }
 

@@ -5,12 +5,14 @@ pub mod cansimple;
 pub(crate) mod codec;
 pub mod gim;
 pub mod mit;
+pub mod myactuator;
 pub mod ranges;
 pub mod robstride;
 
 use cansimple::Axis;
 use codec::Codec;
 use mit::{Mit, ReplyFormat};
+use myactuator::Rmd;
 use ranges::Ranges;
 use robstride::Private;
 
@@ -25,6 +27,8 @@ pub enum Protocol {
     RobStride(Private),
     /// The CANSimple dialect of other SteadyWin drivers.
     CanSimple(Axis),
+    /// MyActuator's own.
+    MyActuator(Rmd),
 }
 
 impl Protocol {
@@ -42,6 +46,7 @@ impl Protocol {
             "gim" => Self::Native,
             "robstride" => Self::RobStride(Private { ranges }),
             "cansimple" => Self::CanSimple(Axis { ranges, gear_ratio: cansimple::GEAR_RATIO }),
+            "myactuator" => Self::MyActuator(Rmd { ranges }),
             other => panic!("the checker does not know the protocol {other}"),
         }
     }
@@ -53,6 +58,7 @@ impl Protocol {
             Self::Native => &gim::Native,
             Self::RobStride(private) => private,
             Self::CanSimple(axis) => axis,
+            Self::MyActuator(rmd) => rmd,
         }
     }
 

@@ -105,7 +105,7 @@ impl JointGuide<'_, '_> {
         );
         let most = motion::torque_max(&self.motor);
         let help = match self.motor.protocol {
-            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple => format!(
+            Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => format!(
                 "The pull grows slowly up to {most:.1} N·m, and ends when the joint moves. Ctrl-C stops the motor. If the guide itself is \
                  killed, the motor holds its last pull: cut its power."
             ),

@@ -1,0 +1,56 @@
+//! The address of a MyActuator motor.
+
+use super::values::{Address, Wanted};
+use crate::confirm::Confirm;
+use crate::failure::DirectFailure;
+use crate::output::print_line;
+use crate::target::{Protocol, Session};
+use motord_protocol::commissioning::{Error, Question, identify_by};
+use motord_protocol::myactuator::MOTORS_MAX;
+
+/// `motorctl id`.
+pub(super) fn run(
+    session: &mut Session,
+    wanted: &Wanted,
+    confirm: Confirm,
+    as_json: bool,
+) -> Result<(), DirectFailure> {
+    match *wanted {
+        Wanted { has_others: true, .. } => Err(session.unfit(
+            "motorctl sets only the id of a MyActuator motor: it has no host id, and its bit rate is set with the vendor's tool",
+        )),
+        Wanted { protocol: Some(_), .. } => Err(session.unfit("a MyActuator motor speaks no other protocol")),
+        Wanted { id: Some(id), .. } => set_id(session, id, confirm),
+        Wanted { id: None, .. } => show(session, as_json),
+    }
+}
+
+fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
+    session.rmd().status()?;
+    let (id, protocol, name) = (session.id, Protocol::MyActuator.name(), session.name());
+    let [command, control, answer, state] = [0x140, 0x400, 0x240, 0x500].map(|base| base + u16::from(id));
+    let ids = format!("ids {command:#05X} and {control:#05X}, answers {answer:#05X} and {state:#05X}");
+    Address { id: id.into(), host_id: None, can_protocol: protocol, can_baud_rate: None }
+        .show(as_json, &format!("{name}: id {id}, {protocol} over CAN, {ids}"))
+}
+
+fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectFailure> {
+    if !(1..=MOTORS_MAX).contains(&id) {
+        return Err(DirectFailure::Usage(format!("the id of a MyActuator motor is 1 to {MOTORS_MAX}")));
+    }
+    let (name, old) = (session.name(), session.id);
+    if id == old {
+        return print_line(&format!("{name}: nothing differs"));
+    }
+    if identify_by(&mut session.line.link, id, Question::MotorStatus)?.is_some() {
+        return Err(Error::Taken { id: old, taken: id }.into());
+    }
+    confirm.ask(&format!(
+        "This permanently changes the id of {name} from {old} to {id}, and restarts it. Connect it alone: every motor with this id would \
+         change."
+    ))?;
+    let mut motor = session.rmd();
+    motor.stop()?;
+    motor.set_id(id)?;
+    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+}

@@ -1,0 +1,80 @@
+//! The facts of the MyActuator family.
+
+use super::frame::base;
+#[cfg(feature = "drive")]
+use super::frame::number;
+#[cfg(feature = "drive")]
+use crate::drive::Addresses;
+use crate::family::Family;
+use crate::profile::{Capabilities, Profile};
+use crate::scale::Scales;
+#[cfg(feature = "drive")]
+use motord_bus::arithmetic::FrameLength;
+#[cfg(feature = "drive")]
+use motord_bus::{Frame, FrameId, IdFilter, IdSet};
+
+/// MyActuator's protocol, over CAN.
+pub const FAMILY: Family = Family {
+    name: "myactuator",
+    answers_on_line: None,
+    has_codes: true,
+    has_durations: false,
+    has_items: false,
+    is_spoken_by: |profile| profile.speaks(FAMILY.name),
+    ends: None,
+    needs_torque_end: true,
+    reports_rotor: false,
+    ids: |_| [1, super::MOTORS_MAX],
+    factory_bitrate: None,
+    capabilities,
+    default_host_id: |_, id| base::STATE + u16::from(id),
+    #[cfg(feature = "commissioning")]
+    reported: |_| crate::reported::ReportedProtocol::MyActuator,
+    #[cfg(feature = "commissioning")]
+    question: crate::reported::Question::MotorStatus,
+    #[cfg(feature = "drive")]
+    frame_lengths: |_| [FrameLength::classic(8); 2],
+    #[cfg(feature = "drive")]
+    addresses,
+    #[cfg(feature = "drive")]
+    confirms_stop: Some(is_stop),
+    #[cfg(feature = "drive")]
+    reports: &[],
+};
+
+/// No state confirms a stop: only the answer to it does.
+const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
+    Capabilities {
+        impedance: true,
+        position_end: Some(scales.position.max() as f32),
+        velocity_end: Some(scales.velocity.max() as f32),
+        answers_fault_question: true,
+        indicators: 0,
+        registers: 0,
+        scales_by_registers: false,
+        reports_stopped_state: false,
+        state_confirms_stop: false,
+        runs_without_enable: true,
+    }
+}
+
+/// The host id has no effect.
+#[cfg(feature = "drive")]
+fn addresses(id: u8, _: FrameId) -> Addresses {
+    let with = |base: u16| FrameId::new(base + u16::from(id)).unwrap_or(FrameId::MAX);
+    let exact = |base| IdFilter::exact(with(base));
+    Addresses {
+        command_id: with(base::IMPEDANCE),
+        commands: IdSet::of_two(exact(base::IMPEDANCE), exact(base::COMMAND)),
+        replies: IdSet::of_two(exact(base::STATE), exact(base::ANSWER)),
+        node: None,
+        shared: &base::SHARED,
+    }
+}
+
+/// Returns whether a frame confirms that the drive is off.
+#[cfg(feature = "drive")]
+fn is_stop(frame: &Frame) -> bool {
+    let is_answer = (base::ANSWER..base::SHARED[0]).contains(&(frame.id().raw() as u16));
+    is_answer && frame.payload().first() == Some(&number::STOP)
+}
