@@ -1,17 +1,30 @@
 //! Goal: motors of several vendors work together in one robot.
-//! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated
+//! Method: the shipped configurations of several vendors' motors, on virtual time with their simulated
 //! twins.
 
 use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::checker::VENDORS;
+use motord_settings::settings::Settings;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Phase};
 use motord_simulator::RobStrideFirmware;
 
+/// In MIT, and in the protocols from the factory.
+const ROBOTS: [&str; 2] = [
+    include_str!("../../../config/mixed-simulated.toml"),
+    include_str!("../../../config/factory-simulated.toml"),
+];
+
 fn mixed() -> Robot {
-    let text = include_str!("../../../config/mixed-simulated.toml");
-    Robot::built(robot::settings(text), 3, |_, _| {})
+    Robot::built(robot::settings(ROBOTS[0]), 3, |_, _| {})
+}
+
+/// Returns a robot that has a motor of this vendor.
+fn robot_with(vendor: &str) -> Robot {
+    let settings = ROBOTS.map(robot::settings);
+    let has_one = |settings: &Settings| settings.motors.iter().any(|motor| motor.profile.name == vendor);
+    Robot::built(settings.into_iter().find(has_one).expect("one of each vendor"), 3, |_, _| {})
 }
 
 fn vendor(robot: &Robot, joint: usize) -> &'static str {
@@ -19,8 +32,11 @@ fn vendor(robot: &Robot, joint: usize) -> &'static str {
 }
 
 #[test]
-fn motors_of_three_vendors_follow_one_wave() {
-    let mut robot = mixed();
+fn motors_of_several_vendors_follow_one_wave() {
+    ROBOTS.map(|text| check_wave(&mut Robot::new(robot::settings(text), 3)));
+}
+
+fn check_wave(robot: &mut Robot) {
     let still = robot.activate();
     for cycle in 0..2000_u16 {
         let phase = f32::from(cycle) / 1000.0 * core::f32::consts::TAU;
@@ -36,16 +52,15 @@ fn motors_of_three_vendors_follow_one_wave() {
     for joint in 0..robot.settings.motors.len() {
         let reported = robot.joint(joint);
         assert_eq!(reported.fault, 0);
-        let has_temperature = vendor(&robot, joint) != "steadywin";
+        let has_temperature = vendor(robot, joint) != "steadywin";
         assert_eq!(reported.temperature.is_finite(), has_temperature, "joint {joint}");
     }
 }
 
 #[test]
 fn faults_of_each_vendor_use_the_same_words() {
-    // The mixed robot has no MyActuator motor.
-    for tested in VENDORS.iter().filter(|tested| tested.name != "myactuator") {
-        let mut robot = mixed();
+    for tested in VENDORS {
+        let mut robot = robot_with(tested.name);
         robot.activate();
         let joint = (0..12).find(|&joint| vendor(&robot, joint) == tested.name).expect("one of each");
         let name = robot.settings.motors[joint].name.clone();

@@ -148,6 +148,8 @@ pub struct Wired {
     pub has_registers: bool,
     /// It answers a fault request. Another motor reads the request as a control frame.
     pub answers_question: bool,
+    /// It runs only after a start. Another motor runs with its first impedance.
+    pub needs_start: bool,
     /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the
     /// file gives no limits, or the codes are not SteadyWin's.
     pub position: Option<[f64; 2]>,
@@ -229,7 +231,7 @@ impl Wiring {
             let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
             let vendor = Vendor::of_model(motor.model.as_deref().unwrap_or_default());
             let position = motor.position();
-            let reply_id = motor.host_id.unwrap_or(vendor.reply_offset + motor.id);
+            let reply_id = motor.host_id.unwrap_or(vendor.reply_offset.map_or(0, |offset| offset + motor.id));
             let reply = FrameId::new(reply_id).filter(|_| motor.id <= 0xFF);
             let reply = reply.ok_or_else(|| format!("{}: an id is too large", motor.name))?;
             let ranges = Ranges::steadywin(1.0);
@@ -241,7 +243,8 @@ impl Wiring {
                 ids: Ids { motor: motor.id, reply },
                 protocol,
                 has_registers: vendor.reply.registers,
-                answers_question: vendor.reply.report.is_some(),
+                answers_question: vendor.reply.report.is_some() || !matches!(protocol, Protocol::Mit(_)),
+                needs_start: !matches!(protocol, Protocol::MyActuator(_)),
             }))
         };
         let wired = motors.into_iter().filter_map(|motor| wire(motor).transpose());

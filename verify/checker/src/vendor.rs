@@ -10,9 +10,9 @@ pub struct Vendor {
     pub name: &'static str,
     /// The beginning of the names of its models.
     pub models: &'static str,
-    /// The daemon's default id of a motor's replies is the motor's id plus this
-    /// (docs/configuration.md).
-    pub reply_offset: u16,
+    /// The daemon's default id of a motor's replies is the motor's id plus this (docs/configuration.md);
+    /// `None` where all motors reply with the id 0.
+    pub reply_offset: Option<u16>,
     /// The form of its replies.
     pub reply: ReplyFormat,
     /// The simulator's command that raises an over-voltage, by the vendor's number.
@@ -27,7 +27,7 @@ pub const VENDORS: &[Vendor] = &[
     Vendor {
         name: "steadywin",
         models: "GIM",
-        reply_offset: 0x100,
+        reply_offset: Some(0x100),
         reply: ReplyFormat::STEADYWIN,
         over_voltage: "fault 0x02",
         over_current: "fault 0x40",
@@ -37,7 +37,7 @@ pub const VENDORS: &[Vendor] = &[
     Vendor {
         name: "damiao",
         models: "DM-",
-        reply_offset: 0x10,
+        reply_offset: Some(0x10),
         reply: ReplyFormat { id_mask: 0x0F, length: 8, report: None, registers: true },
         over_voltage: "fault 0x08",
         over_current: "fault 0x0A",
@@ -47,16 +47,26 @@ pub const VENDORS: &[Vendor] = &[
     Vendor {
         name: "robstride",
         models: "RS",
-        reply_offset: 0x40,
+        reply_offset: Some(0x40),
         reply: ReplyFormat { id_mask: 0xFF, length: 8, report: Some(4), registers: false },
         over_voltage: "fault 0x08",
         over_current: "fault 0x10000",
+    },
+    // AK manual 1.0.8, pages 48 to 50; DFKI's driver: all motors reply with the id 0, and a temperature and
+    // an error code end every reply. Seven bytes 0xFF and 0xFB are a control frame to them.
+    Vendor {
+        name: "cubemars",
+        models: "AK",
+        reply_offset: None,
+        reply: ReplyFormat { id_mask: 0xFF, length: 8, report: None, registers: false },
+        over_voltage: "fault 0x03",
+        over_current: "fault 0x02",
     },
     // MyActuator's protocol document V4.2: MIT only by the fields of its motion mode.
     Vendor {
         name: "myactuator",
         models: "X",
-        reply_offset: 0x500,
+        reply_offset: Some(0x500),
         reply: ReplyFormat { id_mask: 0xFF, length: 8, report: None, registers: false },
         over_voltage: "fault 0x08",
         over_current: "fault 0x10",

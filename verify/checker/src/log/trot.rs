@@ -46,7 +46,7 @@ impl<'a> Trot<'a> {
         Self {
             wiring,
             demand,
-            started: vec![false; motors],
+            started: wiring.motors.iter().map(|motor| !motor.needs_start).collect(),
             span: None,
             over: false,
             cycles: 0,
