@@ -186,6 +186,21 @@ def robstride():
     row("from-motor", run.client, "RS02", "state", reply, (state.angle, state.velocity, state.torque, state.temp))
 
 
+def myactuator_motorbridge():
+    from motorbridge import Controller
+
+    with Controller("vcan0") as controller:
+        handle = controller.add_myactuator_motor(2, 0x242, "X8")
+        run = Run("motorbridge 0.5.6", "X8-20", "vcan0", lambda i: i == 0x142)
+        # It moves a motor by modes that the simulated motor does not have: it can only read and stop it.
+        _, frames = run.send("motion", handle.request_feedback)
+        controller.poll_feedback_once()
+        state = handle.get_state()
+        row("from-motor", run.client, run.motor, "motion", [frame for frame in frames if frame[0] == 0x242][-1], (state.vel, state.t_mos))
+        print(f"# motorbridge 0.5.6: X8-20 has {state.t_mos:.0f} degrees", flush=True)
+        run.send("disable", handle.disable)
+
+
 def tmotor():
     import os
 
@@ -237,7 +252,7 @@ def odrive_can():
     asyncio.run(use())
 
 
-CLIENTS = [damiao_motorbridge, damiao_motor, robstride_motorbridge, robstride_dynamics, robstride, odrive_can, tmotor]
+CLIENTS = [damiao_motorbridge, damiao_motor, robstride_motorbridge, robstride_dynamics, robstride, odrive_can, myactuator_motorbridge, tmotor]
 
 if __name__ == "__main__":
     {client.__name__: client for client in CLIENTS}[sys.argv[1]]()

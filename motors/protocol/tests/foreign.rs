@@ -1,11 +1,13 @@
 //! Compares the codecs with frames of other projects' clients: those that they sent, and the values that
 //! they read. `verify/rigs/test-foreign-clients` records them while the clients move simulated motors,
-//! except those of MWMotor, the vendor's C code, which was compiled and run once in the same way.
+//! except those of MWMotor, SteadyWin's C code, and of myactuator_rmd, which were compiled and run once in
+//! the same way.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
 
 use motord_protocol::cansimple::{self, AxisState};
 use motord_protocol::mit::{self, Asked, ControlCodes, Impedance};
+use motord_protocol::myactuator;
 use motord_protocol::robstride::{self, WideScales};
 use motord_protocol::{Model, Profile, Scales};
 
@@ -64,6 +66,7 @@ impl Row {
         match self.motor {
             "RS02" => self.own_private(),
             "GIM6010-8" => self.own_node(),
+            "X8-20" => self.own_rmd(),
             _ => self.own_mit(),
         }
     }
@@ -114,6 +117,18 @@ impl Row {
         (id.raw().into(), payload.to_vec())
     }
 
+    fn own_rmd(&self) -> (u32, Vec<u8>) {
+        let command = match self.what {
+            "status" => myactuator::Command::GetStatus,
+            "angle" => myactuator::Command::GetAngle,
+            "motion" => myactuator::Command::GetMotion,
+            "disable" => myactuator::Command::Stop,
+            other => panic!("{other}"),
+        };
+        let (id, payload) = command.encode(2);
+        (id.into(), payload.to_vec())
+    }
+
     /// Returns the codes of a control frame.
     fn codes(&self, id: u32, payload: &[u8]) -> [u32; 5] {
         let all = payload.iter().fold(0_u64, |all, byte| all << 8 | u64::from(*byte));
@@ -157,6 +172,14 @@ fn read(row: &Row) -> Vec<f32> {
         }
         "GIM6010-8" => match cansimple::Reply::decode(cansimple::Id::of(row.id), &row.payload) {
             Some(cansimple::Reply::State(codes)) => codes.scaled(&row.scales()).to_vec(),
+            other => panic!("{other:?}: {}", row.line),
+        },
+        "X8-20" => match myactuator::Reply::decode(row.id, &row.payload, 2) {
+            Some(myactuator::Reply::Status(status)) => {
+                vec![status.celsius.into(), f32::from(status.decivolts) / 10.0]
+            }
+            Some(myactuator::Reply::Angle(angle)) => vec![angle],
+            Some(myactuator::Reply::Motion { celsius, velocity }) => vec![velocity, celsius.into()],
             other => panic!("{other:?}: {}", row.line),
         },
         _ => match row.profile().decode(&row.payload, Asked::State, &row.scales()) {
