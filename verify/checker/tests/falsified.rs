@@ -525,7 +525,9 @@ fn frames_of_every_protocol_have_their_motor() {
         let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
         let starts =
             "(999.000000) vcan0 0300FD04#0000000000000000\n(999.000000) vcan0 0A7#0800000000000000\n";
-        let control = "(999.100000) vcan0 01800004#8000800000000000\n";
+        let [one, other] = ["01800004#8000800000000000", "0A8#7FFF7FF0000007FF"];
+        let cycle = format!("(999.100000) vcan0 {one}\n(999.100001) vcan0 {other}\n");
+        let control = format!("{cycle}(999.101000) vcan0 {one}\n");
         let log = format!("{starts}{control}(1000.000000) vcan0 {frame}\n");
         check(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
     };

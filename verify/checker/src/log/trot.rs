@@ -2,7 +2,8 @@
 //! bus, nothing else; and nearly every tick has its cycle.
 //!
 //! The first motor of the robot is asked first, so its control frames divide the log into cycles.
-//! The trot begins when all motors were started and ends with the first stop.
+//! The trot begins with the first complete cycle after all motors were started, because some follow
+//! setpoints later than others, and ends with the first stop.
 
 use super::{Command, Kind, Mark, Rules, Verdict, seconds};
 use crate::protocol::mit::Meaning;
@@ -57,8 +58,11 @@ impl<'a> Trot<'a> {
     }
 
     fn begin_cycle(&mut self, now: Duration, verdict: &mut Verdict) {
-        let Some((begun, _)) = self.span else {
+        let has_begun = self.cycles > 0 || self.controls.iter().all(|count| *count == 1);
+        let Some((begun, _)) = self.span.filter(|_| has_begun) else {
             self.span = Some((now, now));
+            self.controls.fill(0);
+            self.polls.clear();
             return;
         };
         self.span = Some((begun, now));
@@ -106,7 +110,7 @@ impl Rules for Trot<'_> {
         } else if command.meaning == Some(Meaning::GetFault) {
             *self.polls.entry(&self.wiring.motors[motor].interface).or_default() += 1;
             self.polled += 1;
-        } else {
+        } else if self.cycles > 0 {
             let (text, name) = (&command.text, &self.wiring.motors[motor].name);
             verdict.complain(format!("at {} s: {text} to {name} was not due", seconds(at)));
         }
