@@ -3,6 +3,7 @@
 use motord_protocol::mit::{Command, Impedance, Reply, State};
 use motord_protocol::profile::FaultReport;
 use motord_protocol::{Field, Model, Profile, Scales, StateCodes};
+use serde::Serialize;
 
 /// The id of the motor.
 const ID: u8 = 1;
@@ -10,7 +11,7 @@ const ID: u8 = 1;
 const MIDDLE: StateCodes = StateCodes { position: 0x8000, velocity: 0x800, torque: 0x800 };
 
 /// A frame.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub(super) struct Golden {
     pub(super) model: &'static str,
     /// `to-motor` or `to-host`.
@@ -20,7 +21,7 @@ pub(super) struct Golden {
     pub(super) value: Option<f64>,
     pub(super) unit: &'static str,
     /// The payload.
-    pub(super) hex: String,
+    pub(super) payload: String,
 }
 
 /// A quantity of a frame: its name, unit and codes.
@@ -38,7 +39,7 @@ pub(super) fn golden(profile: &Profile, model: &'static Model) -> Vec<Golden> {
             frame,
             value,
             unit,
-            hex: hex(&bytes),
+            payload: hex(&bytes),
         }
     };
     commands.map(row("to-motor")).chain(replies.map(row("to-host"))).collect()

@@ -18,6 +18,7 @@ Examples:
   motorctl models --json | jq -r '.[].models[].name'
   motorctl models --show damiao >acme.toml
   motorctl models --check acme.toml
+  motorctl models --check acme.toml --json | jq -r '.[] | .frame, .payload'
 
 Own motors are files in the folder models.d beside the configuration, such as /etc/motord/models.d/acme.toml.
 docs/extending.md has an example.";
@@ -37,8 +38,8 @@ pub struct ModelsArguments {
     /// Compare them with the motor's manual. Exit status 78: the file has mistakes, which are printed.
     #[arg(long, value_name = "FILE")]
     check: Option<PathBuf>,
-    /// Print the list as one JSON array.
-    #[arg(long, conflicts_with = "check")]
+    /// Print the list, or the frames, as one JSON array.
+    #[arg(long)]
     json: bool,
 }
 
@@ -77,7 +78,12 @@ pub fn run_models(arguments: &ModelsArguments) -> Result<(), FrameFailure> {
     let out = &mut io::stdout().lock();
     if let Some(file) = &arguments.check {
         let (profile, _) = read_vendor(file).map_err(refused)?;
-        return Ok(check(&profile, out)?);
+        let frames = profile.models.iter().flat_map(|model| golden(&profile, model)).collect();
+        return Ok(if arguments.json {
+            json::write_line(out, &frames)?
+        } else {
+            check(&profile, frames, out)?
+        });
     }
     register_beside(&arguments.config).map_err(refused)?;
     match &arguments.show {
@@ -155,13 +161,12 @@ fn list(out: &mut dyn Write) -> io::Result<()> {
     table.write(out, Palette::of_stdout())
 }
 
-fn check(profile: &Profile, out: &mut dyn Write) -> io::Result<()> {
-    let frames = profile.models.iter().flat_map(|model| golden(profile, model));
+fn check(profile: &Profile, frames: Vec<Golden>, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}: no mistakes. Compare the frames of the motor 1 with its manual.", profile.motors)?;
     let mut table = Table::new(&["model", "direction", "frame", "value", "unit", "bytes"]);
-    for Golden { model, direction, frame, value, unit, hex } in frames {
+    for Golden { model, direction, frame, value, unit, payload } in frames {
         let value = value.map_or_else(String::new, |value| value.to_string());
-        table.row([model, direction, &frame, &value, unit, &hex].map(Cell::plain).to_vec());
+        table.row([model, direction, &frame, &value, unit, &payload].map(Cell::plain).to_vec());
     }
     table.write(out, Palette::of_stdout())
 }

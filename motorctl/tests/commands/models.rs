@@ -65,6 +65,13 @@ fn checked_file_prints_its_frames() {
         assert!(printed.lines().any(has), "{frame} {bytes} is not in\n{printed}");
     }
     assert!(!printed.contains("clear fault"), "the motor has no such frame");
+    let json = models(directory.path(), &["--check", "models.d/acme.toml", "--json"]);
+    assert_lines_valid("motorctl-models-check", text(&json.stdout));
+    let frames: Vec<serde_json::Value> = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!(frames.len(), printed.lines().count() - 2, "a line for each frame, below two lines");
+    let fastest =
+        frames.iter().find(|frame| frame["value"] == 45.0 && frame["direction"] == "to-motor").unwrap();
+    assert_eq!((&fastest["frame"], &fastest["payload"]), (&"velocity".into(), &"8000FFF000000800".into()));
 }
 
 #[test]
