@@ -118,7 +118,7 @@ fn replies_are_read_as_in_the_sources() {
     }
 }
 
-/// Estimates and states of impedances arrive from a running motor, too.
+/// A running motor also sends estimates and states of impedances.
 #[cfg(feature = "drive")]
 #[test]
 fn only_heartbeat_of_idle_axis_confirms_stop() {

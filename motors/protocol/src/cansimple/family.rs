@@ -94,7 +94,7 @@ fn addresses(node: u8, _: FrameId) -> Addresses {
     }
 }
 
-/// Returns whether a frame is a heartbeat of an idle axis. Other frames arrive from a running motor, too.
+/// Returns whether a frame is a heartbeat of an idle axis. A running motor also sends the other frames.
 #[cfg(feature = "drive")]
 fn is_idle(frame: &Frame) -> bool {
     let reply = Reply::decode(Id::of(frame.id().raw()), frame.payload());

@@ -22,8 +22,8 @@ pub struct Axis {
 }
 
 impl Codec for Axis {
-    /// The reply to an impedance has its id and six bytes. The answers to other questions have their
-    /// length, too.
+    /// The reply to an impedance has its id and six bytes. The answers to other questions have their id and
+    /// their length.
     fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
         let raw = frame.id().raw();
         if frame.id().is_extended() || raw >> 5 != u32::from(ids.motor) {
