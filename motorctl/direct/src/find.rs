@@ -187,6 +187,13 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
     for advice in report.unasked_formats.advice() {
         notes.push(format!("{bus}: without a request, {advice}"));
     }
+    for id in &report.unasked {
+        notes.push(format!(
+            "{bus}: frames with id {} arrive without a request, so no answer with this id counts: stop the program or node that sends \
+             them, and scan again",
+            frame_id(*id)
+        ));
+    }
     for (id, formats) in &report.formats {
         let is_found = report.found.iter().any(|found| found.id == *id);
         let formats = if is_found { formats.frames() } else { *formats };
@@ -209,6 +216,11 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
         });
     }
     notes
+}
+
+/// Returns an id of a frame as text.
+pub(crate) fn frame_id(id: FrameId) -> String {
+    format!("{:#05X}", id.raw())
 }
 
 /// Returns whether two motors have one id. A node id is another number than an id.

@@ -11,6 +11,10 @@ use motord_bus::{Duration, Frame, FrameId};
 const HEARTBEAT_MAX: Duration = Duration::from_millis(350);
 /// Longest time until an estimate: the factory sends one every 10 ms.
 const ESTIMATES_MAX: Duration = Duration::from_millis(35);
+/// Time in which a driver from the factory sends 20 estimates, and two of them 40.
+const COUNTED: Duration = Duration::from_millis(200);
+/// Most estimates of one driver in that time.
+const ESTIMATES_OF_ONE: usize = 30;
 /// Time in which a driver stores its configuration. Related firmware restarts after it.
 const STORE: Duration = Duration::from_secs(2);
 /// Largest position after a zero, turns of the rotor: 0.01 rad at the output of a gear of 8.
@@ -37,6 +41,22 @@ impl<'l> Axis<'l> {
     /// [`Error::Bus`], as for all following methods.
     pub fn is_there(&mut self) -> Result<bool, Error> {
         Ok(self.heartbeat()?.is_some() || self.ask_estimates()?.is_some())
+    }
+
+    /// Returns whether the driver sends no more estimates than one from the factory, and none that
+    /// collide with those of another one. Sends nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Bus`].
+    pub fn is_alone(&mut self) -> Result<bool, Error> {
+        let (node, mut estimates, mut collided) = (self.node, 0, false);
+        let _end = self.link.receive(COUNTED, |event| {
+            collided |= event == LinkEvent::Collision;
+            estimates += usize::from(matches!(reply(&event, node), Some(Reply::Estimates(_))));
+            None::<()>
+        })?;
+        Ok(estimates <= ESTIMATES_OF_ONE && !collided)
     }
 
     /// Returns the next heartbeat, if the driver sends one. Sends nothing.

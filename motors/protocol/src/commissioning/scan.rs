@@ -6,11 +6,13 @@
 //! then receives the native read 0x84 of its own id. A motor in MIT mode reads it as a control
 //! frame without stiffness, damping and torque. Serial lines are always native.
 //!
-//! An id without an answer also receives RobStride's question for the device, with an id of 29 bits.
-//! Motors whose commands have 11 bits do not receive it. It moves and changes no motor.
+//! Each id also receives RobStride's question for the device, with an id of 29 bits. Motors whose
+//! commands have 11 bits do not receive it. It moves and changes no motor. Ids up to 32 then receive
+//! MyActuator's questions for status and angle at 0x140 + id. They move and change no such motor. They
+//! are not sent to ids of a CANSimple driver that reports.
 //!
-//! An id up to 32 without an answer then receives MyActuator's question for the status at 0x140 + id. It
-//! moves and changes no such motor. It is not sent to ids of a CANSimple driver that reports.
+//! Another node may send while a scan runs. Answers of MIT and native motors are therefore requested twice, and
+//! the scan ends with a time without requests: frames that arrive in it are no answers.
 //!
 //! A scan never sends the following frames:
 //! - 0xB1, which sets the zero position in another driver family;
@@ -41,6 +43,11 @@ use std::ops::RangeInclusive;
 
 /// Longer than the usual periods of heartbeats, at most 1 s.
 pub const LISTEN: Duration = Duration::from_millis(1200);
+
+/// A scan ends with this part of the time for which it first listens.
+const REST: u32 = 4;
+/// Most repetitions of a request whose answer may be a frame of another node.
+const REPETITIONS: u32 = 3;
 
 /// Settings of a scan.
 #[derive(Debug, Clone)]
@@ -114,6 +121,11 @@ pub enum Family {
 }
 
 impl Family {
+    /// Returns whether the id and the form of an answer exclude a frame of another node.
+    const fn is_certain(self) -> bool {
+        matches!(self, Self::RobStride { .. } | Self::CanSimple | Self::MyActuator)
+    }
+
     /// Returns a sentence with the driver, and the facts that its answer does not contain.
     #[must_use]
     pub const fn describe(self) -> &'static str {
@@ -163,6 +175,9 @@ pub struct Report {
     pub unasked_formats: Formats,
     /// Ids whose requests were followed by such frames, where none arrived without a request.
     pub formats: Vec<(u8, Formats)>,
+    /// Ids of frames that arrived after the last request: other nodes send them. An answer of an
+    /// MIT or native motor with such an id does not count.
+    pub unasked: Vec<FrameId>,
     /// Ids that were skipped, because a detected driver would read the requests as commands.
     pub skipped: Vec<u8>,
     /// Ids that were skipped, because the request would have a lasting effect on a silent driver of
@@ -170,7 +185,8 @@ pub struct Report {
     pub lasting: Vec<u8>,
 }
 
-/// Requests every id that no driver of another family would read as a command. Calls `progress`
+/// Requests every id that no driver of another family would read as a command, by the requests of all
+/// families. Calls `progress`
 /// after each requested id, which ends the scan by returning `false`.
 ///
 /// # Errors
@@ -194,10 +210,7 @@ pub fn scan(
             if is_owned { &mut report.skipped } else { &mut report.lasting }.push(id);
         }
         let before = link.formats();
-        let (found, collided) = match !scan.obeyed && (is_owned || is_lasting) {
-            true => private(link, id, scan.window)?,
-            false => ask(link, id, scan)?,
-        };
+        let (found, collided) = ask_all(link, id, scan, !scan.obeyed && (is_owned || is_lasting))?;
         let formats = link.formats().since(before);
         report.formats.extend((formats.is_any() && !unasked_formats.is_any()).then_some((id, formats)));
         report.found.extend(found);
@@ -206,7 +219,31 @@ pub fn scan(
             return Err(Error::Interrupted);
         }
     }
+    report.unasked = unasked(link, scan.listen / REST)?;
+    let is_unasked = |found: &Found| found.host_id.is_some_and(|id| report.unasked.contains(&id));
+    report.found.retain(|found| found.family.is_certain() || !is_unasked(found));
     Ok(report)
+}
+
+/// Returns the ids of frames that arrive within `time` without a request, except those of drivers that
+/// report.
+fn unasked(link: &mut Link, time: Duration) -> Result<Vec<FrameId>, Error> {
+    let mut ids = Vec::new();
+    if link.wire() == Wire::Serial || time.is_zero() {
+        return Ok(ids);
+    }
+    link.pause(link.timeout());
+    let drivers = link.unprompted().to_vec();
+    let _end = link.receive(time, |event| {
+        if let LinkEvent::Frame(frame) = event
+            && !drivers.iter().any(|driver| driver.sends(frame.id()))
+            && !ids.contains(&frame.id())
+        {
+            ids.push(frame.id());
+        }
+        None::<()>
+    })?;
+    Ok(ids)
 }
 
 /// Returns the CANSimple drivers among `drivers`. They report by themselves, so they receive nothing:
@@ -363,8 +400,58 @@ fn only(
     Ok(None)
 }
 
+/// Sends the requests of all families to `id`: motors of several may have it. A driver obeys the ids of
+/// MIT that `is_skipped`.
+fn ask_all(link: &mut Link, id: u8, scan: &Scan, is_skipped: bool) -> Answers {
+    let (mut found, mut collided) = if is_skipped { (Vec::new(), false) } else { ask_twice(link, id, scan)? };
+    if link.wire() == Wire::Can {
+        let window = scan.window.max(window_of(link));
+        for (others, collision) in [private(link, id, window)?, motor_status(link, id, window)?] {
+            found.extend(others);
+            collided |= collision;
+        }
+    }
+    Ok((found, collided))
+}
+
+/// Sends the requests of MIT and of the native protocol. On CAN, repeats them until an answer arrives
+/// again with the same id: another may be a frame of another node.
+fn ask_twice(link: &mut Link, id: u8, scan: &Scan) -> Answers {
+    let (mut found, mut collided) = ask_standard(link, id, scan)?;
+    if link.wire() == Wire::Serial || found.is_empty() {
+        return Ok((found, collided));
+    }
+    for _ in 0..REPETITIONS {
+        let (mut again, collision) = ask_standard(link, id, scan)?;
+        collided |= collision;
+        let is_repeated = |answer: &Found| found.iter().any(|earlier| earlier.host_id == answer.host_id);
+        if again.iter().any(is_repeated) {
+            again.retain(is_repeated);
+            return Ok((again, collided));
+        }
+        found = if again.is_empty() { found } else { again };
+    }
+    Ok((Vec::new(), collided))
+}
+
 /// Sends each permitted request to `id`, until one is answered.
 fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
+    let (found, collided) = ask_standard(link, id, scan)?;
+    if link.wire() == Wire::Serial || !found.is_empty() {
+        return Ok((found, collided));
+    }
+    let window = scan.window.max(window_of(link));
+    let (found, collision) = private(link, id, window)?;
+    if !found.is_empty() {
+        return Ok((found, collided | collision));
+    }
+    let collided = collided | collision;
+    let (found, collision) = motor_status(link, id, window)?;
+    Ok((found, collided | collision))
+}
+
+/// Sends each permitted request of MIT and of the native protocol to `id`, until one is answered.
+fn ask_standard(link: &mut Link, id: u8, scan: &Scan) -> Answers {
     let own_id = Native::request(&Command::RetrieveConfiguration(ConfigurationItem::CAN_ID));
     let stop = (link.wire() == Wire::Can).then(stop_frame).flatten();
     let fault = scan.in_fault.then(|| Native::request(&Command::GetFault));
@@ -377,14 +464,7 @@ fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
             return Ok((found, collided));
         }
     }
-    let is_can = link.wire() == Wire::Can;
-    let (private, collision) = if is_can { private(link, id, window)? } else { (Vec::new(), false) };
-    collided |= collision;
-    if !is_can || !private.is_empty() {
-        return Ok((private, collided));
-    }
-    let (found, collision) = motor_status(link, id, window)?;
-    Ok((found, collided | collision))
+    Ok((Vec::new(), collided))
 }
 
 /// Asks for the status of a MyActuator motor, unless a driver of another family has the id of the

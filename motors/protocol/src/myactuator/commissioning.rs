@@ -33,16 +33,43 @@ impl<'l> Rmd<'l> {
     }
 
     /// Returns the number of motors that answer the question for the status within `window`, and
-    /// whether answers collided. Moves and changes nothing.
+    /// whether answers collided. Equal answers are one frame, so one answer is followed by the question
+    /// for the angle, in which motors differ. Moves and changes nothing.
     ///
     /// # Errors
     ///
     /// [`Error::Bus`], as for all following methods.
     pub(crate) fn answers(&mut self, window: Duration) -> Result<(usize, bool), Error> {
+        let is_status = |reply: &Reply| matches!(reply, Reply::Status(_));
+        let (count, collided) = self.count(Command::GetStatus, window, is_status)?;
+        if count != 1 || collided {
+            return Ok((count, collided));
+        }
+        let is_angle = |reply: &Reply| matches!(reply, Reply::Angle(_));
+        let (angles, collided) = self.count(Command::GetAngle, window, is_angle)?;
+        Ok((angles.max(1), collided))
+    }
+
+    /// Returns whether exactly one motor answers to this id. Moves and changes nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Bus`].
+    pub fn is_alone(&mut self) -> Result<bool, Error> {
+        Ok(self.answers(self.link.timeout())? == (1, false))
+    }
+
+    /// Sends `command`. Returns the number of its answers within `window`, and whether answers collided.
+    fn count(
+        &mut self,
+        command: Command,
+        window: Duration,
+        is_answer: impl Fn(&Reply) -> bool,
+    ) -> Result<(usize, bool), Error> {
         let (id, mut count, mut collided) = (self.id, 0, false);
-        let _end = self.link.ask_frame(&self.frame(Command::GetStatus), window, |event| {
+        let _end = self.link.ask_frame(&self.frame(command), window, |event| {
             collided |= event == LinkEvent::Collision;
-            count += usize::from(matches!(reply(&event, id), Some(Reply::Status(_))));
+            count += usize::from(reply(&event, id).is_some_and(|reply| is_answer(&reply)));
             None::<()>
         })?;
         Ok((count, collided))

@@ -47,6 +47,16 @@ impl<'l> Private<'l> {
         Ok((serials, collided))
     }
 
+    /// Returns whether exactly one motor answers to this id. Changes nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Bus`].
+    pub fn is_alone(&mut self) -> Result<bool, Error> {
+        let (serials, collided) = self.devices(self.link.timeout())?;
+        Ok(serials.len() == 1 && !collided)
+    }
+
     /// Disables the drive, and reports the state.
     ///
     /// # Errors

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 mod configuration;
+mod families;
 mod node;
 mod private;
 mod rmd;

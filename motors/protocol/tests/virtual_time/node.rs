@@ -133,3 +133,13 @@ fn silent_node_is_an_error() {
     assert!(matches!(absent.fault(), Err(Error::Silent { id: 2, .. })));
     assert_eq!(absent.supply(), Ok(None));
 }
+
+/// Each of two drivers with one node id reads the estimates of the other one as a request.
+#[test]
+fn two_nodes_with_one_id_are_not_alone() {
+    let other = MotorSettings { initial_position: 0.9, ..node("other", 3) };
+    let (_bus, mut link) = with(vec![node("knee", 3), node("ankle", 1), motor("hip", 4, Dialect::Mit)]);
+    assert_eq!([3, 1, 7].map(|id| Axis::new(&mut link, id).is_alone().unwrap()), [true; 3]);
+    let (_bus, mut link) = with(vec![node("knee", 3), other]);
+    assert_eq!(Axis::new(&mut link, 3).is_alone(), Ok(false));
+}
