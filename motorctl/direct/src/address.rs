@@ -108,6 +108,21 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     write(&mut session, &changes(&present, &wanted), confirm)
 }
 
+/// Gives a motor whose address is one id another one that is free, and finds it there. The session keeps the
+/// former one.
+///
+/// # Errors
+///
+/// Another motor has the id, the motor does not keep it, or its address has other parts.
+pub(crate) fn change_id(session: &mut Session, id: u8) -> Result<(), DirectFailure> {
+    match session.protocol {
+        Protocol::RobStride => private::change_id(session, id),
+        Protocol::CanSimple => node::change_id(session, id),
+        Protocol::MyActuator => rmd::change_id(session, id),
+        Protocol::Gim | Protocol::Mit => Err(session.unfit("its address also has a host id")),
+    }
+}
+
 /// Items of a motor and their values.
 pub(crate) type Values = Vec<(&'static ConfigurationItem, Value)>;
 

@@ -6,12 +6,13 @@ use crate::target::{Protocol, Session};
 use motord_bus::FrameId;
 use motord_protocol::Faults;
 use motord_protocol::commissioning::{
-    Apply, Change, Error, Failed, Family, Found, Link, LinkEvent, Native, Registers, Wire, changes, identify,
-    is_taken,
+    Apply, Axis, Change, Error, Failed, Family, Found, Link, LinkEvent, Native, Private, Registers, Rmd,
+    Wire, changes, identify, is_taken,
 };
 use motord_protocol::gim::{Command, ConfigurationItem, Indicator, Value};
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::register;
+use motord_protocol::robstride::parameter;
 use motord_settings::settings::MotorSettings;
 use motord_shared::Fault;
 use std::convert::Infallible;
@@ -25,7 +26,8 @@ const TEMPERATURES: RangeInclusive<f32> = -20.0..=70.0;
 
 /// The state that a motor reports.
 pub(crate) struct Health {
-    pub(crate) firmware: Option<u32>,
+    /// Its version, in the vendor's notation, where the motor reports it.
+    pub(crate) firmware: Option<String>,
     /// Supply, V, where the motor reports it.
     pub(crate) voltage: Option<f32>,
     /// The highest temperature, °C, where the motor reports one.
@@ -40,27 +42,62 @@ impl Health {
     ///
     /// The motor does not answer.
     pub(crate) fn read(session: &mut Session) -> Result<Self, Error> {
-        if session.protocol == Protocol::Gim {
-            let mut motor = session.gim();
-            let faults = motor.fault()?.faults();
-            if !faults.is_none() {
-                return Ok(Self { firmware: None, voltage: None, temperature: None, faults });
+        match session.protocol {
+            Protocol::Gim => Self::native(&mut session.gim()),
+            Protocol::RobStride => Self::private(&mut session.private()),
+            Protocol::CanSimple => Self::axis(&mut session.axis()),
+            Protocol::MyActuator => Self::rmd(&mut session.rmd()),
+            Protocol::Mit => {
+                let state = session.mit().stop()?;
+                let faults = session.mit().fault()?;
+                Ok(Self { firmware: None, voltage: None, temperature: highest(state.temperatures), faults })
             }
-            let firmware = Some(motor.version()?);
-            let mut value = |name| Indicator::by_name(name).map(|row| motor.indicator(row.id)).transpose();
-            let (voltage, board, winding) =
-                (value("bus-voltage")?, value("board-temperature")?, value("motor-temperature")?);
-            return Ok(Self { firmware, voltage, temperature: highest([board, winding]), faults });
         }
-        let state = session.mit().stop()?;
-        let faults = session.mit().fault()?;
-        Ok(Self { firmware: None, voltage: None, temperature: highest(state.temperatures), faults })
+    }
+
+    fn native(motor: &mut Native<'_>) -> Result<Self, Error> {
+        let faults = motor.fault()?.faults();
+        if !faults.is_none() {
+            return Ok(Self { firmware: None, voltage: None, temperature: None, faults });
+        }
+        let firmware = Some(format!("{:#010X}", motor.version()?));
+        let mut value = |name| Indicator::by_name(name).map(|row| motor.indicator(row.id)).transpose();
+        let (voltage, board, winding) =
+            (value("bus-voltage")?, value("board-temperature")?, value("motor-temperature")?);
+        Ok(Self { firmware, voltage, temperature: highest([board, winding]), faults })
+    }
+
+    fn private(motor: &mut Private<'_>) -> Result<Self, Error> {
+        let temperature = Some(motor.stop()?.celsius());
+        let faults = motor.fault()?;
+        let firmware = motor.version()?.map(|[a, b, c, d]| format!("{a}.{b}.{c}.{d}"));
+        let voltage = motor.read(parameter::SUPPLY_VOLTAGE)?.map(f32::from_le_bytes);
+        Ok(Self { firmware, voltage, temperature, faults })
+    }
+
+    fn axis(motor: &mut Axis<'_>) -> Result<Self, Error> {
+        motor.stop()?;
+        let faults = motor.fault()?;
+        let voltage = motor.supply()?.map(|[volts, _]| volts);
+        Ok(Self { firmware: None, voltage, temperature: None, faults })
+    }
+
+    fn rmd(motor: &mut Rmd<'_>) -> Result<Self, Error> {
+        motor.stop()?;
+        let status = motor.status()?;
+        let firmware = match motor.version() {
+            Ok(date) => Some(format!("of {date}")),
+            Err(Error::Silent { .. }) => None,
+            Err(error) => return Err(error),
+        };
+        let voltage = Some(f32::from(status.decivolts) / 10.0);
+        Ok(Self { firmware, voltage, temperature: Some(status.celsius.into()), faults: status.faults() })
     }
 
     /// Describes it in words.
     pub(crate) fn describe(&self) -> String {
         let firmware =
-            self.firmware.map_or_else(String::new, |version| format!("firmware {version:#010X}, "));
+            self.firmware.as_ref().map_or_else(String::new, |version| format!("firmware {version}, "));
         let voltage = self.voltage.map_or("supply not reported".to_owned(), |volts| format!("{volts:.1} V"));
         let temperature = self
             .temperature
@@ -111,6 +148,11 @@ pub(crate) fn clear_fault(session: &mut Session) -> Result<(), Error> {
 /// such command.
 pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Result<(), DirectFailure> {
     must_be_alone(session)?;
+    if session.protocol.has_one_id() {
+        address::change_id(session, id)?;
+        session.id = id;
+        return Ok(());
+    }
     let has_registers = session.settings.as_ref().is_some_and(|motor| motor.profile.has_registers);
     match (session.protocol, session.host_id) {
         (Protocol::Gim, _) => {
@@ -168,17 +210,20 @@ pub(crate) fn mismatch(vendor: &str, family: Family, joint: &MotorSettings) -> O
             profile.name
         ));
     }
-    let is_other = matches!(family, Family::RobStride { .. } | Family::CanSimple | Family::MyActuator);
-    if is_other || ![Protocol::Mit, Protocol::Gim].map(Protocol::name).contains(&protocol.name()) {
-        return Some(format!(
-            "{name} or this motor has neither MIT nor the GIM protocol: use `motorctl id`, `motorctl zero` and `motorctl setup --config FILE`"
-        ));
+    let (spoken, wanted) = (Protocol::of(family).name(), protocol.name());
+    let changes_to_mit = family == Family::Native && wanted == Protocol::Mit.name();
+    if spoken == wanted || changes_to_mit {
+        return None;
     }
-    let is_mit = family != Family::Native;
-    let is_wrong = is_mit && protocol.name() == Protocol::Gim.name();
-    is_wrong.then(|| {
-        format!("{name} has the protocol gim in the configuration, and this motor speaks MIT: only its serial port can change that")
-    })
+    let remedy = match wanted == Protocol::Gim.name() {
+        true => "only its serial port can change that",
+        false => {
+            "`motorctl protocol` changes it in motors that know both; otherwise take another motor, or correct the configuration"
+        }
+    };
+    Some(format!(
+        "{name} has the protocol {wanted} in the configuration, and this motor speaks {spoken}: {remedy}"
+    ))
 }
 
 /// Returns whether one motor answers. Several new ones send the same bytes, except for what they
@@ -205,7 +250,26 @@ pub(crate) fn is_alone(link: &mut Link, found: &Found) -> Result<bool, Error> {
 }
 
 /// Checks that no second motor has got power since this one was found: it would get the same values.
-fn must_be_alone(session: &mut Session) -> Result<(), DirectFailure> {
+///
+/// # Errors
+///
+/// Several motors answer, or none.
+pub(crate) fn must_be_alone(session: &mut Session) -> Result<(), DirectFailure> {
+    let is_alone = match session.protocol {
+        Protocol::RobStride => session.private().is_alone()?,
+        Protocol::CanSimple => session.axis().is_alone()?,
+        Protocol::MyActuator => session.rmd().is_alone()?,
+        Protocol::Gim | Protocol::Mit => return one_must_answer(session),
+    };
+    if is_alone {
+        Ok(())
+    } else {
+        Err(session
+            .unfit("not exactly one motor answers with its id: check its power, and take that of others"))
+    }
+}
+
+fn one_must_answer(session: &mut Session) -> Result<(), DirectFailure> {
     let (id, link) = (session.id, &mut session.line.link);
     let Some(found) = identify(link, id)? else {
         return Err(DirectFailure::NoMotor { id, bus: session.line.name.clone() });

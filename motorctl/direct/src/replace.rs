@@ -1,15 +1,18 @@
 //! `motorctl replace`: gives a new motor the place of one that is missing.
 //!
 //! ```text
-//!  one joint is missing, one new motor answers ▶ consent ▶ items ▶ zero ▶ address ▶ protocol ▶ lock file
+//!  one joint is missing, one new motor answers ▶ consent ▶ items ▶ timeout ▶ zero ▶ address ▶ protocol ▶ lock file
 //! ```
 //!
 //! A motor that was given the address, but not yet the protocol, counts as missing: the command can
-//! be repeated after any interruption.
+//! be repeated after any interruption. Items are those of native motors, the timeout that of RobStride's.
+
+mod candidate;
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::file::{self, FACTORY_ID};
+use crate::find::frame_id;
 use crate::memory::text;
 use crate::motor::{self, Health};
 use crate::output::print_line;
@@ -19,11 +22,10 @@ use crate::zero;
 use motord_bus::FrameId;
 use motord_configuration as config;
 use motord_configuration::lock::Lock;
-use motord_protocol::commissioning::{Change, Family, Found, Report, Scan, Wire, changes, scan};
+use motord_protocol::commissioning::{Axis, Change, Found, Scan, Wire, changes, scan};
 use motord_protocol::gim::ConfigurationItem;
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_terminal::Interrupt;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Items of a native motor that a person may have changed, and that fit any motor of its model.
@@ -66,6 +68,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     replacement.fill(line, *confirm, &Interrupt::register())
 }
 
+/// Values that a new motor stores beside its address and its zero.
+struct Stored {
+    /// Items of a native motor.
+    items: Vec<Change>,
+    /// The timeout of a RobStride motor that has none.
+    timeout: bool,
+}
+
 /// A joint without a motor, and its configuration.
 struct Replacement<'p> {
     settings: &'p Settings,
@@ -76,6 +86,8 @@ struct Replacement<'p> {
 impl Replacement<'_> {
     /// Finds the new motor, and makes it that of the joint after consent.
     fn fill(&self, mut line: OpenLine, confirm: Confirm, interrupt: &Interrupt) -> Result<(), DirectFailure> {
+        self.check_factory_ids().map_err(DirectFailure::NotReplaced)?;
+        self.check_nodes(&mut line)?;
         let report = scan(&mut line.link, &Scan::default(), &mut |_| !interrupt.is_raised())?;
         let found = self.new_motor(&report).map_err(DirectFailure::NotReplaced)?;
         let vendor = motor::vendor(&mut line.link, &found)?;
@@ -83,76 +95,37 @@ impl Replacement<'_> {
         if let Some(reason) = motor::mismatch(vendor, found.family, self.joint) {
             return Err(session.unfit(&reason));
         }
+        motor::must_be_alone(&mut session)?;
         let health = Health::read(&mut session)?;
         if let Some(problem) = health.problem() {
             return Err(session.unfit(&problem));
         }
-        let items = self.items(&mut session)?;
+        let stored = self.stored(&mut session)?;
         self.check_address(&session)?;
-        confirm.ask(&self.describe(&session, &health, &items))?;
-        self.write(&mut session, &items)
+        confirm.ask(&self.describe(&session, &health, &stored))?;
+        self.write(&mut session, &stored)
     }
 
-    /// Returns the only motor that no joint has, if that of the joint is the only missing one.
-    ///
-    /// # Errors
-    ///
-    /// The bus is unclear: the text names what to do first.
-    fn new_motor(&self, report: &Report) -> Result<Found, String> {
-        let name = &self.joint.name;
-        let bus = self.settings.buses[self.joint.bus].device();
-        let doubled = report.found.windows(2).find(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id);
-        if let Some(id) = report.collisions.first().copied().or(doubled) {
-            return Err(format!(
-                "{bus}: several motors answer as id {id}: take the power from all but one. A new motor has the id {FACTORY_ID}: the joint \
-                 with this id must have no power while another one is replaced"
-            ));
+    /// Refuses two drivers with the node id of new ones. They destroy each other's frames, and leave no time for a
+    /// scan.
+    fn check_nodes(&self, line: &mut OpenLine) -> Result<(), DirectFailure> {
+        let is_node = self.joint.protocol.name() == Protocol::CanSimple.name();
+        if !is_node || Axis::new(&mut line.link, FACTORY_ID).is_alone()? {
+            return Ok(());
         }
-        let neighbours = || self.settings.motors.iter().filter(|motor| motor.bus == self.joint.bus);
-        let owner = |found: &Found| neighbours().find(|motor| self.is_motor_of(motor, found));
-        let has_motor =
-            |motor: &MotorSettings| report.found.iter().any(|found| self.is_motor_of(motor, found));
-        if has_motor(self.joint) {
-            return Err(format!(
-                "{bus}: the motor of {name} answers: take its power, and give it to the new one"
-            ));
-        }
-        let others =
-            neighbours().filter(|motor| motor.name != *name && motor.id != FACTORY_ID && !has_motor(motor));
-        let others: Vec<_> = others.map(|motor| motor.name.as_str()).collect();
-        if !others.is_empty() {
-            let others = others.join(", ");
-            return Err(format!(
-                "{bus}: beside {name} no motor answers for: {others}. Give them power, so that the new motor takes no wrong place"
-            ));
-        }
-        let new: Vec<_> = report.found.iter().filter(|found| owner(found).is_none()).collect();
-        match *new {
-            [found] if [FACTORY_ID, self.joint.id].contains(&found.id) => Ok(*found),
-            [found] => Err(format!(
-                "{bus}: the motor with id {} is not new, and no joint has this id: give it the id {FACTORY_ID} first, alone on the cable",
-                found.id
-            )),
-            [] => Err(format!(
-                "{bus}: no new motor answers: check its power and wires. It may have another bit rate, or another protocol than its model"
-            )),
-            _ => {
-                let ids = new.iter().map(|found| found.id.to_string()).collect::<Vec<_>>().join(", ");
-                Err(format!(
-                    "{bus}: several motors answer that no joint has, with the ids {ids}: take the power from all but one"
-                ))
-            }
-        }
+        Err(DirectFailure::NotReplaced(format!(
+            "{}: several motors answer as node {FACTORY_ID}: take the power from all but one",
+            line.name
+        )))
     }
 
-    /// Returns whether an answer is that of the motor of `joint`. The motor of the replaced joint counts only
-    /// in the protocol of the configuration.
-    fn is_motor_of(&self, joint: &MotorSettings, found: &Found) -> bool {
-        let is_native = found.family == Family::Native;
-        let is_complete =
-            joint.name != self.joint.name || is_native == (joint.protocol.name() == Protocol::Gim.name());
-        let has_host_id = found.host_id.is_none() || found.host_id == Some(joint.host_id);
-        found.id == joint.id && has_host_id && is_complete
+    /// Returns the values to store beside address and zero.
+    fn stored(&self, session: &mut Session) -> Result<Stored, DirectFailure> {
+        let is_private = session.protocol == Protocol::RobStride;
+        let id = session.id;
+        let timeout = is_private && setup::lacks_timeout(&mut session.line, id)?;
+        let items = if session.protocol.has_one_id() { Vec::new() } else { self.items(session)? };
+        Ok(Stored { items, timeout })
     }
 
     /// Returns a session with the new motor, which has the settings of the joint except its address.
@@ -206,21 +179,34 @@ impl Replacement<'_> {
     }
 
     fn check_address(&self, session: &Session) -> Result<(), DirectFailure> {
-        let has_command = session.protocol == Protocol::Gim || self.joint.profile.has_registers;
+        let host = session.host_id.filter(|host| *host != self.joint.host_id);
+        if let (Protocol::RobStride, Some(host)) = (session.protocol, host) {
+            let reason = format!(
+                "it stores the host id {}, and {} has {} in the configuration: write its host id with the vendor's tool, or `host-id` for all \
+                 motors of the bus",
+                frame_id(host),
+                self.joint.name,
+                frame_id(self.joint.host_id)
+            );
+            return Err(session.unfit(&reason));
+        }
+        let has_command = session.protocol != Protocol::Mit || self.joint.profile.has_registers;
         if has_command || self.has_address(session) {
             return Ok(());
         }
         let reason = format!(
-            "its id cannot be changed over CAN in MIT mode: give it id {} and host id {:#05X} with the vendor's tool, then run `motorctl \
+            "its id cannot be changed over CAN in MIT mode: give it id {} and host id {} with the vendor's tool, then run `motorctl \
              zero` and `motorctl setup`",
             self.joint.id,
-            self.joint.host_id.raw()
+            frame_id(self.joint.host_id)
         );
         Err(session.unfit(&reason))
     }
 
     fn has_address(&self, session: &Session) -> bool {
-        let has_host_id = session.host_id.is_none() || session.host_id == Some(self.joint.host_id);
+        let has_host_id = session.protocol.has_one_id()
+            || session.host_id.is_none()
+            || session.host_id == Some(self.joint.host_id);
         session.id == self.joint.id && has_host_id
     }
 
@@ -230,41 +216,54 @@ impl Replacement<'_> {
         is_native && self.joint.protocol.name() != Protocol::Gim.name()
     }
 
-    /// Describes everything that is written.
-    fn describe(&self, session: &Session, health: &Health, items: &[Change]) -> String {
-        let raw = |id: Option<FrameId>| id.map_or("-".to_owned(), |id| format!("{:#05X}", id.raw()));
-        let MotorSettings { name, id, host_id, transmission, .. } = self.joint;
-        let mut described = format!(
-            "{name}: the new motor on {} ({}) has id {} and host id {}. This permanently writes into it:\n  id {id}, host id {}",
+    /// Describes everything that is written, and the facts that cannot be compared.
+    fn describe(&self, session: &Session, health: &Health, stored: &Stored) -> String {
+        let MotorSettings { name, id, host_id, model, transmission, .. } = self.joint;
+        let address = |id: u8, comma: &str, host: Option<FrameId>| match session.protocol.has_one_id() {
+            true => format!("id {id}"),
+            false => format!("id {id}{comma} host id {}", host.map_or("-".to_owned(), frame_id)),
+        };
+        let mut lines = vec![format!(
+            "{name}: the new motor on {} ({}) has {}. This permanently writes into it:\n  {}",
             session.line.name,
             health.describe(),
-            session.id,
-            raw(session.host_id),
-            raw(Some(*host_id)),
-        );
-        for Change { item, from, to } in items {
-            let _infallible = write!(
-                described,
-                "\n  {} {}{}, which is {} now",
-                item.name,
-                text(*to),
-                unit(item),
-                text(*from)
-            );
+            address(session.id, " and", session.host_id),
+            address(*id, ",", Some(*host_id)),
+        )];
+        lines.extend(stored.items.iter().map(|Change { item, from, to }| {
+            format!("  {} {}{}, which is {} now", item.name, text(*to), unit(item), text(*from))
+        }));
+        if stored.timeout {
+            lines.push(format!(
+                "  a timeout of {} ms without a command (canTimeout), which is off now",
+                setup::TIMEOUT_MS
+            ));
         }
         let pose = transmission.position_to_joint(0.0);
-        let _infallible = write!(
-            described,
-            "\n  its zero: hold the joint in the pose of {pose:.2} rad. The zero of the former motor fits no other"
-        );
+        lines.push(format!(
+            "  its zero: hold the joint in the pose of {pose:.2} rad. The zero of the former motor fits no other"
+        ));
         if self.needs_mit(session) {
-            described += "\n  the protocol MIT, which only its serial port can undo";
+            lines.push("  the protocol MIT, which only its serial port can undo".to_owned());
         }
-        described + "\nThe former motor must not return to this bus with its id."
+        if session.protocol.has_one_id() {
+            lines.push(format!(
+                "cannot be read: its model, bit rate and limits. Compare its label with {model}"
+            ));
+        }
+        lines.push("The former motor must not return to this bus with its id.".to_owned());
+        lines.join("\n")
     }
 
-    fn write(&self, session: &mut Session, items: &[Change]) -> Result<(), DirectFailure> {
-        motor::write_items(session, items)?;
+    fn write(&self, session: &mut Session, stored: &Stored) -> Result<(), DirectFailure> {
+        motor::must_be_alone(session)?;
+        if session.protocol == Protocol::Gim {
+            motor::write_items(session, &stored.items)?;
+        }
+        if stored.timeout {
+            let id = session.id;
+            setup::store_timeout(&mut session.line, id)?;
+        }
         zero::set(session, 0.0)?;
         if !self.has_address(session) {
             motor::set_address(session, self.joint.id, self.joint.host_id)?;
@@ -272,6 +271,7 @@ impl Replacement<'_> {
         if self.needs_mit(session) {
             motor::set_mit(session)?;
         }
+        zero::note(session.protocol).map_or(Ok(()), print_line)?;
         let name = &self.joint.name;
         let differences = setup::record(self.config, self.settings, name, &mut session.line)?;
         differences.iter().try_for_each(|difference| print_line(difference))?;
@@ -287,158 +287,6 @@ fn unit(item: &ConfigurationItem) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use motord_bus::VirtualClock;
-    use motord_protocol::commissioning::Link;
-    use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SharedBus, SimulatedBus};
-    use std::fs;
-
-    const NAMES: [&str; 4] = ["hip", "thigh", "elbow", "wrist"];
-
-    /// A bus with the motors of hip and thigh (SteadyWin, native), elbow and wrist (Damiao). Its folder
-    /// is removed with it.
-    struct Robot {
-        bus: SharedBus,
-        clock: VirtualClock,
-        folder: PathBuf,
-    }
-
-    impl Drop for Robot {
-        fn drop(&mut self) {
-            let _removed = fs::remove_dir_all(&self.folder);
-        }
-    }
-
-    impl Robot {
-        /// The motors of the joints in `new` come from the factory; those in `off` have no power.
-        fn new(test: &str, new: &[&str], off: &[&str]) -> Self {
-            let motors = (1..).zip(NAMES).map(|(id, name)| {
-                let is_damiao = id > 2;
-                Simulated {
-                    name: name.into(),
-                    id,
-                    host_id: if is_damiao { 0x10 + id } else { 0x100 + id },
-                    dialect: if is_damiao { Dialect::Mit } else { Dialect::Gim },
-                    vendor: if is_damiao { "damiao" } else { "steadywin" },
-                    ends: is_damiao.then_some([12.5, 30.0, 10.0]),
-                    initial_position: 0.1 * f64::from(id),
-                    is_new: new.contains(&name),
-                    has_power: !off.contains(&name),
-                    ..Simulated::default()
-                }
-            });
-            let bus = SimulatedBus::new(BusSettings::default(), motors.collect(), 7);
-            let folder = std::env::temp_dir().join(format!("motord-replace-{test}-{}", std::process::id()));
-            fs::create_dir_all(&folder).unwrap();
-            let motor = |(id, name): (u8, &str)| {
-                let (protocol, model) = if id > 2 { ("mit", "DM-J4310-2EC") } else { ("gim", "GIM8108-8") };
-                format!(
-                    "[[motor]]\nname = '{name}'\nbus = 'arm'\nid = {id}\nprotocol = '{protocol}'\nmodel = '{model}'\n"
-                )
-            };
-            let head =
-                "[cycle]\nrate-hz = 100\n[[bus]]\nname = 'arm'\ntype = 'socketcan'\ninterface = 'can0'\n";
-            let motors: String = (1..).zip(NAMES).map(motor).collect();
-            fs::write(folder.join("robot.toml"), format!("{head}{motors}")).unwrap();
-            Self { bus: SharedBus::new(bus), clock: VirtualClock::default(), folder }
-        }
-
-        fn line(&self) -> OpenLine {
-            OpenLine::simulated(Link::can(self.bus.clone(), self.clock.clone()), Some(1_000_000))
-        }
-
-        fn replace(&self, joint: &str) -> Result<(), DirectFailure> {
-            let config = self.folder.join("robot.toml");
-            let settings = config::load(&config).unwrap().settings;
-            let joint = settings.motors.iter().find(|motor| motor.name == joint).unwrap();
-            let line = self.line();
-            let replacement = Replacement { settings: &settings, joint, config: &config };
-            replacement.fill(line, Confirm { yes: true }, &Interrupt::register())
-        }
-
-        fn memory(&self, joint: &str) -> String {
-            self.bus.lock().motor(joint).unwrap().memory()
-        }
-
-        fn memories(&self) -> [String; 4] {
-            NAMES.map(|name| self.memory(name))
-        }
-
-        /// Writes the lock file as `motorctl setup` does while the former motors answer.
-        fn set_up(&self, joint: &str) {
-            let config = self.folder.join("robot.toml");
-            let settings = config::load(&config).unwrap().settings;
-            let mut line = self.line();
-            setup::record(&config, &settings, joint, &mut line).unwrap();
-        }
-    }
-
-    #[test]
-    fn new_motor_gets_address_limits_and_zero() {
-        let former = Robot::new("former", &[], &[]);
-        former.set_up("thigh");
-        let robot = Robot::new("native", &["thigh"], &["hip"]);
-        let lock = Lock::path(&robot.folder.join("robot.toml"));
-        let text = fs::read_to_string(Lock::path(&former.folder.join("robot.toml"))).unwrap();
-        let changed = text.lines().map(|line| match line.split_once(" = ") {
-            Some(("over-temperature", _)) => "over-temperature = 77.0",
-            _ => line,
-        });
-        fs::write(lock, changed.collect::<Vec<_>>().join("\n")).unwrap();
-        let others = [0, 2, 3].map(|index| robot.memories()[index].clone());
-        robot.replace("thigh").unwrap();
-        let line = robot.line();
-        let mut session =
-            Session { line, id: 2, host_id: FrameId::new(0x102), protocol: Protocol::Gim, settings: None };
-        let read = |session: &mut Session, name| {
-            session.gim().configuration(ConfigurationItem::by_name(name).unwrap().key()).unwrap().as_f64()
-        };
-        assert_eq!(read(&mut session, "over-temperature"), 77.0);
-        assert!(zero::off_by(zero::position(&mut session).unwrap(), 0.0) <= zero::TOLERANCE);
-        assert_eq!([0, 2, 3].map(|index| robot.memories()[index].clone()), others);
-    }
-
-    #[test]
-    fn new_damiao_gets_both_ids() {
-        let robot = Robot::new("damiao", &["wrist"], &["hip"]);
-        robot.replace("wrist").unwrap();
-        assert!(
-            matches!(robot.replace("wrist"), Err(DirectFailure::NotReplaced(why)) if why.contains("answers"))
-        );
-    }
-
-    #[test]
-    fn interrupted_replacement_can_be_repeated() {
-        let robot = Robot::new("repeated", &[], &[]);
-        let config = robot.folder.join("robot.toml");
-        let text = fs::read_to_string(&config).unwrap();
-        let (head, thigh) = text.split_at(text.find("'thigh'").unwrap());
-        fs::write(&config, format!("{head}{}", thigh.replacen("'gim'", "'mit'", 1))).unwrap();
-        robot.replace("thigh").unwrap();
-        assert!(
-            matches!(robot.replace("thigh"), Err(DirectFailure::NotReplaced(why)) if why.contains("answers"))
-        );
-    }
-
-    #[test]
-    fn unclear_bus_is_refused_without_a_write() {
-        type Case =
-            (&'static str, &'static [&'static str], &'static [&'static str], &'static str, &'static str);
-        let table: [Case; 6] = [
-            ("two-new", &["thigh", "wrist"], &["hip"], "thigh", "several motors answer as id 1"),
-            ("same-id", &["thigh"], &[], "thigh", "several motors answer as id 1"),
-            ("none-new", &[], &["thigh"], "thigh", "no new motor answers"),
-            ("none-missing", &[], &[], "thigh", "the motor of thigh answers"),
-            ("two-missing", &[], &["thigh", "wrist"], "thigh", "no motor answers for: wrist"),
-            ("other-vendor", &["hip"], &["elbow"], "elbow", "has the model DM-J4310-2EC"),
-        ];
-        for (test, new, off, joint, reason) in table {
-            let robot = Robot::new(test, new, off);
-            let before = robot.memories();
-            let failure = robot.replace(joint).unwrap_err().to_string();
-            assert!(failure.contains(reason), "{test}: {failure}");
-            assert_eq!(robot.memories(), before, "{test}");
-        }
-    }
-}
+mod families;
+#[cfg(test)]
+mod tests;

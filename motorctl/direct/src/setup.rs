@@ -168,8 +168,8 @@ fn ask<'s>(
     findings.extend(ends.into_iter().flat_map(|ends| end_findings(motor, ends)));
     let lines = ends.and_then(|ends| end_lines(motor, ends));
     let is_private = reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::RobStride);
-    let timeout = if is_private { Private::new(&mut line.link, motor.id).read(TIMEOUT)? } else { None };
-    Ok(ComparedMotor { motor, reported, findings, lines, lacks_timeout: timeout == Some([0; 4]) })
+    let lacks_timeout = is_private && lacks_timeout(line, motor.id)?;
+    Ok(ComparedMotor { motor, reported, findings, lines, lacks_timeout })
 }
 
 /// Writes the differing constants after consent, and asks the motor again.
@@ -205,7 +205,7 @@ fn write<'s>(
 
 /// Time without commands after which a motor disables itself, ms. It is longer than the slowest
 /// cycle, 10 Hz, and short for a robot whose computer has failed.
-const TIMEOUT_MS: u32 = 200;
+pub(crate) const TIMEOUT_MS: u32 = 200;
 
 /// Writes the timeout of a RobStride motor after consent, and asks the motor again.
 fn write_timeout<'s>(
@@ -219,11 +219,29 @@ fn write_timeout<'s>(
     confirm.ask(&format!(
         "This permanently lets {name} disable itself when it receives no command for {TIMEOUT_MS} ms (canTimeout)."
     ))?;
-    let mut motor = Private::new(&mut line.link, asked.motor.id);
-    motor.stop()?;
-    motor.store("canTimeout", TIMEOUT, TIMEOUT_MS * (TIMEOUT_HZ / 1000))?;
+    store_timeout(line, asked.motor.id)?;
     eprintln!("{name}: canTimeout was 0, confirmed as {TIMEOUT_MS} ms");
     ask(settings, asked.motor, bus, line)
+}
+
+/// Stores the timeout in a RobStride motor, and reads it back.
+///
+/// # Errors
+///
+/// The motor does not answer, or does not keep it.
+pub(crate) fn store_timeout(line: &mut OpenLine, id: u8) -> Result<(), Error> {
+    let mut motor = Private::new(&mut line.link, id);
+    motor.stop()?;
+    motor.store("canTimeout", TIMEOUT, TIMEOUT_MS * (TIMEOUT_HZ / 1000))
+}
+
+/// Returns whether a RobStride motor continues with its last command when no command arrives.
+///
+/// # Errors
+///
+/// The bus accepts no frame.
+pub(crate) fn lacks_timeout(line: &mut OpenLine, id: u8) -> Result<bool, Error> {
+    Ok(Private::new(&mut line.link, id).read(TIMEOUT)? == Some([0; 4]))
 }
 
 /// Returns the differing constants of a GIM motor with their configured values.

@@ -43,6 +43,24 @@ pub enum Protocol {
 }
 
 impl Protocol {
+    /// Returns the protocol of a motor that answered like this. A motor of an unknown family is only stopped, as
+    /// in MIT.
+    pub(crate) const fn of(family: Family) -> Self {
+        match family {
+            Family::Native => Self::Gim,
+            Family::RobStride { .. } => Self::RobStride,
+            Family::CanSimple => Self::CanSimple,
+            Family::MyActuator => Self::MyActuator,
+            Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Self::Mit,
+        }
+    }
+
+    /// Returns whether `motorctl` sets the whole address of its motors by one id. Those of the others also have
+    /// a host id.
+    pub(crate) const fn has_one_id(self) -> bool {
+        matches!(self, Self::RobStride | Self::CanSimple | Self::MyActuator)
+    }
+
     /// Returns its name in configurations.
     pub(crate) const fn name(self) -> &'static str {
         match self {
@@ -292,13 +310,7 @@ struct MotorAddress {
 impl Session {
     /// Returns a session with a motor that a scan found, without settings.
     pub(crate) fn with(line: OpenLine, found: &Found) -> Self {
-        let protocol = match found.family {
-            Family::Native => Protocol::Gim,
-            Family::RobStride { .. } => Protocol::RobStride,
-            Family::CanSimple => Protocol::CanSimple,
-            Family::MyActuator => Protocol::MyActuator,
-            Family::Mit | Family::OtherMit { .. } | Family::Unknown { .. } => Protocol::Mit,
-        };
+        let protocol = Protocol::of(found.family);
         Self { line, id: found.id, host_id: found.host_id, protocol, settings: None }
     }
 
@@ -440,15 +452,11 @@ impl Session {
         let Found { host_id, family, .. } = self.find()?.ok_or_else(|| {
             self.with_formats(DirectFailure::NoMotor { id: self.id, bus: self.line.name.clone() })
         })?;
-        self.protocol = match family {
-            Family::Native => Protocol::Gim,
-            Family::Mit => Protocol::Mit,
-            Family::RobStride { .. } => Protocol::RobStride,
-            Family::CanSimple => Protocol::CanSimple,
-            Family::MyActuator => Protocol::MyActuator,
-            Family::OtherMit { .. } if self.settings.is_some() => Protocol::Mit,
-            Family::OtherMit { .. } | Family::Unknown { .. } => return Err(self.unfit(family.describe())),
-        };
+        let is_unnamed = matches!(family, Family::OtherMit { .. }) && self.settings.is_none();
+        if is_unnamed || matches!(family, Family::Unknown { .. }) {
+            return Err(self.unfit(family.describe()));
+        }
+        self.protocol = Protocol::of(family);
         if self.line.link.wire() == Wire::Can && matches!(self.protocol, Protocol::Gim | Protocol::Mit) {
             let expected = self.host_id.or(host_id);
             if expected != host_id {

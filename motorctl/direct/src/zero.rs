@@ -43,10 +43,15 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     ))?;
     let after = set(&mut session, at)?;
     print_line(&format!("{name}: reports {after:.3} rad now"))?;
-    match session.protocol {
-        Protocol::CanSimple => print_line(POWER_CYCLE),
-        Protocol::MyActuator => print_line(RESTARTED),
-        Protocol::Mit | Protocol::Gim | Protocol::RobStride => Ok(()),
+    note(session.protocol).map_or(Ok(()), print_line)
+}
+
+/// Returns what a person must know about the new zero, in words.
+pub(crate) const fn note(protocol: Protocol) -> Option<&'static str> {
+    match protocol {
+        Protocol::CanSimple => Some(POWER_CYCLE),
+        Protocol::MyActuator => Some(RESTARTED),
+        Protocol::Mit | Protocol::Gim | Protocol::RobStride => None,
     }
 }
 

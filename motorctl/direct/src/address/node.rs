@@ -52,14 +52,19 @@ fn set_node(session: &mut Session, node: u8, confirm: Confirm) -> Result<(), Dir
         u16::from(node) << 5,
         u16::from(node) << 5 | 0x1F
     ))?;
+    change_id(session, node)?;
+    print_line(&format!("{name}: node id was {old}, confirmed as {node}"))
+}
+
+/// Gives the driver another node id, if it is free.
+pub(super) fn change_id(session: &mut Session, node: u8) -> Result<(), DirectFailure> {
     // Sends nothing: another motor may have an id of that node.
     if Axis::new(&mut session.line.link, node).heartbeat()?.is_some() {
-        return Err(Error::Taken { id: old, taken: node }.into());
+        return Err(Error::Taken { id: session.id, taken: node }.into());
     }
     let mut motor = session.axis();
     motor.stop()?;
-    motor.set_node(node)?;
-    print_line(&format!("{name}: node id was {old}, confirmed as {node}"))
+    Ok(motor.set_node(node)?)
 }
 
 #[cfg(test)]

@@ -50,16 +50,21 @@ fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectF
     if id == old {
         return print_line(&format!("{name}: nothing differs"));
     }
-    if is_taken(&mut session.line.link, id)? {
-        return Err(Error::Taken { id: old, taken: id }.into());
-    }
     confirm.ask(&format!(
         "This permanently changes the id of {name} from {old} to {id}. Connect it alone: every motor with this id would change."
     ))?;
+    change_id(session, id)?;
+    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+}
+
+/// Gives the motor another id, if it is free.
+pub(super) fn change_id(session: &mut Session, id: u8) -> Result<(), DirectFailure> {
+    if is_taken(&mut session.line.link, id)? {
+        return Err(Error::Taken { id: session.id, taken: id }.into());
+    }
     let mut motor = session.private();
     motor.stop()?;
-    motor.set_id(id)?;
-    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+    Ok(motor.set_id(id)?)
 }
 
 /// `motorctl protocol mit`.

@@ -42,15 +42,20 @@ fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectF
     if id == old {
         return print_line(&format!("{name}: nothing differs"));
     }
-    if identify_by(&mut session.line.link, id, Question::MotorStatus)?.is_some() {
-        return Err(Error::Taken { id: old, taken: id }.into());
-    }
     confirm.ask(&format!(
         "This permanently changes the id of {name} from {old} to {id}, and restarts it. Connect it alone: every motor with this id would \
          change."
     ))?;
+    change_id(session, id)?;
+    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+}
+
+/// Gives the motor another id, if it is free.
+pub(super) fn change_id(session: &mut Session, id: u8) -> Result<(), DirectFailure> {
+    if identify_by(&mut session.line.link, id, Question::MotorStatus)?.is_some() {
+        return Err(Error::Taken { id: session.id, taken: id }.into());
+    }
     let mut motor = session.rmd();
     motor.stop()?;
-    motor.set_id(id)?;
-    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+    Ok(motor.set_id(id)?)
 }

@@ -5,7 +5,7 @@ use super::edit::Configuration;
 use super::progress::{Progress, Step};
 use crate::file::FACTORY_ID;
 use crate::motor;
-use crate::target::OpenLine;
+use crate::target::{OpenLine, Protocol};
 use motord_bus::{Duration, Refusal};
 use motord_protocol::commissioning::{Error, Family, Found, Scan, scan};
 use motord_settings::settings::{BusSettings, MotorSettings};
@@ -38,7 +38,15 @@ pub(super) struct Candidate {
 impl Candidate {
     /// Returns why the motor cannot be that of `joint`, in words.
     pub(super) fn mismatch(&self, joint: &MotorSettings) -> Option<String> {
-        motor::mismatch(self.vendor, self.found.family, joint)
+        let beyond_guide = || {
+            format!(
+                "the guide sets up motors with MIT or the GIM protocol: for {} use `motorctl id`, `motorctl zero` and `motorctl setup --config \
+                 FILE`",
+                joint.name
+            )
+        };
+        let is_beyond = Protocol::of(self.found.family).has_one_id();
+        motor::mismatch(self.vendor, self.found.family, joint).or_else(|| is_beyond.then(beyond_guide))
     }
 }
 
