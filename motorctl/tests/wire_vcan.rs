@@ -301,3 +301,96 @@ fn hipnuc_beside_a_motor_is_found() {
     let nothing = line.bad("imu find --bus vcan1", 69);
     assert!(nothing.contains("vcan1: no HiPNUC IMU sends its TPDOs"), "{nothing}");
 }
+
+/// The commands of a section of docs/first-motor.md, without `motorctl`, on `vcan0`.
+fn section(title: &str) -> Vec<String> {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/first-motor.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, section) = page.split_once(&format!("\n## {title}\n")).unwrap();
+    let section = section.split("\n## ").next().unwrap();
+    let commands = section.lines().filter_map(|line| line.strip_prefix("$ motorctl "));
+    commands.map(|command| command.replace("can0", "vcan0")).collect()
+}
+
+/// A motor of a family beside another one, and `motord.toml` for it as fl-knee. A motor that is alone does
+/// not acknowledge frames while it restarts.
+fn fl_knee(model: &str, protocol: &str, new: MotorSettings) -> Line {
+    let hip = MotorSettings { host_id: 0x10A, ..motor("fl-hip", 10) };
+    let line = Line::on_can("vcan0", vec![MotorSettings { initial_position: 0.3, ..new }, hip]);
+    let torque = if protocol == "myactuator" { "torque-end-nm = 24\n" } else { "" };
+    let of = |name, id, protocol, model| {
+        format!(
+            "[[motor]]\nname = '{name}'\nbus = 'leg'\nid = {id}\nprotocol = '{protocol}'\nmodel = '{model}'\n"
+        )
+    };
+    let text = format!(
+        "[cycle]\nrate-hz = 100\n[[bus]]\nname = 'leg'\ntype = 'socketcan'\ninterface = 'vcan0'\n{}{}{torque}",
+        of("fl-hip", 10, "gim", "GIM8108-8"),
+        of("fl-knee", 3, protocol, model)
+    );
+    std::fs::write(line.path("motord.toml"), text).unwrap();
+    line
+}
+
+/// Model, protocol and settings of a motor from the box. A CANSimple driver has another bit rate there, and an
+/// AK motor has got its id with the vendor's tool.
+fn of_family(family: &str) -> (&'static str, &'static str, MotorSettings) {
+    let knee = |id: u16, vendor, dialect, ends| MotorSettings {
+        vendor,
+        dialect,
+        ends: Some(ends),
+        host_id: 0,
+        ..motor("fl-knee", id)
+    };
+    let new = |settings: MotorSettings| MotorSettings { is_new: true, ..settings };
+    match family {
+        "RobStride" => {
+            ("RS02", "robstride", new(knee(1, "robstride", Dialect::RobStride, [12.57, 44.0, 17.0])))
+        }
+        "MyActuator" => {
+            ("X6-40", "myactuator", new(knee(1, "myactuator", Dialect::MyActuator, [12.5, 45.0, 24.0])))
+        }
+        "CubeMars and T-Motor" => ("AK80-9", "mit", knee(3, "cubemars", Dialect::Mit, [12.5, 50.0, 18.0])),
+        _ => ("GIM6010-8", "cansimple", knee(1, "steadywin", Dialect::CanSimple, [12.5, 65.0, 50.0])),
+    }
+}
+
+/// Goal: the commands of the sections on single families set up and move a motor.
+#[test]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
+fn commands_of_each_family_set_up_a_motor() {
+    for (family, commands) in [
+        ("SteadyWin with an SDC104, GDS68 or GDZ driver", 5),
+        ("RobStride", 5),
+        ("MyActuator", 5),
+        ("CubeMars and T-Motor", 4),
+    ] {
+        let (model, protocol, new) = of_family(family);
+        let line = fl_knee(model, protocol, new);
+        let section = section(family);
+        assert_eq!(section.len(), commands, "{family}");
+        let printed: Vec<String> = section.iter().map(|command| line.good(command)).collect();
+        let stopped = printed.last().unwrap();
+        let at: f64 =
+            stopped.split(" stopped at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((0.03..0.2).contains(&at), "{family}: {printed:?}");
+    }
+}
+
+#[test]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
+fn broken_motor_of_each_family_is_replaced() {
+    for family in ["CANSimple", "RobStride", "MyActuator"] {
+        let (model, protocol, new) = of_family(family);
+        let line = fl_knee(model, protocol, new);
+        let plan = line.bad("replace fl-knee --config motord.toml", 64);
+        assert!(plan.contains("cannot be read: its model"), "{plan}");
+        let printed = line.good("replace fl-knee --config motord.toml --yes");
+        assert!(printed.contains("fl-knee: its new motor answers as id 3"), "{printed}");
+        line.inject("fl-knee power-cycle");
+        std::thread::sleep(Duration::from_millis(500));
+        line.good("setup --config motord.toml --joint fl-knee");
+        let again = line.bad("replace fl-knee --config motord.toml --yes", 1);
+        assert!(again.contains("the motor of fl-knee answers"), "{again}");
+    }
+}
