@@ -79,11 +79,9 @@ pub fn run_models(arguments: &ModelsArguments) -> Result<(), FrameFailure> {
     if let Some(file) = &arguments.check {
         let (profile, _) = read_vendor(file).map_err(refused)?;
         let frames = profile.models.iter().flat_map(|model| golden(&profile, model)).collect();
-        return Ok(if arguments.json {
-            json::write_line(out, &frames)?
-        } else {
-            check(&profile, frames, out)?
-        });
+        let written =
+            if arguments.json { json::write_line(out, &frames) } else { check(&profile, frames, out) };
+        return Ok(written?);
     }
     register_beside(&arguments.config).map_err(refused)?;
     match &arguments.show {
