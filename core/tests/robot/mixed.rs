@@ -33,7 +33,9 @@ fn vendor(robot: &Robot, joint: usize) -> &'static str {
 
 #[test]
 fn motors_of_several_vendors_follow_one_wave() {
-    ROBOTS.map(|text| check_wave(&mut Robot::new(robot::settings(text), 3)));
+    for text in ROBOTS {
+        check_wave(&mut Robot::new(robot::settings(text), 3));
+    }
 }
 
 fn check_wave(robot: &mut Robot) {

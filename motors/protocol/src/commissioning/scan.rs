@@ -186,8 +186,7 @@ pub struct Report {
 }
 
 /// Requests every id that no driver of another family would read as a command, by the requests of all
-/// families. Calls `progress`
-/// after each requested id, which ends the scan by returning `false`.
+/// families. Calls `progress` after each requested id, which ends the scan by returning `false`.
 ///
 /// # Errors
 ///
