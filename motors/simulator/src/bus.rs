@@ -260,7 +260,7 @@ impl SimulatedBus {
         for index in 0..self.motors.len() {
             if self.motors[index].report_due() <= to
                 && !self.answers.has(Sender::Motor(index))
-                && let Some((at, report)) = self.motors[index].take_due_report(to)
+                && let Some((at, report)) = self.motors[index].take_due_report(self.now, to)
             {
                 self.answer(index, at, report);
             }

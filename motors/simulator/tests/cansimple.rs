@@ -66,6 +66,20 @@ fn estimates_are_those_of_the_rotor() {
     assert!((99..=101).contains(&sent.len()) && sent.iter().all(|sent| *sent == AT_ONE_RAD), "{sent:?}");
 }
 
+/// An answer that waits holds the reports back.
+#[test]
+fn held_back_estimates_are_not_made_up() {
+    let mut bench = bench();
+    bench.inject("delayed 2ms");
+    for _ in 0..500 {
+        send(&mut bench, 0x03, 0);
+    }
+    bench.inject("ok");
+    bench.pass(Duration::from_millis(5));
+    let sent = reports(&mut bench, 0x09, 100);
+    assert!((9..=11).contains(&sent.len()), "{}", sent.len());
+}
+
 #[test]
 fn heartbeat_has_state_and_errors() {
     let mut bench = bench();

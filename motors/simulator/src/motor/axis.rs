@@ -44,13 +44,15 @@ impl Axis {
         self.heartbeat_at.min(self.estimates_at)
     }
 
-    /// Takes the report that is due. The next one of its kind is due one period after `from`.
-    pub(super) fn take(&mut self, from: Instant) -> Report {
+    /// Takes the report that was due by `now`. The next one of its kind is due one period
+    /// later. A driver sends no report again that it could not send in its time.
+    pub(super) fn take(&mut self, now: Instant) -> Report {
+        let next = |due: Instant, period| if due + period > now { due + period } else { now + period };
         if self.heartbeat_at <= self.estimates_at {
-            self.heartbeat_at = from + HEARTBEAT;
+            self.heartbeat_at = next(self.heartbeat_at, HEARTBEAT);
             Report::Heartbeat
         } else {
-            self.estimates_at = from + ESTIMATES;
+            self.estimates_at = next(self.estimates_at, ESTIMATES);
             Report::Estimates
         }
     }

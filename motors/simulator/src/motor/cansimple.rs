@@ -50,9 +50,10 @@ impl Motor {
         self.axis.due()
     }
 
-    /// Returns the frame that is due by `to`, and its time. While it is silent none is sent later.
-    pub(crate) fn take_due_report(&mut self, to: Instant) -> Option<(Instant, DelayedReply)> {
-        let at = self.axis.due();
+    /// Returns the frame that is due by `to`, and its time: `now`, if it was due before. While the
+    /// motor is silent none is sent later.
+    pub(crate) fn take_due_report(&mut self, now: Instant, to: Instant) -> Option<(Instant, DelayedReply)> {
+        let at = self.axis.due().max(now);
         if !self.listens(at) {
             self.axis.take(to);
             return None;
