@@ -157,6 +157,19 @@ fn lost_node_returns_after_power_cycle() {
     family::check_power_cycle(&mut robot, KNEE);
 }
 
+/// A request has the id of the estimates that the driver sends by itself: both destroy each other.
+#[test]
+fn returned_node_is_not_asked_for_estimates() {
+    let mut robot = leg();
+    robot.disturb("knee power-off");
+    robot.steps(10_000);
+    robot.disturb("knee ok");
+    robot.steps(2000);
+    assert_eq!(robot.mode(KNEE), MotorMode::Idle);
+    let sent = robot.take_sent_to(NODE.into());
+    assert!(sent.iter().all(|sent| sent.frame.id().raw() & 0x1F != 0x09), "the id of the estimates");
+}
+
 /// Goal: what a driver sends by itself disturbs nothing. Method: each millisecond a report of it, some
 /// of which the factory has off, with a motor that moves.
 #[test]

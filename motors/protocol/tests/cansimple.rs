@@ -187,3 +187,74 @@ fn motor_errors_name_the_failure_of_the_axis() {
     errors.beat(heartbeat(0));
     assert_eq!((errors.faults(), errors.is_unnamed()), (Faults::NONE, false));
 }
+
+/// The requests for the estimates, which have the id of the estimates.
+#[cfg(feature = "drive")]
+mod requests {
+    use super::*;
+    use motord_bus::{Duration, Instant};
+    use motord_protocol::cansimple::CanSimpleDialect;
+    use motord_protocol::drive::{Arrived, Command as Order, Dialect, DriveSettings, Question, Transmission};
+    use motord_protocol::gim::ExecutionTime;
+    use motord_protocol::profile::STEADYWIN;
+
+    fn dialect() -> CanSimpleDialect {
+        CanSimpleDialect::new(&DriveSettings {
+            id: NODE,
+            host_id: FrameId::new(0x0A8).unwrap(),
+            profile: &STEADYWIN,
+            scales: Scales::of(&ENDS),
+            gear_ratio: RATIO,
+            transmission: Transmission::new(1.0, 0.0),
+            limits: [10.0, 5.0],
+            wraps: false,
+            duration: ExecutionTime::MAX,
+            error_feedback: true,
+        })
+    }
+
+    /// Returns the number of requests in this number of cycles of a stopped node.
+    fn requests(dialect: &mut CanSimpleDialect, cycles: usize, answers: bool) -> usize {
+        let mut requests = 0;
+        for _ in 0..cycles {
+            let mut frame = Frame::EMPTY;
+            dialect.encode(&Order::Stop, &mut frame).unwrap();
+            match frame.id().raw() {
+                0x0A3 if answers => {
+                    let errors = Frame::classic(FrameId::new(0x0A3).unwrap(), [0; 8]);
+                    let arrived = Arrived::new(&errors, Instant::ZERO);
+                    dialect.accept(arrived, Question::State, Duration::ZERO);
+                }
+                0x0A9 => requests += 1,
+                _ => {}
+            }
+        }
+        requests
+    }
+
+    fn report(dialect: &mut CanSimpleDialect, command: u16, payload: [u8; 8]) {
+        let frame = Frame::classic(FrameId::new(0x0A0 | command).unwrap(), payload);
+        dialect.accept_unprompted(Arrived::new(&frame, Instant::ZERO));
+    }
+
+    /// The other cycles show whether the node sends them.
+    #[test]
+    fn estimates_are_requested_until_node_sends_them() {
+        let mut dialect = dialect();
+        report(&mut dialect, 0x01, [0, 0, 0, 0, 1, 0, 0, 0]);
+        let asked = requests(&mut dialect, 1000, true);
+        assert!((100..=150).contains(&asked), "{asked}");
+        for _ in 0..100 {
+            report(&mut dialect, 0x09, [0; 8]);
+            assert_eq!(requests(&mut dialect, 30, true), 0);
+        }
+    }
+
+    /// It may send them as soon as it returns.
+    #[test]
+    fn silent_node_is_not_asked_for_estimates() {
+        let mut dialect = dialect();
+        report(&mut dialect, 0x01, [0, 0, 0, 0, 1, 0, 0, 0]);
+        assert_eq!(requests(&mut dialect, 10_000, false), 0);
+    }
+}

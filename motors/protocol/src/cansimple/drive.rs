@@ -41,9 +41,13 @@ enum Asked {
     Errors,
 }
 
-/// Polls without an estimate after which a motor does not send them by itself: three intervals at
-/// 1 kHz.
+/// Answered polls without an estimate after which a motor does not send them by itself: three
+/// intervals at 1 kHz.
 const POLLS_MAX: u8 = 30;
+/// Answered polls between two requests for the estimates: estimates that arrive meanwhile end the
+/// requests. Not a divisor of 10, so that the reports of the factory do not keep to the cycles of the
+/// requests.
+const REQUEST_INTERVAL: u8 = 7;
 
 /// The dialect of one motor.
 #[derive(Debug)]
@@ -55,7 +59,8 @@ pub struct CanSimpleDialect {
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
     asked: Asked,
-    /// Polls since the last estimate that was not requested, up to [`POLLS_MAX`].
+    /// Answered polls since the last estimate that was not requested, up to [`POLLS_MAX`]. A motor
+    /// that is silent may send them as soon as it returns.
     polls: u8,
     /// Commands since the start or the stop began.
     step: u8,
@@ -91,7 +96,7 @@ impl CanSimpleDialect {
     #[cold]
     fn forget(&mut self) {
         self.forget_turns();
-        (self.heartbeat, self.errors) = (None, Errors::default());
+        (self.heartbeat, self.errors, self.polls) = (None, Errors::default(), 0);
         self.set_started(false);
     }
 
@@ -118,11 +123,11 @@ impl CanSimpleDialect {
 
     /// Returns the next poll of a motor that does not follow impedances.
     const fn poll(&mut self) -> frame::Command {
-        if self.polls == POLLS_MAX {
-            return frame::Command::GetEstimates;
+        if self.polls < POLLS_MAX {
+            return frame::Command::GetErrors;
         }
-        self.polls += 1;
-        frame::Command::GetErrors
+        self.polls -= REQUEST_INTERVAL;
+        frame::Command::GetEstimates
     }
 
     /// Returns the next command to a motor that is to stop.
@@ -333,6 +338,7 @@ impl Dialect for CanSimpleDialect {
         let Some(reply) = self.decode(arrived) else { return Reported::Alive };
         if let Reply::Errors(errors) = reply {
             self.errors.record_motor(errors);
+            self.polls = POLLS_MAX.min(self.polls + 1);
         }
         match self.values(&reply) {
             Some(values) => {
@@ -348,8 +354,11 @@ impl Dialect for CanSimpleDialect {
     fn accept_unprompted(&mut self, arrived: Arrived<'_>) -> Reported {
         match self.decode(arrived) {
             Some(Reply::Heartbeat(heartbeat)) => self.beat(heartbeat),
-            Some(Reply::Estimates(estimates)) if self.asked != Asked::Impedance => {
+            Some(Reply::Estimates(estimates)) => {
                 self.polls = 0;
+                if self.asked == Asked::Impedance {
+                    return Reported::Unprompted;
+                }
                 let values = self.estimated(estimates);
                 let (measured, status) = self.state(values);
                 Reported::State(measured, Duration::ZERO, status)
