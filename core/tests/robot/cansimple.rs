@@ -170,6 +170,22 @@ fn returned_node_is_not_asked_for_estimates() {
     assert!(sent.iter().all(|sent| sent.frame.id().raw() & 0x1F != 0x09), "the id of the estimates");
 }
 
+/// The largest number of turns has no number of radians.
+#[test]
+fn estimates_beyond_any_number_are_not_used() {
+    let mut robot = leg();
+    robot.steps(500);
+    let [a, b, c, d] = f32::MAX.to_le_bytes();
+    for payload in [[a, b, c, d, 0, 0, 0, 0], [0, 0, 0, 0, a, b, c, d]] {
+        for _ in 0..5 {
+            deliver(&mut robot, 0x09, &payload);
+            robot.step();
+            let joint = robot.joint(KNEE);
+            assert!(joint.position.is_finite() && joint.velocity.is_finite(), "{joint:?}");
+        }
+    }
+}
+
 /// Goal: what a driver sends by itself disturbs nothing. Method: each millisecond a report of it, some
 /// of which the factory has off, with a motor that moves.
 #[test]

@@ -230,12 +230,21 @@ impl CanSimpleDialect {
         self.write_other(command, frame)
     }
 
-    /// Returns the content of a frame from this motor.
+    /// Returns the content of a frame from this motor. `None` for estimates that no number has at the
+    /// output.
     #[inline]
     fn decode(&self, arrived: Arrived<'_>) -> Option<Reply> {
         let is_formed = !arrived.id.is_extended() && arrived.format == motord_bus::Format::Classic;
         let id = Id::of(arrived.id.raw());
-        Reply::decode(id, arrived.payload).filter(|_| is_formed && id.node == self.node)
+        let reply = Reply::decode(id, arrived.payload).filter(|_| is_formed && id.node == self.node)?;
+        match reply {
+            Reply::Estimates(estimates) => self.is_finite(estimates).then_some(reply),
+            _ => Some(reply),
+        }
+    }
+
+    fn is_finite(&self, estimates: Estimates) -> bool {
+        estimates.at_output(self.gear_ratio).iter().all(|value| value.is_finite())
     }
 
     /// Returns whether a reply answers the last request in place of a state.
