@@ -194,6 +194,25 @@ fn each_motor_gets_a_stop_before_hold() {
     assert!((0..3).all(|joint| robot.truth(joint).mode() == Mode::Stopped));
 }
 
+/// Method: a motor was offline before, at each of its probes.
+#[test]
+fn offline_motor_gets_a_stop_before_hold() {
+    for probe in 0..5 {
+        let (mut robot, rest) = active();
+        robot.disturb("hip off");
+        stopped_within(&mut robot, &rest, 12);
+        robot.steps(1000 + 100 * probe);
+        robot.disturb("can power-off");
+        while condition(&mut robot, 0) != BusCondition::Held {
+            robot.step();
+        }
+        robot.take_sent();
+        robot.steps(2);
+        let sent = robot.take_sent_to(1);
+        assert_eq!(sent.first().map(|sent| sent.meaning), Some(Meaning::Stop), "after {probe} probes");
+    }
+}
+
 /// Goal: while one motor is missing, its bus is held. The operator excludes the joint.
 #[test]
 fn bus_is_held_until_every_motor_answered() {
@@ -251,6 +270,23 @@ fn motors_in_fault_end_hold() {
     robot.steps(4000);
     assert_eq!([0, 1, 2].map(|joint| robot.mode(joint)), [MotorMode::Fault; 3]);
     assert_eq!(condition(&mut robot, 0), BusCondition::Active);
+}
+
+/// Goal: motors in fault are found after one probe each, and one more. Method: the controller reports
+/// that it is error passive, and never that it recovered, so the probes are a second apart.
+#[test]
+fn motors_in_fault_end_hold_of_passive_bus() {
+    let (mut robot, rest) = active();
+    robot.disturb("can power-off");
+    robot.disturb("can passive");
+    stopped_within(&mut robot, &rest, 12);
+    robot.steps(500);
+    robot.disturb("can ok");
+    for joint in ["hip", "thigh", "knee"] {
+        robot.disturb(&format!("{joint} fault 0x02"));
+    }
+    robot.steps(5500);
+    assert_eq!([0, 1, 2].map(|joint| robot.mode(joint)), [MotorMode::Fault; 3]);
 }
 
 /// Goal: motors of each vendor, and native ones on a line, pass their probes.

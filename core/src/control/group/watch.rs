@@ -103,7 +103,12 @@ impl Group {
             Reported::State(state, latency, status) => {
                 return self.receive_state(slot, state, (at, latency), status, cx);
             }
-            Reported::Fault(bits) => return self.receive_fault(slot, bits, at, cx),
+            Reported::Fault(bits) => {
+                if bits.is_none() {
+                    motor.hurry_probe();
+                }
+                return self.receive_fault(slot, bits, at, cx);
+            }
             Reported::Ambiguous(bits) => motor.record_ambiguous(bits, at, cx),
             Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
             Reported::Register(number, value) => motor.record_register(number, value, cx),

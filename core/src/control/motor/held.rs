@@ -9,7 +9,9 @@ use motord_shared::MotorMode;
 impl Motor {
     /// Records that its bus is held from now on: the motor is lost, and gets one stop.
     pub(crate) fn hold(&mut self, cx: &mut Context) {
-        if !self.is_excluded() && !self.is_offline() {
+        if self.is_offline() {
+            self.mode = Mode::OFFLINE;
+        } else if !self.is_excluded() {
             self.lose(cx);
             self.changed(cx);
         }
@@ -17,12 +19,12 @@ impl Motor {
         self.grant();
     }
 
-    /// Grants one command, which is a probe. A motor in fault is asked for it: it may answer
-    /// nothing else.
+    /// Grants one command, which is a probe: stops and questions for the fault in turn. A motor in
+    /// fault may answer nothing else, and probes of a held bus are up to seconds apart.
     pub(crate) const fn grant(&mut self) {
         self.access = Access::Granted;
         match &mut self.mode {
-            Mode::Offline(probe) | Mode::Excluded(probe) => probe.hurry(),
+            Mode::Offline(probe) | Mode::Excluded(probe) => probe.alternate(),
             Mode::Fault { queries } => *queries = true,
             _ => {}
         }

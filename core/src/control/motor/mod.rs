@@ -441,13 +441,9 @@ impl Motor {
     /// Records an answer without a state. An offline motor is probed in the next cycle.
     pub(super) const fn record_alive(&mut self) {
         self.replies.alive();
-        match &mut self.mode {
-            Mode::Offline(probe) => {
-                probe.hurry();
-                self.access.hurry();
-            }
-            Mode::Starting(start) => start.answered(false),
-            _ => {}
+        self.hurry_probe();
+        if let Mode::Starting(start) = &mut self.mode {
+            start.answered(false);
         }
     }
 

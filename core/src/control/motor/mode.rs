@@ -119,6 +119,13 @@ impl Probe {
         self.next = Instant::ZERO;
     }
 
+    /// Makes the next probe due immediately: a question for the fault after a stop, a stop after a
+    /// question.
+    pub(super) const fn alternate(&mut self) {
+        self.next = Instant::ZERO;
+        self.count = if self.count == 0 { 0 } else { PROBES_PER_FAULT - 1 };
+    }
+
     fn stop(&mut self, now: Instant) -> Command {
         match self.command(now) {
             Command::Nothing => Command::Nothing,

@@ -24,6 +24,12 @@ impl Motor {
     /// offline motor does not wait.
     pub(crate) const fn expect_no_answer(&mut self) {
         self.replies.expect_none();
+        self.hurry_probe();
+    }
+
+    /// Makes the next probe of an offline motor due in the next cycle, also on a held bus: a frame that
+    /// is answered does not wait.
+    pub(in crate::control) const fn hurry_probe(&mut self) {
         if let Mode::Offline(probe) = &mut self.mode {
             probe.hurry();
             self.access.hurry();
