@@ -570,6 +570,8 @@ impl Motor {
                 self.lose_power();
                 self.boot(at);
             }
+            // Only the return of the power starts it.
+            Fault::Restart if impairment.dead => {}
             Fault::Restart => {
                 self.lose_power();
                 self.boot(at);

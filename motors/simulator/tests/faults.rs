@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Bench, NEUTRAL, PUSH, START, frames, position};
+use common::{Bench, NEUTRAL, PUSH, START, STOP, frames, position};
 use motord_bus::frame::ControllerState;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Refusal, Unsupported};
 use motord_simulator::{Direction, FaultVerb, InjectError, Mode, MotorSettings};
@@ -246,4 +246,15 @@ fn inapplicable_fault_is_refused() {
     assert_eq!(inject("nobody off"), Err(InjectError::NoSuchTarget));
     assert_eq!(inject("joint bus-off"), Err(InjectError::NotForMotors));
     assert_eq!(inject("can0 stuck"), Err(InjectError::NotForBuses));
+}
+
+/// Otherwise it answers while its bus has no power.
+#[test]
+fn motor_without_power_does_not_restart() {
+    let mut bench = Bench::new(MotorSettings::default());
+    bench.inject("power-off");
+    bench.inject("restart");
+    assert!((0..1000).all(|_| bench.is_silent(STOP)));
+    bench.inject("ok");
+    assert!((0..1000).any(|_| !bench.is_silent(STOP)));
 }
