@@ -66,7 +66,7 @@ fn checked_file_prints_its_frames() {
     }
     assert!(!printed.contains("clear fault"), "the motor has no such frame");
     let json = models(directory.path(), &["--check", "models.d/acme.toml", "--json"]);
-    assert_lines_valid("motorctl-models-check", text(&json.stdout));
+    assert_lines_valid("motorctl-models", text(&json.stdout));
     let frames: Vec<serde_json::Value> = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!(frames.len(), printed.lines().count() - 2, "a line for each frame, below two lines");
     let fastest =

@@ -98,7 +98,7 @@ fn its_commands_move_kill_and_damp_robot() {
     let screen = desk.watcher.until("the damped robot", is_damped);
     assert!(screen.contains("The owner's process ended while its group was active."), "{screen}");
     assert!(screen.contains(&format!("sine ({pid})")), "{screen}");
-    let line = reset.trim_start_matches("target/release/");
+    let line = reset.trim_start_matches("target/release/").trim_end_matches(" --wait");
     assert!(screen.contains(line), "{line} in\n{screen}");
     desk.controller.until("the killed controller", |screen| screen.contains("Killed"));
     desk.controller.enter(&here(reset));
