@@ -244,7 +244,8 @@ fn each_convention_of_a_plant_is_in_status() {
             imu.contradictions().map(ImuContradiction::name).eq(names.iter().copied()).then_some(())
         });
         println!("{names:?} after {:?}", begun.elapsed());
-        assert_eq!(daemon.status()["imus"][0]["contradictions"], Value::from(names));
+        let names = Value::from(names);
+        daemon.await_status(|status| status["imus"][0]["contradictions"] == names);
     }
 }
 
