@@ -9,11 +9,11 @@ use crate::failure::DirectFailure;
 use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
+use motord_protocol::Scales;
 use motord_protocol::commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::Feedback;
 use motord_protocol::mit::{self, Impedance};
-use motord_protocol::{Scales, cansimple};
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 
@@ -211,11 +211,7 @@ pub(crate) struct Jogged<'s> {
 impl<'s> Jogged<'s> {
     /// Wraps the motor of a session. Sends nothing.
     pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
-        let scales = match session.protocol {
-            Protocol::CanSimple => Scales::of(&cansimple::ENDS),
-            _ => session.scales(),
-        };
-        let feedback = Feedback::within([f32::INFINITY; 2], &scales);
+        let feedback = Feedback::within([f32::INFINITY; 2], &session.scales());
         Self { session, kd, feedback }
     }
 
@@ -239,11 +235,11 @@ impl<'s> Jogged<'s> {
                 at
             }
             Protocol::CanSimple => {
-                let ratio = self.session.gear_ratio();
+                let (ratio, scales) = (self.session.gear_ratio(), self.session.scales());
                 let mut motor = self.session.axis();
                 motor.stop()?;
                 let [at, _] = motor.estimates()?.at_output(ratio);
-                motor.start()?;
+                motor.start(&scales)?;
                 at
             }
             Protocol::MyActuator => {
@@ -304,9 +300,9 @@ impl<'s> Jogged<'s> {
             return Ok(state.scaled(&scales).map(f64::from));
         }
         if self.session.protocol == Protocol::CanSimple {
-            let scales = Scales::of(&cansimple::ENDS);
+            let scales = self.session.scales();
             let sent = nearest(wanted, &mut self.feedback, &scales);
-            return Ok(self.session.axis().control(&sent)?.scaled(&scales).map(f64::from));
+            return Ok(self.session.axis().control(&sent, &scales)?.scaled(&scales).map(f64::from));
         }
         if self.session.protocol == Protocol::MyActuator {
             let scales = self.session.configured_scales()?;
@@ -339,13 +335,7 @@ fn nearest(wanted: &Impedance, feedback: &mut Feedback, scales: &Scales) -> Impe
 
 impl Stop for Jogged<'_> {
     fn stop(&mut self) -> Result<(), Error> {
-        match self.session.protocol {
-            Protocol::Mit => self.session.mit().stop().map(drop),
-            Protocol::Gim => self.session.gim().stop(),
-            Protocol::RobStride => self.session.private().stop().map(drop),
-            Protocol::CanSimple => self.session.axis().stop(),
-            Protocol::MyActuator => self.session.rmd().stop(),
-        }
+        self.session.stop()
     }
 }
 
@@ -414,6 +404,39 @@ mod tests {
                 assert!((mean - f64::from(wanted)).abs() <= field.step() / 50.0, "{wanted}: {mean}");
             }
         }
+    }
+
+    /// The ends of the codes may be another motor's: the configuration has them.
+    #[test]
+    fn node_is_jogged_by_the_configured_ends() {
+        let text = "[[bus]]\nname = 'leg'\ntype = 'socketcan'\ninterface = 'can0'\n[[motor]]\nname = 'knee'\nbus = 'leg'\nid = 3\n\
+                    protocol = 'cansimple'\nmodel = 'GIM6010-8'\nposition-end-rad = 25.0\n";
+        let loaded = motord_configuration::parse(
+            std::path::Path::new("robot.toml"),
+            text.as_bytes(),
+            &motord_configuration::Machine::here(),
+        );
+        let configured = loaded.unwrap().settings.motors[0].clone();
+        let knee = MotorSettings {
+            name: "knee".into(),
+            id: 3,
+            dialect: Dialect::CanSimple,
+            ends: Some([25.0, 65.0, 50.0]),
+            ..Default::default()
+        };
+        let bus = SharedBus::new(SimulatedBus::new(BusSettings::default(), vec![knee], 1));
+        let link = Link::can(bus.clone(), VirtualClock::new(BusInstant::ZERO));
+        let line = crate::target::OpenLine::simulated(link, None);
+        let (protocol, settings) = (Protocol::CanSimple, Some(configured));
+        let mut session = Session { line, id: 3, host_id: None, protocol, settings };
+        let mut motor = Jogged::new(&mut session, 2.0);
+        let begin = motor.start().unwrap();
+        let end = begin + 0.5;
+        for _ in 0..3000 {
+            motor.pull(end, 0.0, 30.0).unwrap();
+        }
+        let truth = bus.lock().motors()[0].position();
+        assert!((truth - end).abs() < 0.02, "{truth} {end}");
     }
 
     #[test]

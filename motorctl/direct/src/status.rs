@@ -3,6 +3,7 @@
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::memory::expected_one_of;
+use crate::motor;
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::Faults;
@@ -113,17 +114,10 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
 /// `motorctl fault clear --bus`: clears the fault and reads the faults again.
 pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
-    let cleared = match session.protocol {
-        Protocol::Mit => {
-            let _silent = session.mit().stop();
-            session.mit().clear_fault()
-        }
-        Protocol::Gim => session.gim().acknowledge_fault(),
-        Protocol::RobStride => session.private().clear_fault(),
-        Protocol::CanSimple => session.axis().clear_fault(),
-        Protocol::MyActuator => session.rmd().clear_fault(),
-    };
-    cleared?;
+    if session.protocol == Protocol::Mit {
+        let _silent = session.mit().stop();
+    }
+    motor::clear_fault(&mut session)?;
     let left = read_faults(&mut session)?;
     if left.is_none() {
         return print_line(&format!("{}: the fault is cleared", session.name()));
@@ -155,12 +149,8 @@ pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFail
         (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator, true) => {
             return Err(session.unfit("its protocol has no such command: leave --control out"));
         }
-        (Protocol::RobStride, false) => session.private().stop().map(drop),
-        (Protocol::CanSimple, false) => session.axis().stop(),
-        (Protocol::MyActuator, false) => session.rmd().stop(),
-        (Protocol::Mit, false) => session.mit().stop().map(drop),
         (Protocol::Gim, true) => session.gim().stop_control(),
-        (Protocol::Gim, false) => session.gim().stop(),
+        (_, false) => session.stop(),
     };
     done?;
     print_line(&format!(

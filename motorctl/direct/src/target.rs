@@ -362,6 +362,21 @@ impl Session {
         Rmd::new(&mut self.line.link, self.id)
     }
 
+    /// Stops the motor.
+    ///
+    /// # Errors
+    ///
+    /// The motor does not answer, or refuses.
+    pub(crate) fn stop(&mut self) -> Result<(), Error> {
+        match self.protocol {
+            Protocol::Mit => self.mit().stop().map(drop),
+            Protocol::Gim => self.gim().stop(),
+            Protocol::RobStride => self.private().stop().map(drop),
+            Protocol::CanSimple => self.axis().stop(),
+            Protocol::MyActuator => self.rmd().stop(),
+        }
+    }
+
     /// Returns the rotor turns per turn of the output shaft. Without a configuration they are those of
     /// a GIM6010-8.
     pub(crate) fn gear_ratio(&self) -> f32 {
@@ -376,9 +391,13 @@ impl Session {
         WideScales::of(&self.settings.as_ref().map_or_else(unknown, |settings| settings.scales))
     }
 
-    /// Returns the scales of [`mit`](Self::mit).
+    /// Returns the scales of [`mit`](Self::mit) and [`axis`](Self::axis): those of the configuration.
     pub(crate) fn scales(&self) -> Scales {
-        self.settings.as_ref().map_or(Scales::WITHOUT_CONSTANTS, |settings| settings.scales)
+        let unknown = || match self.protocol {
+            Protocol::CanSimple => Scales::of(&cansimple::ENDS),
+            _ => Scales::WITHOUT_CONSTANTS,
+        };
+        self.settings.as_ref().map_or_else(unknown, |settings| settings.scales)
     }
 
     /// Returns the configured scales of a motor whose torque codes no source gives for certain.

@@ -1,7 +1,7 @@
 //! Transactions with a driver in the CANSimple dialect.
 
+use super::Errors;
 use super::frame::{AxisState, Command, Estimates, Heartbeat, Id, Reply};
-use super::{ENDS, Errors};
 use crate::link::{ATTEMPTS, Error, Link, LinkEvent, repeat};
 use crate::mit::{ControlCodes, Impedance};
 use crate::{Faults, Scales, StateCodes};
@@ -136,7 +136,7 @@ impl<'l> Axis<'l> {
     ///
     /// [`Error::Bus`].
     pub fn clear_fault(&mut self) -> Result<(), Error> {
-        self.tell(Command::ClearErrors)?;
+        self.send(Command::ClearErrors)?;
         self.link.pause(self.link.timeout());
         Ok(())
     }
@@ -155,10 +155,10 @@ impl<'l> Axis<'l> {
     /// # Errors
     ///
     /// [`Error::Silent`] when no heartbeat reports the closed loop.
-    pub fn start(&mut self) -> Result<(), Error> {
-        self.tell(Command::SetMode)?;
-        let neutral = self.codes(&Impedance::default())?;
-        self.tell(Command::Control(neutral))?;
+    pub fn start(&mut self, scales: &Scales) -> Result<(), Error> {
+        self.send(Command::SetMode)?;
+        let neutral = self.codes(&Impedance::default(), scales)?;
+        self.send(Command::Control(neutral))?;
         self.enter(AxisState::ClosedLoop, Heartbeat::is_running, "axis state closed loop")
     }
 
@@ -169,7 +169,7 @@ impl<'l> Axis<'l> {
         request: &'static str,
     ) -> Result<(), Error> {
         for _ in 0..ATTEMPTS {
-            self.tell(Command::SetState(state))?;
+            self.send(Command::SetState(state))?;
             // The first heartbeat may be older than the command.
             for _ in 0..2 {
                 if self.heartbeat()?.is_some_and(|heartbeat| is_entered(&heartbeat)) {
@@ -185,8 +185,8 @@ impl<'l> Axis<'l> {
     /// # Errors
     ///
     /// [`Error::Silent`]; [`Error::Protocol`] where a value is not finite.
-    pub fn control(&mut self, wanted: &Impedance) -> Result<StateCodes, Error> {
-        let codes = self.codes(wanted)?;
+    pub fn control(&mut self, wanted: &Impedance, scales: &Scales) -> Result<StateCodes, Error> {
+        let codes = self.codes(wanted, scales)?;
         let state = self.ask(Command::Control(codes), self.link.timeout(), |reply| match reply {
             Reply::State(state) => Some(state),
             _ => None,
@@ -194,10 +194,8 @@ impl<'l> Axis<'l> {
         state.ok_or(self.silent("MIT control"))
     }
 
-    fn codes(&self, wanted: &Impedance) -> Result<ControlCodes, Error> {
-        let reason = "a value of the command is not a finite number";
-        let codes = ControlCodes::nearest(wanted, &Scales::of(&ENDS));
-        codes.map_err(|_| Error::Protocol { id: self.node, reason })
+    fn codes(&self, wanted: &Impedance, scales: &Scales) -> Result<ControlCodes, Error> {
+        ControlCodes::nearest(wanted, scales).map_err(|_| Error::not_finite(self.node))
     }
 
     /// Makes the present position zero, stores it, and returns the estimates after it. Only for a
@@ -207,7 +205,7 @@ impl<'l> Axis<'l> {
     ///
     /// [`Error::Unconfirmed`] when the driver reports another position.
     pub fn set_zero(&mut self) -> Result<Estimates, Error> {
-        self.tell(Command::SetZero)?;
+        self.send(Command::SetZero)?;
         self.link.pause(self.link.timeout());
         self.store()?;
         let after = self.estimates()?;
@@ -224,7 +222,7 @@ impl<'l> Axis<'l> {
     ///
     /// [`Error::Unconfirmed`] when no driver is found there.
     pub fn set_node(&mut self, node: u8) -> Result<(), Error> {
-        self.tell(Command::SetNode(node))?;
+        self.send(Command::SetNode(node))?;
         self.node = node;
         self.link.pause(self.link.timeout());
         if self.is_there()? {
@@ -238,7 +236,7 @@ impl<'l> Axis<'l> {
 
     /// Stores the configuration, and waits until the driver may have restarted.
     fn store(&mut self) -> Result<(), Error> {
-        self.tell(Command::Save)?;
+        self.send(Command::Save)?;
         self.link.pause(STORE);
         Ok(())
     }
@@ -248,7 +246,7 @@ impl<'l> Axis<'l> {
     }
 
     /// Sends a command that is not answered.
-    fn tell(&mut self, command: Command) -> Result<(), Error> {
+    fn send(&mut self, command: Command) -> Result<(), Error> {
         self.ask(command, Duration::ZERO, |_| None::<()>).map(drop)
     }
 

@@ -147,6 +147,13 @@ pub enum Error {
     Interrupted,
 }
 
+impl Error {
+    /// A value of a command to motor `id` has no code.
+    pub(crate) const fn not_finite(id: u8) -> Self {
+        Self::Protocol { id, reason: "a value of the command is not a finite number" }
+    }
+}
+
 /// Returns the sentence for a value that no motor has.
 fn implausible(item: &str, unit: &str, range: Option<(f32, f32)>, value: f64, meant: Option<f64>) -> String {
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };

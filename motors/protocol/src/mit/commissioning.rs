@@ -147,9 +147,8 @@ impl<'l> Mit<'l> {
         command: &Command,
         mut read: impl FnMut(&[u8]) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        let reason = "a value of the command is not a finite number";
         let payload = self.profile.encode(command, &self.scales);
-        let payload = payload.map_err(|_| Error::Protocol { id: self.id, reason })?;
+        let payload = payload.map_err(|_| Error::not_finite(self.id))?;
         let (id, host_id, profile) = (self.id, self.host_id, self.profile);
         let timeout = self.link.timeout();
         self.link.ask(id, payload, timeout, |event| match event {

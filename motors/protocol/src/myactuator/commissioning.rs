@@ -1,13 +1,11 @@
 //! Transactions with a motor in MyActuator's protocol.
 
 use super::frame::{Command, MotorStatus, Reply};
-use crate::link::{Error, Link, LinkEvent};
+use crate::link::{Error, Link, LinkEvent, repeat};
 use crate::mit::{ControlCodes, Impedance};
 use crate::{Faults, Scales, StateCodes};
 use motord_bus::{Duration, Frame, FrameId};
 
-/// Attempts for a request that may be repeated.
-const ATTEMPTS: usize = 3;
 /// Longest time until a motor that restarts answers. No source gives one.
 const RESTART: Duration = Duration::from_secs(5);
 /// Largest angle after a zero, rad.
@@ -159,9 +157,7 @@ impl<'l> Rmd<'l> {
     ///
     /// [`Error::Silent`]; [`Error::Protocol`] where a value is not finite.
     pub fn control(&mut self, wanted: &Impedance, scales: &Scales) -> Result<StateCodes, Error> {
-        let reason = "a value of the command is not a finite number";
-        let codes = ControlCodes::nearest(wanted, scales);
-        let codes = codes.map_err(|_| Error::Protocol { id: self.id, reason })?;
+        let codes = ControlCodes::nearest(wanted, scales).map_err(|_| Error::not_finite(self.id))?;
         let state = self.ask(Command::Control(codes), |reply| match reply {
             Reply::State(state) => Some(state),
             _ => None,
@@ -178,7 +174,8 @@ impl<'l> Rmd<'l> {
     pub fn set_zero(&mut self) -> Result<f32, Error> {
         self.confirm("zero (64)", Command::SetZero)?;
         let unconfirmed = Error::Unconfirmed { id: self.id, item: "zero", written: 0.0 };
-        if !self.restart()? {
+        self.reset()?;
+        if !self.returns()? {
             return Err(unconfirmed);
         }
         let after = self.angle()?;
@@ -192,16 +189,16 @@ impl<'l> Rmd<'l> {
     /// [`Error::Unconfirmed`] when no motor answers there.
     pub fn set_id(&mut self, id: u8) -> Result<(), Error> {
         self.confirm("id (20, 5)", Command::SetId(id))?;
-        let _unanswered = self.ask(Command::Reset, |_| None::<()>)?;
+        self.reset()?;
         self.id = id;
         let unconfirmed = Error::Unconfirmed { id, item: "id", written: id.into() };
         if self.returns()? { Ok(()) } else { Err(unconfirmed) }
     }
 
-    /// Restarts the motor. Returns whether it answers afterwards.
-    fn restart(&mut self) -> Result<bool, Error> {
+    /// Restarts the motor.
+    fn reset(&mut self) -> Result<(), Error> {
         let _unanswered = self.ask(Command::Reset, |_| None::<()>)?;
-        self.returns()
+        Ok(())
     }
 
     /// Asks for the status until the motor answers, or a restart would be over.
@@ -231,8 +228,7 @@ impl<'l> Rmd<'l> {
         command: Command,
         read: impl Fn(Reply) -> Option<T>,
     ) -> Result<T, Error> {
-        let found = (0..ATTEMPTS).find_map(|_| self.ask(command, &read).transpose());
-        found.unwrap_or(Err(self.silent(request)))
+        repeat(|| self.ask(command, &read))?.ok_or(self.silent(request))
     }
 
     /// Sends `command`, and passes the frames of the motor to `read` until it returns a value.

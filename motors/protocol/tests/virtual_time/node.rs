@@ -84,20 +84,21 @@ fn zero_is_stored_and_compared_after_power_cycle() {
 fn axis_starts_neutral_follows_and_stops() {
     let (bus, mut link) = with(vec![node("knee", 3)]);
     let mut knee = Axis::new(&mut link, 3);
-    knee.start().unwrap();
+    let scales = Scales::of(&cansimple::ENDS);
+    knee.start(&scales).unwrap();
     assert_eq!(bus.lock().motors()[0].mode(), Mode::Running);
     assert!((bus.lock().motors()[0].position() - 0.5).abs() < 0.01, "it did not move");
     let wanted = Impedance { position: 0.7, kp: 40.0, kd: 1.0, ..Impedance::default() };
     let mut position = 0.0;
     for _ in 0..300 {
-        let state = Axis::new(&mut link, 3).control(&wanted).unwrap();
-        [position, ..] = state.scaled(&Scales::of(&cansimple::ENDS));
+        let state = Axis::new(&mut link, 3).control(&wanted, &scales).unwrap();
+        [position, ..] = state.scaled(&scales);
         link.pause(Duration::from_millis(1));
     }
     assert!((position - 0.7).abs() < 0.05, "{position}");
     Axis::new(&mut link, 3).stop().unwrap();
     assert_eq!(bus.lock().motors()[0].mode(), Mode::Stopped);
-    let infinite = Axis::new(&mut link, 3).control(&Impedance { torque: f32::INFINITY, ..wanted });
+    let infinite = Axis::new(&mut link, 3).control(&Impedance { torque: f32::INFINITY, ..wanted }, &scales);
     assert!(matches!(infinite, Err(Error::Protocol { id: 3, .. })));
 }
 
