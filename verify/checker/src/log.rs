@@ -259,7 +259,7 @@ fn read_of_register(wiring: &Wiring, interface: &str, frame: &Frame) -> Option<u
     let &[id, 0, 0x33, _, 0, 0, 0, 0] = frame.payload() else { return None };
     let is_read = frame.id() == FrameId::MAX;
     wiring.motors.iter().position(|motor| {
-        is_read && motor.has_registers && motor.interface == interface && motor.ids.motor == u16::from(id)
+        is_read && motor.has_registers && motor.interface == interface && motor.ids.motor == id
     })
 }
 

@@ -232,15 +232,16 @@ impl Wiring {
             let vendor = Vendor::of_model(motor.model.as_deref().unwrap_or_default());
             let position = motor.position();
             let reply_id = motor.host_id.unwrap_or(vendor.reply_offset.map_or(0, |offset| offset + motor.id));
-            let reply = FrameId::new(reply_id).filter(|_| motor.id <= 0xFF);
-            let reply = reply.ok_or_else(|| format!("{}: an id is too large", motor.name))?;
+            let ids = u8::try_from(motor.id).ok().zip(FrameId::new(reply_id));
+            let ids = ids.map(|(motor, reply)| Ids { motor, reply });
+            let ids = ids.ok_or_else(|| format!("{}: an id is too large", motor.name))?;
             let ranges = Ranges::steadywin(1.0);
             let protocol = Protocol::named(motor.protocol.as_deref().unwrap_or("mit"), ranges, vendor.reply);
             Ok(bus.interface.clone().map(|interface| Wired {
                 interface,
                 position,
                 name: motor.name,
-                ids: Ids { motor: motor.id, reply },
+                ids,
                 protocol,
                 has_registers: vendor.reply.registers,
                 answers_question: vendor.reply.report.is_some() || !matches!(protocol, Protocol::Mit(_)),
@@ -268,6 +269,6 @@ impl Wired {
     /// Returns interface and id in candump's format: in MIT, those of a command.
     #[must_use]
     pub fn address(&self) -> String {
-        format!("{} {}", self.interface, FrameId::from(self.ids.motor as u8))
+        format!("{} {}", self.interface, FrameId::from(self.ids.motor))
     }
 }

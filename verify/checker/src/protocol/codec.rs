@@ -7,7 +7,7 @@ use motord_bus::{Frame, FrameId};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Ids {
     /// Its id.
-    pub motor: u16,
+    pub motor: u8,
     /// The id of its replies, where the protocol has one.
     pub reply: FrameId,
 }
@@ -28,7 +28,7 @@ pub(crate) trait Codec {
     /// Returns the sender of a frame to or from the motor with these ids; `None` for another frame.
     fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
         match frame.id() {
-            id if id == FrameId::from(ids.motor as u8) => Some(Sender::Host),
+            id if id == FrameId::from(ids.motor) => Some(Sender::Host),
             id if id == ids.reply => Some(Sender::Motor),
             _ => None,
         }
@@ -44,8 +44,11 @@ pub(crate) trait Codec {
     ///
     /// # Panics
     ///
-    /// When it is forbidden.
-    fn check(&self, frame: &Frame);
+    /// When it is forbidden. Unless a protocol has other rules: when it is no command of a cycle.
+    fn check(&self, frame: &Frame) {
+        let meaning = self.order(frame);
+        assert!(!matches!(meaning, Meaning::Other(_)), "I1: {frame:?} is {meaning:?}");
+    }
 
     /// Returns the size of one code of each field of its impedances. `None` where a command has one
     /// value.

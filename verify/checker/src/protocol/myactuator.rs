@@ -57,14 +57,6 @@ impl Codec for Rmd {
         }
     }
 
-    /// # Panics
-    ///
-    /// When it is no command of a cycle.
-    fn check(&self, frame: &Frame) {
-        let meaning = self.order(frame);
-        assert!(!matches!(meaning, Meaning::Other(_)), "I1: {frame:?} is {meaning:?}");
-    }
-
     fn codes(&self) -> Option<Ranges> {
         Some(self.ranges.codes())
     }

@@ -24,9 +24,9 @@ impl Codec for Private {
     fn sender(&self, frame: &Frame, ids: &Ids) -> Option<Sender> {
         let raw = frame.id().raw();
         let [kind, _, data, target] = raw.to_be_bytes();
-        let is_from_motor = matches!(kind, 0x00 | 0x02 | 0x11 | 0x15 | 0x18) && u16::from(data) == ids.motor;
+        let is_from_motor = matches!(kind, 0x00 | 0x02 | 0x11 | 0x15 | 0x18) && data == ids.motor;
         match frame.id().is_extended() {
-            true if u16::from(target) == ids.motor => Some(Sender::Host),
+            true if target == ids.motor => Some(Sender::Host),
             true if is_from_motor => Some(Sender::Motor),
             _ => None,
         }
@@ -54,14 +54,6 @@ impl Codec for Private {
         let [position, velocity, ..] = fields(bytes);
         let Ranges { position: angle, velocity: speed, .. } = self.ranges;
         Some(Reported::State([symmetric(position, angle), symmetric(velocity, speed)]))
-    }
-
-    /// # Panics
-    ///
-    /// When it is no command of a cycle.
-    fn check(&self, frame: &Frame) {
-        let meaning = self.order(frame);
-        assert!(!matches!(meaning, Meaning::Other(_)), "I1: {frame:?} is {meaning:?}");
     }
 
     fn codes(&self) -> Option<Ranges> {
