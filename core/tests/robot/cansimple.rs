@@ -208,12 +208,8 @@ fn unprompted_frames_change_nothing() {
 #[test]
 fn two_nodes_with_one_id_stop_group() {
     let mut robot = leg();
-    let joints = robot.activate();
-    for _ in 0..200 {
-        robot.follow(&joints);
-        deliver(&mut robot, 0x08, &[NODE, 0x7F, 0xFF, 0x7F, 0xF7, 0xFF]);
-    }
-    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::DuplicateId), KNEE as u32));
+    let id = FrameId::new(BASE | 0x08).unwrap();
+    family::check_duplicate(&mut robot, KNEE, id, &[NODE, 0x7F, 0xFF, 0x7F, 0xF7, 0xFF]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_bus::FrameId;
 use motord_harness::robot::{self, Robot};
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
 
@@ -51,13 +52,14 @@ pub(crate) fn check_clearing(robot: &mut Robot, joint: usize, fault: u32) {
 
 /// A motor that loses its power alone stops its group, and runs again after its power returned.
 pub(crate) fn check_power_cycle(robot: &mut Robot, joint: usize) {
+    let name = robot.settings.motors[joint].name.clone();
     let joints = robot.activate();
-    robot.disturb("knee power-off");
+    robot.disturb(&format!("{name} power-off"));
     robot.follow_until(&joints, 30, |robot| robot.cause().is_some());
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorLost), joint as u32));
     assert_eq!(robot.mode(joint), MotorMode::Offline);
     robot.steps(3000);
-    robot.disturb("knee ok");
+    robot.disturb(&format!("{name} ok"));
     robot.steps(1500);
     assert_eq!(robot.mode(joint), MotorMode::Idle);
     robot.operate(Operation::Reset).unwrap();
@@ -78,4 +80,14 @@ pub(crate) fn check_unwrapping(text: &str, joint: usize) {
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
     let (reported, truth) = (f64::from(robot.joint(joint).position), 0.2 - robot.truth(joint).position());
     assert!((reported - truth).abs() < 0.05, "{reported} {truth}");
+}
+
+/// A second motor with the ids of this one, which sends such frames, stops the group.
+pub(crate) fn check_duplicate(robot: &mut Robot, joint: usize, id: FrameId, state: &[u8]) {
+    let joints = robot.activate();
+    for _ in 0..200 {
+        robot.follow(&joints);
+        robot.deliver_with_id(0, id, state);
+    }
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::DuplicateId), joint as u32));
 }

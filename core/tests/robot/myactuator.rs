@@ -235,12 +235,8 @@ fn other_position_after_start_is_implausible() {
 #[test]
 fn two_motors_with_one_id_stop_group() {
     let mut robot = leg();
-    let joints = robot.activate();
-    for _ in 0..200 {
-        robot.follow(&joints);
-        deliver(&mut robot, 0x505, &[5, 0x7F, 0xFF, 0x7F, 0xF7, 0xFF, 0, 0]);
-    }
-    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::DuplicateId), KNEE as u32));
+    let id = FrameId::new(0x505).unwrap();
+    family::check_duplicate(&mut robot, KNEE, id, &[5, 0x7F, 0xFF, 0x7F, 0xF7, 0xFF, 0, 0]);
 }
 
 #[test]

@@ -172,12 +172,7 @@ fn reporting_motor_is_used_as_any_other() {
 #[test]
 fn two_private_motors_with_one_id_stop_group() {
     let mut robot = leg();
-    let joints = robot.activate();
-    for _ in 0..200 {
-        robot.follow(&joints);
-        robot.deliver_with_id(0, from_knee(2, 0x80), &REST);
-    }
-    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::DuplicateId), KNEE as u32));
+    family::check_duplicate(&mut robot, KNEE, from_knee(2, 0x80), &REST);
 }
 
 #[test]
