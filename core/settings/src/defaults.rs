@@ -169,7 +169,7 @@ impl MotorSettings {
             model: model.name.to_owned(),
             profile,
             scales,
-            constants: (model.ends.is_none() || family.reports_rotor).then(|| DriveConstants::of(model)),
+            constants: family.uses_constants(model).then(|| DriveConstants::of(model)),
             winding,
             max_velocity,
             transmission: Transmission::new(1.0, 0.0),

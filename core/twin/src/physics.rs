@@ -5,8 +5,8 @@
 
 use crate::drive::drive;
 use motord_bus::Duration;
+use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
-use motord_protocol::{Ends, Model};
 use motord_settings::sensor::imu::{ImuCan, ImuSettings, ImuSimulation};
 use motord_settings::settings::{MotorSettings, MotorSimulation, Settings};
 use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
@@ -61,16 +61,9 @@ pub fn simulate(settings: &Settings, bus: usize, seed: u64) -> SimulatedBus {
 /// which the configuration may have changed; that of any other motor is its model's.
 fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64) -> f64 {
     match model {
-        Some(model) if model.ends.is_some() || family_ends(motor).is_some() => {
-            f64::from(model.torque_constant)
-        }
+        Some(model) if motor.protocol.family().ends_of(model).is_some() => f64::from(model.torque_constant),
         _ => motor.scales.torque.max() / (CURRENT_MAX * gear_ratio),
     }
-}
-
-/// The ends of the codes of a protocol that has the same for every model.
-fn family_ends(motor: &MotorSettings) -> Option<Ends> {
-    motor.protocol.family().ends
 }
 
 /// Mechanics that few vendors publish: else those of the simulator's default, a GIM8108-8, scaled
@@ -133,7 +126,8 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
     let defaults = simulator::MotorSettings::default();
     let model = Model::by_name(&motor.model);
     let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
-    let ends = family_ends(motor).or(model.and_then(|model| model.ends)).map(|_| motor.scales.ends());
+    let family = motor.protocol.family();
+    let ends = model.map_or(family.ends, |model| family.ends_of(model)).map(|_| motor.scales.ends());
     let twin = simulator::MotorSettings {
         name: motor.name.clone(),
         id: u16::from(motor.id),

@@ -178,7 +178,8 @@ fn print(buses: &[String], reports: &[Report], as_json: bool) -> Result<(), Dire
 
 fn notes(bus: &str, report: &Report) -> Vec<String> {
     let mut notes = Vec::new();
-    let doubled = report.found.windows(2).filter(|pair| is_doubled(pair)).map(|pair| pair[0].id);
+    let doubled =
+        report.found.windows(2).filter(|pair| is_doubled(&pair[0], &pair[1])).map(|pair| pair[0].id);
     for id in doubled.chain(report.collisions.iter().copied()) {
         notes.push(format!(
             "{bus}: several motors answer as id {id}: connect them one at a time, and give each its own id"
@@ -224,9 +225,9 @@ pub(crate) fn frame_id(id: FrameId) -> String {
 }
 
 /// Returns whether two motors have one id. A node id is another number than an id.
-fn is_doubled(pair: &[Found]) -> bool {
-    let nodes = pair.iter().filter(|found| found.family == Family::CanSimple).count();
-    pair[0].id == pair[1].id && nodes != 1
+pub(crate) fn is_doubled(one: &Found, other: &Found) -> bool {
+    let is_node = |found: &Found| found.family == Family::CanSimple;
+    one.id == other.id && is_node(one) == is_node(other)
 }
 
 /// The note on a CANSimple driver. Source of the commands: GIM6010-8 manual, chapter 4.

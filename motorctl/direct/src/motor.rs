@@ -163,7 +163,7 @@ pub(crate) fn set_address(session: &mut Session, id: u8, host_id: FrameId) -> Re
             must_be_free(session, id, host_id)?;
             Registers::new(&mut session.line.link, session.id, before).set_address(id, host_id)?;
         }
-        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator, _) => {
+        _ => {
             let reason = format!(
                 "its id cannot be changed over CAN in MIT mode: set id {id} and host id {:#05X} with the vendor's tool",
                 host_id.raw()

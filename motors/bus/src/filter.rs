@@ -104,7 +104,7 @@ impl IdSet {
         self.filters.iter().any(|filter| filter.matches(id))
     }
 
-    /// Returns the filter of both whose ids belong to `other`, too.
+    /// Returns the first of its filters that has an id of `other`.
     #[must_use]
     pub fn overlap(self, other: Self) -> Option<IdFilter> {
         self.filters().find(|filter| other.filters().any(|others| filter.overlaps(others)))

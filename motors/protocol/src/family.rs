@@ -1,5 +1,6 @@
 //! The facts of a family of motors.
 
+use crate::model::Model;
 use crate::profile::{Capabilities, Profile};
 use crate::scale::{Ends, Scales};
 
@@ -59,4 +60,19 @@ pub struct Family {
     /// The frames that a motor sends by itself, for the plan of a bus.
     #[cfg(feature = "drive")]
     pub reports: &'static [crate::drive::UnpromptedFrame],
+}
+
+impl Family {
+    /// Returns the values of the largest codes of a motor of this model. `None` where the torque code is
+    /// SteadyWin's current.
+    #[must_use]
+    pub fn ends_of(&self, model: &Model) -> Option<Ends> {
+        self.ends.or(model.ends)
+    }
+
+    /// Returns whether constants of a motor of this model convert its codes or its positions.
+    #[must_use]
+    pub fn uses_constants(&self, model: &Model) -> bool {
+        model.ends.is_none() || self.reports_rotor
+    }
 }

@@ -81,8 +81,7 @@ fn has_codes(keys: &keys::Motor) -> bool {
 /// Returns the ends of the codes: those of the protocol, or of the model. `None` where the torque code
 /// is SteadyWin's current.
 pub(super) fn ends(keys: &keys::Motor, model: &Model) -> Option<Ends> {
-    let of_protocol = keys.protocol.value.and_then(|protocol| protocol.family().ends);
-    of_protocol.or(model.ends)
+    keys.protocol.value.map_or(model.ends, |protocol| protocol.family().ends_of(model))
 }
 
 /// Returns the scales of the codes: as written, or of the model.

@@ -73,8 +73,7 @@ fn motor(
         model: model?.name.to_owned(),
         profile: profile?,
         scales: scales?,
-        constants: constants
-            .filter(|_| model.is_some_and(|model| model.ends.is_none()) || protocol.family().reports_rotor),
+        constants: constants.filter(|_| model.is_some_and(|model| protocol.family().uses_constants(model))),
         winding: WindingSettings {
             rated_torque: capability.rated_torque as f32,
             peak_torque: capability.peak_torque as f32,

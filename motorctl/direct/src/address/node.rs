@@ -1,9 +1,8 @@
 //! The address of a motor with a CANSimple driver.
 
-use super::values::{Address, Wanted};
+use super::values::{Address, IdChange, Wanted};
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::output::print_line;
 use crate::target::{Protocol, Session};
 use motord_protocol::cansimple::NODE_MAX;
 use motord_protocol::commissioning::{Axis, Error};
@@ -39,21 +38,14 @@ fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
 }
 
 fn set_node(session: &mut Session, node: u8, confirm: Confirm) -> Result<(), DirectFailure> {
-    if node > NODE_MAX {
-        return Err(DirectFailure::Usage(format!("the node id of a CANSimple driver is 1 to {NODE_MAX}")));
-    }
-    let (name, old) = (session.name(), session.id);
-    if node == old {
-        return print_line(&format!("{name}: nothing differs"));
-    }
-    confirm.ask(&format!(
-        "This permanently changes the node id of {name} from {old} to {node}. The motor then uses the ids {:#05X} to {:#05X}. Connect it \
-         alone: every driver with this node id would change, and another motor with one of these ids would read its frames as commands.",
-        u16::from(node) << 5,
-        u16::from(node) << 5 | 0x1F
-    ))?;
-    change_id(session, node)?;
-    print_line(&format!("{name}: node id was {old}, confirmed as {node}"))
+    let first = u16::from(node) << 5;
+    let effect = format!(
+        ". The motor then uses the ids {first:#05X} to {:#05X}. Connect it alone: every driver with this node id would change, and another \
+         motor with one of these ids would read its frames as commands.",
+        first | 0x1F
+    );
+    IdChange { motors: "a CANSimple driver", item: "node id", largest: NODE_MAX, effect, change: change_id }
+        .run(session, node, confirm)
 }
 
 /// Gives the driver another node id, if it is free.

@@ -1,6 +1,6 @@
 //! The address of a motor in RobStride's private protocol.
 
-use super::values::{Address, Wanted};
+use super::values::{Address, IdChange, Wanted};
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::output::print_line;
@@ -43,18 +43,9 @@ fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
 }
 
 fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectFailure> {
-    if id > ID_MAX {
-        return Err(DirectFailure::Usage(format!("the id of a RobStride motor is 1 to {ID_MAX}")));
-    }
-    let (name, old) = (session.name(), session.id);
-    if id == old {
-        return print_line(&format!("{name}: nothing differs"));
-    }
-    confirm.ask(&format!(
-        "This permanently changes the id of {name} from {old} to {id}. Connect it alone: every motor with this id would change."
-    ))?;
-    change_id(session, id)?;
-    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+    let effect = ". Connect it alone: every motor with this id would change.".to_owned();
+    IdChange { motors: "a RobStride motor", item: "id", largest: ID_MAX, effect, change: change_id }
+        .run(session, id, confirm)
 }
 
 /// Gives the motor another id, if it is free.

@@ -1,9 +1,8 @@
 //! The address of a MyActuator motor.
 
-use super::values::{Address, Wanted};
+use super::values::{Address, IdChange, Wanted};
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::output::print_line;
 use crate::target::{Protocol, Session};
 use motord_protocol::commissioning::{Error, Question, identify_by};
 use motord_protocol::myactuator::MOTORS_MAX;
@@ -35,19 +34,9 @@ fn show(session: &mut Session, as_json: bool) -> Result<(), DirectFailure> {
 }
 
 fn set_id(session: &mut Session, id: u8, confirm: Confirm) -> Result<(), DirectFailure> {
-    if !(1..=MOTORS_MAX).contains(&id) {
-        return Err(DirectFailure::Usage(format!("the id of a MyActuator motor is 1 to {MOTORS_MAX}")));
-    }
-    let (name, old) = (session.name(), session.id);
-    if id == old {
-        return print_line(&format!("{name}: nothing differs"));
-    }
-    confirm.ask(&format!(
-        "This permanently changes the id of {name} from {old} to {id}, and restarts it. Connect it alone: every motor with this id would \
-         change."
-    ))?;
-    change_id(session, id)?;
-    print_line(&format!("{name}: id was {old}, confirmed as {id}"))
+    let effect = ", and restarts it. Connect it alone: every motor with this id would change.".to_owned();
+    IdChange { motors: "a MyActuator motor", item: "id", largest: MOTORS_MAX, effect, change: change_id }
+        .run(session, id, confirm)
 }
 
 /// Gives the motor another id, if it is free.

@@ -2,8 +2,9 @@
 
 use super::Replacement;
 use crate::file::FACTORY_ID;
-use crate::find::frame_id;
+use crate::find::{frame_id, is_doubled};
 use crate::target::Protocol;
+use clap::ValueEnum;
 use motord_bus::{FrameId, IdSet};
 use motord_protocol::commissioning::{Family, Found, Report, Unprompted};
 use motord_settings::settings::MotorSettings;
@@ -19,8 +20,8 @@ fn factory_ids(joint: &MotorSettings) -> &'static [u8] {
 
 /// Returns whether the address of the joint's motor is one id: a new motor with it looks like that of the joint.
 fn has_one_id(joint: &MotorSettings) -> bool {
-    let with_one_id = [Protocol::RobStride, Protocol::CanSimple, Protocol::MyActuator];
-    with_one_id.into_iter().any(|protocol| protocol.name() == joint.protocol.name())
+    let is_that = |protocol: &&Protocol| protocol.name() == joint.protocol.name();
+    Protocol::value_variants().iter().find(is_that).is_some_and(|protocol| protocol.has_one_id())
 }
 
 /// Returns numbers as text.
@@ -127,12 +128,11 @@ impl Replacement<'_> {
         ))
     }
 
-    /// Refuses two motors with one id. A node id is another number than an id.
+    /// Refuses two motors with one id.
     fn check_doubled(&self, report: &Report) -> Result<(), String> {
-        let is_node = |found: &Found| found.family == Family::CanSimple;
         let alike = |found: &Found| {
             let found = *found;
-            report.found.iter().filter(move |other| other.id == found.id && is_node(other) == is_node(&found))
+            report.found.iter().filter(move |other| is_doubled(&found, other))
         };
         let doubled = report.found.iter().find(|found| alike(found).count() > 1);
         let Some(id) = report.collisions.first().copied().or(doubled.map(|found| found.id)) else {

@@ -53,16 +53,9 @@ const REPORTS: [UnpromptedFrame; 2] = [
 
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {
-        impedance: true,
-        position_end: Some(scales.position.max() as f32),
-        velocity_end: Some(scales.velocity.max() as f32),
         answers_fault_question: true,
-        indicators: 0,
-        registers: 0,
-        scales_by_registers: false,
         reports_stopped_state: true,
-        state_confirms_stop: true,
-        runs_without_enable: false,
+        ..Capabilities::of_impedances(scales)
     }
 }
 

@@ -46,15 +46,9 @@ fn reported(profile: &Profile) -> ReportedProtocol {
 
 const fn capabilities(profile: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {
-        impedance: true,
-        position_end: Some(scales.position.max() as f32),
-        velocity_end: Some(scales.velocity.max() as f32),
         answers_fault_question: profile.is_asked_for_faults(),
-        indicators: 0,
         registers: if profile.has_registers { ENDS.len() as u8 } else { 0 },
         scales_by_registers: profile.has_registers,
-        reports_stopped_state: false,
-        state_confirms_stop: true,
-        runs_without_enable: false,
+        ..Capabilities::of_impedances(scales)
     }
 }

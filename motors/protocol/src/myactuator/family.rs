@@ -45,16 +45,10 @@ pub const FAMILY: Family = Family {
 /// No state confirms a stop: only the answer to it does.
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {
-        impedance: true,
-        position_end: Some(scales.position.max() as f32),
-        velocity_end: Some(scales.velocity.max() as f32),
         answers_fault_question: true,
-        indicators: 0,
-        registers: 0,
-        scales_by_registers: false,
-        reports_stopped_state: false,
         state_confirms_stop: false,
         runs_without_enable: true,
+        ..Capabilities::of_impedances(scales)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Abilities of a motor that the daemon's decisions and the plan of its bus depend on.
 
+use crate::scale::Scales;
+
 /// The abilities of a motor, independent of its vendor and its protocol.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capabilities {
@@ -32,4 +34,23 @@ pub struct Capabilities {
     /// The motor follows the first impedance that it receives, also one from before a loss of power. It
     /// gets none before its start is answered.
     pub runs_without_enable: bool,
+}
+
+impl Capabilities {
+    /// The abilities of a motor that follows impedances in codes with these scales, and has no other.
+    #[must_use]
+    pub const fn of_impedances(scales: &Scales) -> Self {
+        Self {
+            impedance: true,
+            position_end: Some(scales.position.max() as f32),
+            velocity_end: Some(scales.velocity.max() as f32),
+            answers_fault_question: false,
+            indicators: 0,
+            registers: 0,
+            scales_by_registers: false,
+            reports_stopped_state: false,
+            state_confirms_stop: true,
+            runs_without_enable: false,
+        }
+    }
 }

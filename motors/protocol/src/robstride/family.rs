@@ -50,18 +50,7 @@ const REPLY_MASK: u32 = 0xFFFF;
 
 /// Every state has the faults, so the motor is never asked for them.
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
-    Capabilities {
-        impedance: true,
-        position_end: Some(scales.position.max() as f32),
-        velocity_end: Some(scales.velocity.max() as f32),
-        answers_fault_question: false,
-        indicators: 0,
-        registers: 0,
-        scales_by_registers: false,
-        reports_stopped_state: false,
-        state_confirms_stop: true,
-        runs_without_enable: false,
-    }
+    Capabilities::of_impedances(scales)
 }
 
 /// A command ends with the motor's id, whatever its type. A reply ends with the ids of motor and
