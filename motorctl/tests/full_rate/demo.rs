@@ -27,10 +27,10 @@ fn demo(seconds: &str, elsewhere: &TempDir) -> Command {
 }
 
 /// Goal: the first command of a new user shows a working robot.
-/// Method: the demo checks itself; the test checks the printed figures against the promised ones. A
-/// shared machine stalls occasionally: a run that reports a stall is repeated.
+/// Method: the demo judges its missed ticks and replies; the test checks the other figures against the
+/// promised ones. A shared machine stalls occasionally: a run that reports a stall is repeated.
 #[test]
-fn demo_trots_at_rate_without_missed_replies() {
+fn demo_trots_at_its_rate() {
     let _alone = alone();
     let elsewhere = TempDir::new().unwrap();
     let mut runs = (0..ATTEMPTS).map(|_| demo("3", &elsewhere).output().unwrap());
@@ -45,7 +45,6 @@ fn demo_trots_at_rate_without_missed_replies() {
     assert_eq!((&run["motors"], &run["passed"]), (&Value::from(12), &Value::from(true)));
     let ticks = number(&run["cycles"]) + number(&run["overruns"]);
     assert!((ticks / number(&run["seconds"]) - 1000.0).abs() <= 10.0, "{run}");
-    assert!(number(&run["missed_replies"]) <= 12.0 * number(&run["overruns"]), "{run}");
     assert!(number(&run["tracking_rms_rad"]) < 0.05, "{run}");
     assert!(number(&run["seconds"]) >= 3.0 && ticks >= 2900.0, "{run}");
     for latency in ["wake_latency_us", "reply_latency_us", "setpoint_age_us"] {
