@@ -54,6 +54,8 @@ pub struct BusPlan {
     pub transaction_least: Duration,
     /// Most wire time of one command and its reply.
     pub transaction_worst: Duration,
+    /// Most time from the sending of a question to its reply.
+    pub question: Duration,
     /// The least `every` with which the turns of a line do not overlap; 1 on CAN.
     pub every_least: u32,
     /// From the sending of a cycle's commands to its last reply, as expected; on a line the time of
@@ -165,6 +167,7 @@ impl BusPlan {
         let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
         let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
+        let answering = transactions().map(|transaction| transaction.answering).max().unwrap_or_default();
         let none = SensorLoad::default();
         let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate, &none)).max();
         let last_reply = last_reply.unwrap_or_default();
@@ -177,6 +180,7 @@ impl BusPlan {
             imu_time: Duration::ZERO,
             transaction_least: wire_time(least, bitrate),
             transaction_worst: wire_time(fault_poll, bitrate),
+            question: wire_time(fault_poll, bitrate) + answering,
             every_least: 1,
             last_reply,
             rate_hz_max: deadline / last_reply.as_secs_f64(),
@@ -200,6 +204,7 @@ impl BusPlan {
             imu_time: Duration::ZERO,
             transaction_least: wire,
             transaction_worst: turn,
+            question: turn,
             every_least: u32::try_from(cycles * turns as u128).unwrap_or(u32::MAX).max(1),
             last_reply: turn,
             rate_hz_max: (settings.buses[bus].every.get() as usize / turns.max(1)) as f64

@@ -236,16 +236,16 @@ impl Cycle {
         pass_condition(bus, channel, control);
     }
 
-    /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is
-    /// not `open`, and if request and reply still fit before `end`, the next tick. Waits for the
-    /// replies at most until `end`. One system call per bus that is asked, and those of
-    /// [`collect`](Self::collect).
-    pub(super) fn ask(&mut self, open: Ready, end: Instant) {
-        let now = self.clock.now();
+    /// Asks at most one motor of each bus but lines for its faults, an indicator or its supply, if the
+    /// bus is not `open`, and if the reply is still expected before the next `tick`. Waits for the
+    /// replies at most until the sleep for the tick should end. One system call per bus that is asked,
+    /// and those of [`collect`](Self::collect).
+    pub(super) fn ask(&mut self, open: Ready, tick: Instant) {
+        let (now, end) = (self.clock.now(), tick - self.early());
         let mut asked = false;
         for bus in 0..self.channels.len() {
             let Some(channel) = self.channels[bus].can() else { continue };
-            if open.contains(bus) || now + channel.question_time() > end {
+            if open.contains(bus) || now + channel.question_time() > tick {
                 continue;
             }
             let Some((motor, question)) = self.control.question(bus) else { continue };

@@ -231,8 +231,7 @@ impl Cycle {
         self.publish(wake, transmitted);
         self.control.published();
         if self.control.has_questions() {
-            // Waits for the replies until the sleep for the next tick should end.
-            self.ask(open, wake.scheduled + self.timing.period - self.early());
+            self.ask(open, wake.scheduled + self.timing.period);
         }
     }
 

@@ -26,7 +26,7 @@ pub(crate) struct CanChannel {
     /// Separate for batches with different numbers of frames: a probed, an excluded or a waiting
     /// motor makes a difference of a command and its reply. The first is that of questions.
     expected: Vec<ReplyTime>,
-    /// Longest time of a question and its reply on the wire.
+    /// Most time from the sending of a question to its reply.
     question_time: Duration,
 }
 
@@ -54,7 +54,7 @@ impl CanChannel {
             sent_at: Instant::ZERO,
             batch: Batch::Commands,
             slot: 0,
-            question_time: plan.transaction_worst,
+            question_time: plan.question,
         }
     }
 
@@ -130,7 +130,7 @@ impl CanChannel {
         self.base.readiness()
     }
 
-    /// Returns the longest time of a question and its reply on the wire.
+    /// Returns the most time from the sending of a question to its reply.
     pub(crate) const fn question_time(&self) -> Duration {
         self.question_time
     }
