@@ -100,8 +100,8 @@ fn settings(seed: u64) -> Settings {
     robot::settings(&text)
 }
 
-/// The frames of a knee in the private protocol are longer.
-const PRIVATE_CYCLE: &str = "[cycle]\nreply-deadline-percent = 90\n";
+/// The frames of a private knee, and the answers of a stopped CANSimple driver, are longer.
+const LATER_REPLIES: &str = "[cycle]\nreply-deadline-percent = 90\n";
 
 /// Returns `true` when SteadyWin's hip of this seed's mixed robot has a CANSimple driver.
 const fn has_node(seed: u64) -> bool {
@@ -129,12 +129,13 @@ fn mixed_settings(seed: u64) -> Settings {
     );
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
     let text = match seed % 4 {
-        1 | 3 => PRIVATE_CYCLE.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
+        1 | 3 => LATER_REPLIES.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
         2 => text.replace(&(knee("mit") + "00\""), NO_ENABLE),
         _ => text,
     };
     let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
-    let text = if has_node(seed) { text.replace(&hip("mit"), &hip("cansimple")) } else { text };
+    let node = || LATER_REPLIES.to_owned() + &text.replace(&hip("mit"), &hip("cansimple"));
+    let text = if has_node(seed) { node() } else { text };
     let mut settings = robot::settings(&text);
     settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
     settings

@@ -1,11 +1,10 @@
 //! The cycle with simulated motors, on virtual time.
 
+use super::family;
 use motord_bus::Duration;
 use motord_core::control::Event;
 use motord_harness::robot;
 use motord_harness::robot::{Meaning, Robot};
-use motord_settings::plan::BusPlan;
-use motord_settings::settings::Settings;
 use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 
 #[test]
@@ -303,7 +302,7 @@ fn burst_of_pending_answers_is_no_duplicate() {
 /// the next is sent.
 #[test]
 fn burst_at_low_rate_is_no_duplicate() {
-    let mut robot = Robot::new(motors_at(3, 10), 1);
+    let mut robot = Robot::new(family::motors_at(family::MIT, 3, 10), 1);
     robot.steps(50);
     robot.disturb("joint2 delayed 350ms");
     robot.steps(20);
@@ -558,37 +557,4 @@ fn cycle_refuses_motor_in_two_groups() {
     let mut settings = robot::three_motors();
     settings.groups.push(settings.groups[0].clone());
     let _never = Robot::new(settings, 1);
-}
-
-/// Motors on one bus at `rate_hz`, which the configuration accepts.
-fn motors_at(motors: u8, rate_hz: u32) -> Settings {
-    let mut text = format!("[cycle]\nrate-hz = {rate_hz}\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
-    for id in 1..=motors {
-        text += &robot::motor(id, &format!("joint{id}"), "can", "");
-    }
-    robot::settings(&text)
-}
-
-/// Goal: every rate that the configuration accepts works.
-/// Method: the highest rate with one, three and six motors on a bus, for 10 s with motors that
-/// follow a sine.
-#[test]
-fn highest_accepted_rate_misses_no_reply() {
-    for motors in [1, 3, 6] {
-        let plan = &BusPlan::of(&motors_at(motors, 100))[0];
-        let rate_hz = plan.rate_hz_max.floor() as u32;
-        let mut robot = Robot::new(motors_at(motors, rate_hz), u64::from(motors));
-        let rest = robot.activate();
-        for cycle in 0..10 * rate_hz {
-            let angle = f64::from(cycle) / f64::from(rate_hz) * std::f64::consts::TAU;
-            let moved = |joint: &JointSetpoint| JointSetpoint {
-                position: joint.position + 0.3 * angle.sin() as f32,
-                ..*joint
-            };
-            robot.follow(&rest.iter().map(moved).collect::<Vec<_>>());
-        }
-        assert_eq!(robot.phase(), Phase::Active, "{motors} motors at {rate_hz} Hz");
-        let missed = (0..usize::from(motors)).map(|joint| robot.joint(joint).missed).sum::<u32>();
-        assert_eq!(missed, 0, "{motors} motors at {rate_hz} Hz");
-    }
 }

@@ -4,20 +4,48 @@
 
 use motord_bus::FrameId;
 use motord_harness::robot::{self, Robot};
+use motord_settings::settings::Settings;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
 
-/// A SteadyWin motor in MIT, and a knee with id 5 of this protocol, model and torque limit, N·m, on one
-/// bus.
-pub(crate) fn leg(protocol: &str, model: &str, torque: &str) -> String {
-    let knee = robot::motor(5, "knee", "can", "direction = -1\noffset-rad = 0.2")
+/// A protocol, a model that speaks it, and a torque limit, N·m.
+pub(crate) type Family = [&'static str; 3];
+
+pub(crate) const MIT: Family = ["mit", "GIM8108-8", "20.0"];
+pub(crate) const GIM: Family = ["gim", "GIM8108-8", "20.0"];
+pub(crate) const CANSIMPLE: Family = ["cansimple", "GIM6010-8", "5.0"];
+pub(crate) const ROBSTRIDE: Family = ["robstride", "RS02", "12.0"];
+pub(crate) const MYACTUATOR: Family = ["myactuator", "X8-20", "10.0"];
+
+/// All of them.
+pub(crate) const FAMILIES: [Family; 5] = [MIT, GIM, CANSIMPLE, ROBSTRIDE, MYACTUATOR];
+
+/// A motor on the bus `can`, with further keys in `more`.
+pub(crate) fn motor([protocol, model, torque]: Family, id: u8, name: &str, more: &str) -> String {
+    let torque_end = if protocol == "myactuator" { "torque-end-nm = 24.0\n" } else { "" };
+    robot::motor(id, name, "can", &format!("{torque_end}{more}"))
         .replace("\"mit\"", &format!("\"{protocol}\""))
         .replace("GIM8108-8", model)
-        .replace("torque-nm = 20.0", &format!("torque-nm = {torque}"));
+        .replace("torque-nm = 20.0", &format!("torque-nm = {torque}"))
+        .replace("velocity-rad-s = 20.0", "velocity-rad-s = 15.0")
+}
+
+/// A SteadyWin motor in MIT, and a knee with id 5 of this family, on one bus.
+pub(crate) fn leg(family: Family) -> String {
+    let knee = motor(family, 5, "knee", "direction = -1\noffset-rad = 0.2");
     String::from(
         "[cycle]\nrate-hz = 1000\n[safety]\nsetpoint-timeout-ms = 20\n\
          [[bus]]\nname = \"can\"\ntype = \"simulated\"\n",
     ) + &robot::motor(1, "hip", "can", "")
         + &knee
+}
+
+/// Motors of a family on one bus at `rate_hz`, which the configuration accepts.
+pub(crate) fn motors_at(family: Family, motors: u8, rate_hz: u32) -> Settings {
+    let mut text = format!("[cycle]\nrate-hz = {rate_hz}\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for id in 1..=motors {
+        text += &motor(family, id, &format!("joint{id}"), "");
+    }
+    robot::settings(&text)
 }
 
 /// The joints follow a wave of 0.4 rad for two seconds, this one with at most `error_max`, rad.

@@ -2,10 +2,12 @@
 //! Method: the shipped configurations of several vendors' motors, on virtual time with their simulated
 //! twins.
 
+use super::family;
 use motord_bus::Duration;
 use motord_harness::robot;
 use motord_harness::robot::Robot;
 use motord_harness::robot::checker::VENDORS;
+use motord_settings::plan::BusPlan;
 use motord_settings::settings::Settings;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Phase};
 use motord_simulator::RobStrideFirmware;
@@ -178,5 +180,38 @@ fn frost_is_a_temperature_of_each_vendor() {
             let temperature = robot.joint(joint).temperature;
             assert!((-16.0..=-10.0).contains(&temperature), "{vendor} {firmware:?}: {temperature} °C");
         }
+    }
+}
+
+/// Goal: every rate that the configuration accepts works.
+/// Method: the highest rate with one, three and six motors of each family on a bus, for 2 s at rest,
+/// and for 10 s with motors that follow a sine. Reports that motors send by themselves may delay single
+/// replies.
+#[test]
+fn highest_accepted_rate_misses_no_reply() {
+    for (family, motors) in
+        family::FAMILIES.into_iter().flat_map(|family| [1, 3, 6].map(|motors| (family, motors)))
+    {
+        let rate_hz = BusPlan::of(&family::motors_at(family, motors, 50))[0].rate_hz_max.floor() as u32;
+        let mut robot = Robot::new(family::motors_at(family, motors, rate_hz), u64::from(motors));
+        let has_reports = !robot.settings.motors[0].protocol.family().reports.is_empty();
+        let check = |robot: &mut Robot, cycles: u32| {
+            let missed = (0..usize::from(motors)).map(|joint| robot.joint(joint).missed).sum::<u32>();
+            let most = if has_reports { u32::from(motors) * cycles / 10 } else { 0 };
+            assert!(missed <= most, "{motors} {family:?} at {rate_hz} Hz: {missed} of {cycles} cycles");
+        };
+        robot.steps(2 * rate_hz as usize);
+        check(&mut robot, 2 * rate_hz);
+        let rest = robot.activate();
+        for cycle in 0..10 * rate_hz {
+            let angle = f64::from(cycle) / f64::from(rate_hz) * std::f64::consts::TAU;
+            let moved = |joint: &JointSetpoint| JointSetpoint {
+                position: joint.position + 0.3 * angle.sin() as f32,
+                ..*joint
+            };
+            robot.follow(&rest.iter().map(moved).collect::<Vec<_>>());
+        }
+        assert_eq!(robot.phase(), Phase::Active, "{motors} {family:?} at {rate_hz} Hz");
+        check(&mut robot, 12 * rate_hz);
     }
 }

@@ -22,17 +22,12 @@ const ADAPTER: usize = 64;
 const HEAD: &str = "[cycle]\nrate-hz = 1000\n[safety]\nsetpoint-timeout-ms = 20\n[[bus]]\nname = \"can\"\n\
                     type = \"simulated\"\n";
 
-fn rmd(id: u8, name: &str, more: &str) -> String {
-    robot::motor(id, name, "can", &format!("torque-end-nm = 24.0\n{more}"))
-        .replace("\"mit\"", "\"myactuator\"")
-        .replace("GIM8108-8", "X8-20")
-        .replace("torque-nm = 20.0", "torque-nm = 10.0")
-        .replace("velocity-rad-s = 20.0", "velocity-rad-s = 15.0")
+fn rmd(id: u8, name: &str) -> String {
+    family::motor(family::MYACTUATOR, id, name, "")
 }
 
-/// A SteadyWin motor in MIT, and an X8-20, on one bus.
 fn text() -> String {
-    HEAD.to_owned() + &robot::motor(1, "hip", "can", "") + &rmd(5, "knee", "direction = -1\noffset-rad = 0.2")
+    family::leg(family::MYACTUATOR)
 }
 
 fn leg() -> Robot {
@@ -41,7 +36,7 @@ fn leg() -> Robot {
 
 /// Three motors without an enable, alone on a bus whose adapter keeps frames.
 fn powerless(seed: u64) -> Robot {
-    let text = HEAD.to_owned() + &rmd(1, "hip", "") + &rmd(2, "thigh", "") + &rmd(32, "knee", "");
+    let text = HEAD.to_owned() + &rmd(1, "hip") + &rmd(2, "thigh") + &rmd(32, "knee");
     Robot::built(robot::settings(&text), seed, |bus, motors| {
         bus.adapter = Some(ADAPTER);
         motors.iter_mut().for_each(|motor| motor.boot_time = Duration::from_millis(60));

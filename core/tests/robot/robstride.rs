@@ -14,7 +14,7 @@ use motord_shared::{Cause, MotorMode, Phase};
 const KNEE: usize = 1;
 
 fn text() -> String {
-    family::leg("robstride", "RS02", "12.0")
+    family::leg(family::ROBSTRIDE)
 }
 
 fn leg() -> Robot {

@@ -6,12 +6,12 @@ use super::{Id, Reply};
 #[cfg(feature = "drive")]
 use crate::drive::{Addresses, UnpromptedFrame};
 use crate::family::Family;
-use crate::profile::{Capabilities, Profile};
+use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::FrameLength;
 #[cfg(feature = "drive")]
-use motord_bus::{Frame, FrameId, IdFilter};
+use motord_bus::{Frame, FrameId, IdFilter, IdSet};
 
 /// CANSimple with impedance control, over CAN.
 pub const FAMILY: Family = Family {
@@ -33,7 +33,8 @@ pub const FAMILY: Family = Family {
     #[cfg(feature = "commissioning")]
     question: crate::reported::Question::Node,
     #[cfg(feature = "drive")]
-    frame_lengths: |_| [8, 6].map(FrameLength::classic),
+    // The answer to an impedance has 6 bytes, that to the poll of a stopped motor 8.
+    frame_lengths: |_| [FrameLength::classic(8); 2],
     #[cfg(feature = "drive")]
     addresses,
     #[cfg(feature = "drive")]
@@ -54,6 +55,7 @@ const REPORTS: [UnpromptedFrame; 2] = [
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {
         answers_fault_question: true,
+        supply: SupplyReport::Question,
         reports_stopped_state: true,
         ..Capabilities::of_impedances(scales)
     }
@@ -69,6 +71,9 @@ const NODE_MASK: u32 = 0x7E0;
 const PART_MASK: u32 = 0x7F4;
 #[cfg(feature = "drive")]
 const COMMANDS: u32 = 0x004;
+/// A reply that the bits do not separate.
+#[cfg(feature = "drive")]
+const SUPPLY: u32 = 0x017;
 
 /// An impedance and its reply have one id, so a bus cannot tell an impedance of another master from
 /// a reply by its id. The host id has no effect.
@@ -81,7 +86,7 @@ fn addresses(node: u8, _: FrameId) -> Addresses {
     Addresses {
         command_id: commands.highest(),
         commands: commands.into(),
-        replies: masked(0, PART_MASK).into(),
+        replies: IdSet::of_two(masked(0, PART_MASK), masked(SUPPLY, 0x7FF)),
         node: Some(masked(0, NODE_MASK)),
         shared: &[],
     }

@@ -411,7 +411,9 @@ impl Robot {
         let joints = self.hold(40.0, 1.0);
         self.follow(&joints);
         self.operate(Operation::Enable).unwrap_or_else(|refusal| panic!("{refusal}"));
-        for _ in 0..200 {
+        // A motor may report only every 100 ms that it runs.
+        let cycles = (self.settings.cycle.rate_hz * 0.2) as usize;
+        for _ in 0..cycles.max(200) {
             self.follow(&joints);
         }
         assert_eq!(self.phase(), Phase::Active, "{:?}", self.cause());
