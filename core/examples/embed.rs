@@ -10,7 +10,7 @@ use motord_bus::{Bus, Clock, Instant, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::MotorProtocol;
 use motord_settings::settings::{
-    BusSettings, GroupSettings, LimitSettings, MotorSettings, SafeStop, Settings,
+    BusSettings, GroupSettings, LimitSettings, MotorSettings, SafeStop, Settings, SupplySettings,
 };
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
@@ -95,7 +95,12 @@ fn settings() -> Settings {
         instance: "embedded".into(),
         buses: vec![BusSettings::new("leg", Simulated { bitrate: 1_000_000, seed: 7 })],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
-        groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],
+        groups: vec![GroupSettings {
+            name: "all".into(),
+            motors: vec![0, 1, 2],
+            safe_stop: SafeStop::Damp,
+            supply: SupplySettings::default(),
+        }],
         ..Settings::default()
     }
 }

@@ -1,6 +1,7 @@
 //! A joint as `status` and `watch` print it.
 
 use motord_client::{Joint, JointDescription, Limit, MotorMode};
+use motord_terminal::{Cell, Colour, Table};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -104,5 +105,68 @@ impl JointReport {
         } else {
             (self.mode == MotorMode::Fault.name()).then(|| format!("{name} reports a fault."))
         }
+    }
+}
+
+/// The heading of a column that is left out where no motor reports its supply.
+const SUPPLY: &str = "V";
+
+pub(crate) fn joint_table(joints: &[JointReport]) -> Table {
+    let mut table = Table::new(&[
+        "joint",
+        "mode",
+        "rad",
+        "rad/s",
+        "N·m",
+        "°C",
+        SUPPLY,
+        "age",
+        "missed",
+        "late",
+        "implausible",
+        "foreign",
+        "clamped",
+        "faults",
+        "limits",
+    ]);
+    for joint in joints {
+        let known = |value: Option<f32>, digits| Cell::number(value.map(f64::from), digits);
+        table.row(vec![
+            Cell::plain(&joint.name),
+            Cell::new(joint.mode, mode_colour(joint.mode)),
+            position(joint),
+            known(joint.velocity_rad_s, 2),
+            known(joint.torque_nm, 2),
+            known(joint.temperature_celsius, 0),
+            known(joint.supply_voltage_v, 1),
+            Cell::counter(joint.age_cycles),
+            Cell::counter(joint.missed),
+            Cell::counter(joint.late),
+            Cell::counter(joint.implausible),
+            Cell::counter(joint.foreign_commands),
+            Cell::counter(joint.clamped),
+            Cell::new(joint.faults.join(","), Colour::Red),
+            Cell::new(joint.limits.join(","), Colour::Magenta),
+        ]);
+    }
+    if joints.iter().all(|joint| joint.supply_voltage_v.is_none()) {
+        table.remove(SUPPLY);
+    }
+    table
+}
+
+/// Formats the position, with a mark if it is outside its limits.
+fn position(joint: &JointReport) -> Cell {
+    match joint.position_rad.filter(|_| joint.outside_limits) {
+        Some(position) => Cell::new(format!("{position:.3}!"), Colour::Red),
+        None => Cell::number(joint.position_rad.map(f64::from), 3),
+    }
+}
+
+fn mode_colour(mode: &str) -> Colour {
+    if mode == MotorMode::Fault.name() || mode == MotorMode::Offline.name() {
+        Colour::Red
+    } else {
+        Colour::Plain
     }
 }

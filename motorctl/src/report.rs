@@ -2,7 +2,7 @@
 
 use crate::advice::{Advice, motorctl};
 use crate::imu_report::{ImuReport, imu_table};
-use crate::joint_report::{IndicatorReport, JointReport, UNKNOWN};
+use crate::joint_report::{IndicatorReport, JointReport, UNKNOWN, joint_table};
 use motord_client::{
     Bus, BusCondition, Cause, FirstStop, Group, Indicator, JointDescription, Lease, MotorMode, Phase,
     Process, Rejection, RobotDescription, State, Telemetry,
@@ -496,61 +496,6 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
         writeln!(out, "  See `motorctl explain {}`.", stop.cause)?;
     }
     Ok(())
-}
-
-fn joint_table(joints: &[JointReport]) -> Table {
-    let mut table = Table::new(&[
-        "joint",
-        "mode",
-        "rad",
-        "rad/s",
-        "N·m",
-        "°C",
-        "age",
-        "missed",
-        "late",
-        "implausible",
-        "foreign",
-        "clamped",
-        "faults",
-        "limits",
-    ]);
-    for joint in joints {
-        let known = |value: Option<f32>, digits| Cell::number(value.map(f64::from), digits);
-        table.row(vec![
-            Cell::plain(&joint.name),
-            Cell::new(joint.mode, mode_colour(joint.mode)),
-            position(joint),
-            known(joint.velocity_rad_s, 2),
-            known(joint.torque_nm, 2),
-            known(joint.temperature_celsius, 0),
-            Cell::counter(joint.age_cycles),
-            Cell::counter(joint.missed),
-            Cell::counter(joint.late),
-            Cell::counter(joint.implausible),
-            Cell::counter(joint.foreign_commands),
-            Cell::counter(joint.clamped),
-            Cell::new(joint.faults.join(","), Colour::Red),
-            Cell::new(joint.limits.join(","), Colour::Magenta),
-        ]);
-    }
-    table
-}
-
-/// Formats the position, with a mark if it is outside its limits.
-fn position(joint: &JointReport) -> Cell {
-    match joint.position_rad.filter(|_| joint.outside_limits) {
-        Some(position) => Cell::new(format!("{position:.3}!"), Colour::Red),
-        None => Cell::number(joint.position_rad.map(f64::from), 3),
-    }
-}
-
-fn mode_colour(mode: &str) -> Colour {
-    if mode == MotorMode::Fault.name() || mode == MotorMode::Offline.name() {
-        Colour::Red
-    } else {
-        Colour::Plain
-    }
 }
 
 fn bus_table(buses: &[BusReport]) -> Table {

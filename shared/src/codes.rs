@@ -118,6 +118,7 @@ codes! {
         TemperatureSensor = 35 "temperature-sensor" "A motor reported a temperature that no motor can have, for a second.",
         FramesLost = 36 "frames-lost" "A motor stopped answering while its bus lost received frames.",
         PowerLost = 37 "power-lost" "All motors of a bus stopped answering together.",
+        SupplyLow = 38 "supply-low" "Most motors of the group reported a supply below the configured voltage.",
     }
 }
 
@@ -147,6 +148,7 @@ impl Cause {
                 "Reduce the other load of the computer, or give the cycle a separate processor: `motorctl doctor` prints the commands"
             }
             Self::BusOff => "Check the wiring, the termination and the bit rate of the bus",
+            Self::SupplyLow => "Charge or replace the battery, or check the supply and its wires",
             Self::BusGone => "Plug in the adapter, and bring the interface up",
             Self::TransmitStall => {
                 "Check that a motor on the bus has power: a CAN frame must be acknowledged by another node"
@@ -272,6 +274,7 @@ codes! {
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
         ImuLost = 34 "imu-lost" "An IMU delivers no samples, and the configuration stops for that: the daemon's log names it.",
         Unread = 35 "unread" "A motor of the group has not reported its registers since it answered first or again: try again; the daemon's log names a motor that does not report them.",
+        SupplyLow = 38 "supply-low" "Most motors of the group report a supply below the configured voltage: charge or replace the battery.",
     }
 }
 
@@ -348,6 +351,7 @@ impl Refusal {
             | Self::ShuttingDown
             | Self::NoLease
             | Self::ImuLost
+            | Self::SupplyLow
             | Self::Malformed => Detail::Nothing,
         }
     }
@@ -372,6 +376,7 @@ impl Refusal {
             | Self::TooSoon
             | Self::ForeignMaster
             | Self::ImuLost
+            | Self::SupplyLow
             | Self::Unread
             | Self::Moving => true,
             Self::UnknownOperation

@@ -7,9 +7,9 @@ use crate::plain::plain;
 
 /// Name and version of the message with the states of all joints. Each change of the table or of
 /// the meaning of a field raises the version, here and in [`RECORD_TYPE`].
-pub(crate) const STATE_TYPE: &str = "motord.State.v10";
+pub(crate) const STATE_TYPE: &str = "motord.State.v11";
 /// Name and version of the message for recorders, which contains the state.
-pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v6";
+pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v7";
 
 /// [`JointState::flags`]: position, velocity and torque were received since the previous states
 /// were published, in answer to the command of their turn.
@@ -60,6 +60,10 @@ macro_rules! joint_state {
             fields {
                 /// Temperature of the motor.
                 temperature: f32, [Optional], unit "°C", view temperature, json temperature_celsius, proto temperature = 5;
+                /// Voltage of the supply as the motor last reported it, once a second by default (`indicator-hz`).
+                supply_voltage: f32, [Optional], unit "V", view supply_voltage, json supply_voltage_v, proto supply_voltage = 20;
+                /// Current from the supply as the motor last reported it.
+                supply_current: f32, [Optional], unit "A", view supply_current, json supply_current_a, proto supply_current = 21;
                 /// The command that was sent to the motor last, after all limits.
                 applied: Applied, [Command], view applied, proto applied = 7;
                 /// The limits that changed the applied command.
@@ -226,27 +230,29 @@ mod tests {
             ("velocity", 4, "f32"),
             ("torque", 8, "f32"),
             ("temperature", 12, "f32"),
-            ("applied", 16, "f32"),
-            ("limits", 36, "u32"),
-            ("mode", 40, "u32"),
-            ("fault", 44, "u32"),
-            ("flags", 48, "u32"),
-            ("age_cycles", 52, "u32"),
-            ("missed", 56, "u32"),
-            ("reply_latency_ns", 60, "u32"),
-            ("late", 64, "u32"),
-            ("implausible", 68, "u32"),
-            ("foreign_commands", 72, "u32"),
-            ("clamped", 76, "u32"),
-            ("receive_ns", 80, "u64"),
-            ("fresh", 48, "u32"),
-            ("valid", 48, "u32"),
-            ("mismatch", 48, "u32"),
+            ("supply_voltage", 16, "f32"),
+            ("supply_current", 20, "f32"),
+            ("applied", 24, "f32"),
+            ("limits", 44, "u32"),
+            ("mode", 48, "u32"),
+            ("fault", 52, "u32"),
+            ("flags", 56, "u32"),
+            ("age_cycles", 60, "u32"),
+            ("missed", 64, "u32"),
+            ("reply_latency_ns", 68, "u32"),
+            ("late", 72, "u32"),
+            ("implausible", 76, "u32"),
+            ("foreign_commands", 80, "u32"),
+            ("clamped", 84, "u32"),
+            ("receive_ns", 88, "u64"),
+            ("fresh", 56, "u32"),
+            ("valid", 56, "u32"),
+            ("mismatch", 56, "u32"),
         ];
         let fields = JointState::FIELDS.iter();
         let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();
-        assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 88));
-        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v10", "motord.CycleRecord.v6"));
+        assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 96));
+        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v11", "motord.CycleRecord.v7"));
     }
 
     #[test]

@@ -230,6 +230,14 @@ typedef enum motord_quantity {
    * Time from the motor's last reply to now, s; NaN before its first.
    */
   MOTORD_QUANTITY_AGE = 9,
+  /**
+   * Voltage of the supply as the motor last reported it, V.
+   */
+  MOTORD_QUANTITY_SUPPLY_VOLTAGE = 10,
+  /**
+   * Current from the supply as the motor last reported it, A.
+   */
+  MOTORD_QUANTITY_SUPPLY_CURRENT = 11,
 } motord_quantity;
 
 /**

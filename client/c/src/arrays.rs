@@ -18,6 +18,8 @@ impl Quantity {
     fn of(self, joint: &Joint) -> f32 {
         let known = match self {
             Self::Temperature => joint.temperature,
+            Self::SupplyVoltage => joint.supply_voltage,
+            Self::SupplyCurrent => joint.supply_current,
             Self::AppliedPosition => Some(joint.applied.position),
             Self::AppliedVelocity => Some(joint.applied.velocity),
             Self::AppliedTorque => Some(joint.applied.torque),

@@ -25,6 +25,10 @@ pub enum Quantity {
     AppliedKd = 8,
     /// Time from the motor's last reply to now, s; NaN before its first.
     Age = 9,
+    /// Voltage of the supply as the motor last reported it, V.
+    SupplyVoltage = 10,
+    /// Current from the supply as the motor last reported it, A.
+    SupplyCurrent = 11,
 }
 
 impl Quantity {
@@ -40,6 +44,8 @@ impl Quantity {
         Self::AppliedKp,
         Self::AppliedKd,
         Self::Age,
+        Self::SupplyVoltage,
+        Self::SupplyCurrent,
     ];
 }
 

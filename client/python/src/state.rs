@@ -101,6 +101,18 @@ impl State {
         self.array(py, |joint| joint.temperature)
     }
 
+    /// Voltages of the supply, V, as the motors reported them last; NaN where they report none.
+    #[getter]
+    fn supply_voltage<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, |joint| joint.supply_voltage)
+    }
+
+    /// Currents from the supply, A, as the motors reported them last; NaN where they report none.
+    #[getter]
+    fn supply_current<'py>(&self, py: Python<'py>) -> Array<'py> {
+        self.array(py, |joint| joint.supply_current)
+    }
+
     /// Whether each motor answered in this cycle.
     #[getter]
     fn fresh<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {

@@ -83,7 +83,7 @@ sections! {
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
-            "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
+            "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. The supply of a motor with the protocol `robstride`, `cansimple` or `myactuator` is requested at the same rate. The state has the indicators of the first 16 native motors of the file; MIT motors have none.";
         "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
             "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 49](adr/0049-when-the-cycle-and-the-ipc-thread-wake.md).";
     }
@@ -126,6 +126,10 @@ sections! {
             "A damped joint slower than this is at rest, and is stopped.";
         "lost-cycles" lost_cycles: i64, "" = is(10).within(3.0, 1000.0),
             "A motor that misses this many replies in a row is lost. On a bus with `every = N` these are N times as many cycles.";
+        "supply-warn-v" supply_warn_v: f64, "V" = is(0.0).within(0.0, 1000.0),
+            "The log warns while most motors of a group report a supply below this for 2 s. Of the motors that report it: protocols `gim`, `robstride`, `cansimple`, `myactuator`, at the rate `indicator-hz`. 0 does not watch it.";
+        "supply-stop-v" supply_stop_v: f64, "V" = is(0.0).within(0.0, 1000.0),
+            "As `supply-warn-v`, but the group is stopped (`supply-low`), and cannot be enabled. Above the voltage at which the drives switch off by themselves: then no motor damps the fall. Below `supply-warn-v`. 0 never stops.";
         "start-jump-rad" start_jump_rad: f64, "rad" = is(0.1).within(0.001, 3.2),
             "A group does not start while a position setpoint is farther than this from its joint.";
         "start-ramp-ms" start_ramp_ms: f64, "ms" = is(100.0).within(10.0, 10_000.0),
@@ -276,6 +280,10 @@ sections! {
         "joints" joints: Option<Vec<Listed>>, "" = required("list the names of its motors"),
             "Names of its motors.";
         "safe-stop" safe_stop: Option<SafeStop>, "" = follows("of `[safety]`"),
+            "As in `[safety]`, for this group.";
+        "supply-warn-v" supply_warn_v: Option<f64>, "V" = follows("of `[safety]`").within(0.0, 1000.0),
+            "As in `[safety]`, for this group.";
+        "supply-stop-v" supply_stop_v: Option<f64>, "V" = follows("of `[safety]`").within(0.0, 1000.0),
             "As in `[safety]`, for this group.";
     }
 

@@ -417,6 +417,18 @@ pub enum Wrong {
         "{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it: lower it, or raise kd-max"
     )]
     DampingBeyondLimit { damping: f64, kd_max: f64 },
+    #[error("is never compared, because cycle.indicator-hz is 0; give the supply a rate, such as 1")]
+    SupplyNotAsked,
+    #[error(
+        "no motor of group {group:?} reports its supply; write 0 for this group, or remove it: the protocols gim, robstride, cansimple and myactuator report it"
+    )]
+    SupplyNotReported { group: String },
+    #[error(
+        "bus {bus:?} has no time for the question: the cycle may have at most {rate_hz_max} Hz for that; lower cycle.rate-hz, or use fewer motors on the bus"
+    )]
+    NoTimeForSupply { bus: String, rate_hz_max: f64 },
+    #[error("stops at {stop} V, not below {warn} V where the warning begins; lower it")]
+    SupplyStopBeforeWarning { warn: f32, stop: f32 },
     #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]
     DerateOrder { derate: f64, max: f64 },
     #[error(

@@ -8,7 +8,7 @@ use motord_protocol::Profile;
 use motord_protocol::{FAMILIES, MotorProtocol};
 use motord_settings::settings::{
     BusSettings, CycleSettings, GroupSettings, IpcSettings, MotorSettings, MotorSimulation, SafeStop,
-    SafetySettings, Settings,
+    SafetySettings, Settings, SupplySettings,
 };
 use std::path::Path;
 
@@ -36,7 +36,12 @@ fn defaults(protocol: MotorProtocol, model: &str) -> Settings {
         buses: vec![BusSettings::new("desk", Simulated { bitrate: 1_000_000, seed: 7 })],
         motors: vec![MotorSettings::of_model("arm", 3, protocol, model).unwrap()],
         simulation: vec![MotorSimulation::default()],
-        groups: vec![GroupSettings { name: "all".into(), motors: vec![0], safe_stop: SafeStop::Damp }],
+        groups: vec![GroupSettings {
+            name: "all".into(),
+            motors: vec![0],
+            safe_stop: SafeStop::Damp,
+            supply: SupplySettings::default(),
+        }],
         ..Settings::default()
     }
 }

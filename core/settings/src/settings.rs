@@ -439,4 +439,16 @@ pub struct GroupSettings {
     pub motors: Vec<usize>,
     /// The way it stops when there is a cause.
     pub safe_stop: SafeStop,
+    /// Its supply.
+    pub supply: SupplySettings,
+}
+
+/// The voltages below which most motors of a group must report their supply before motord reacts. 0
+/// never reacts.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SupplySettings {
+    /// The log has a warning, V.
+    pub warn: f32,
+    /// The group is stopped, V.
+    pub stop: f32,
 }

@@ -164,6 +164,9 @@ impl Control {
             Some(cause) => return Err(Refused::latched(cause)),
             None => {}
         }
+        if group.has_low_supply() {
+            return Err(Refused::new(Refusal::SupplyLow));
+        }
         if group.phase() != Phase::Disarmed {
             return Err(Refused::new(Refusal::NotDisarmed));
         }

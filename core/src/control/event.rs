@@ -142,6 +142,17 @@ pub enum Event {
         /// Mean acceleration, in the frame of the body, m/s².
         acceleration: [f32; 3],
     },
+    /// The supply of a group is low, or no longer.
+    Supply {
+        /// The group's index.
+        group: usize,
+        /// The motor whose report decided.
+        motor: usize,
+        /// The voltage that it reported, V.
+        voltage: f32,
+        /// It is low.
+        is_low: bool,
+    },
     /// Ticks were missed: the cycle thread woke up too late for them.
     MissedTicks {
         /// Their number.

@@ -1,9 +1,11 @@
-//! The indicators of the motors: their values, and which is polled next.
+//! The indicators and the supplies of the motors: the values of indicators, and which question is next.
 //!
 //! The indicators of a motor are polled in rotation at an even rate, when no other question to it
-//! is open.
+//! is open. A motor without indicators may report its supply.
 
 use motord_bus::{Duration, Instant};
+use motord_protocol::SupplyReport;
+use motord_protocol::drive::Command;
 use motord_settings::settings::{MotorSettings, Settings};
 use motord_shared::JointIndicators;
 use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
@@ -11,8 +13,7 @@ use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 /// Lowest rate of polls.
 const SLOWEST_HZ: f64 = 0.01;
 
-/// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where
-/// none is asked for.
+/// The motors that are polled, and the indicators of the first [`INDICATOR_JOINTS_MAX`] that have some.
 #[derive(Debug)]
 pub(super) struct Indicators {
     motors: Vec<IndicatorPoll>,
@@ -22,7 +23,9 @@ pub(super) struct Indicators {
 struct IndicatorPoll {
     joint: usize,
     bus: usize,
+    /// Number of its indicators. 0: it is asked for its supply.
     count: u8,
+    /// The indicator that is asked for next.
     next: u8,
     /// When it should be asked next.
     next_at: Instant,
@@ -40,7 +43,7 @@ impl IndicatorPoll {
             count,
             next: 0,
             next_at: Instant::ZERO,
-            interval: Duration::from_secs_f64(1.0 / (hz * f64::from(count))),
+            interval: Duration::from_secs_f64(1.0 / (hz * f64::from(count.max(1)))),
             values: [f32::NAN; INDICATORS_MAX],
         }
     }
@@ -51,9 +54,16 @@ impl Indicators {
     pub(super) fn new(settings: &Settings) -> Self {
         let hz = settings.cycle.indicator_hz;
         let motors = settings.motors.iter().enumerate();
-        let with = motors.filter(|(_, motor)| hz > 0.0 && motor.capabilities.indicators > 0);
-        let asked = with.map(|(joint, motor)| IndicatorPoll::new(joint, motor, hz.max(SLOWEST_HZ)));
-        Self { motors: asked.take(INDICATOR_JOINTS_MAX).collect() }
+        let is_asked = |motor: &MotorSettings| {
+            let abilities = &motor.capabilities;
+            abilities.indicators > 0 || abilities.supply == SupplyReport::Question
+        };
+        let asked = motors.filter(|(_, motor)| hz > 0.0 && is_asked(motor));
+        Self {
+            motors: asked
+                .map(|(joint, motor)| IndicatorPoll::new(joint, motor, hz.max(SLOWEST_HZ)))
+                .collect(),
+        }
     }
 
     /// Returns whether no motor is polled.
@@ -61,21 +71,23 @@ impl Indicators {
         self.motors.is_empty()
     }
 
-    /// Returns the joint of `bus` to poll at `now`, and the number of the indicator. Of the joints
-    /// that `may_be_asked`, this is the one that waits longest. Bounded by
-    /// [`INDICATOR_JOINTS_MAX`].
+    /// Returns the joint of `bus` to poll at `now`, and the question. Of the joints that
+    /// `may_be_polled`, this is the one that waits longest. Bounded by joints.
     pub(super) fn next(
         &mut self,
         bus: usize,
         now: Instant,
-        may_be_asked: impl Fn(usize) -> bool,
-    ) -> Option<(usize, u8)> {
+        may_be_polled: impl Fn(usize) -> bool,
+    ) -> Option<(usize, Command)> {
         let due = self.motors.iter_mut().filter(|motor| motor.bus == bus && motor.next_at <= now);
-        let asked = due.filter(|motor| may_be_asked(motor.joint)).min_by_key(|motor| motor.next_at)?;
+        let asked = due.filter(|motor| may_be_polled(motor.joint)).min_by_key(|motor| motor.next_at)?;
+        asked.next_at = now + asked.interval;
+        if asked.count == 0 {
+            return Some((asked.joint, Command::GetSupply));
+        }
         let number = asked.next;
         asked.next = (number + 1) % asked.count;
-        asked.next_at = now + asked.interval;
-        Some((asked.joint, number))
+        Some((asked.joint, Command::GetIndicator(number)))
     }
 
     /// Records the value that the motor of `joint` reported; NaN when it refused.
@@ -88,7 +100,8 @@ impl Indicators {
 
     /// Returns the values by joint; NaN where the state of the joint is not `known`.
     pub(super) fn report(&self, known: impl Fn(usize) -> bool) -> impl Iterator<Item = JointIndicators> {
-        self.motors.iter().map(move |motor| JointIndicators {
+        let with = self.motors.iter().filter(|motor| motor.count > 0).take(INDICATOR_JOINTS_MAX);
+        with.map(move |motor| JointIndicators {
             joint: motor.joint as u32,
             values: if known(motor.joint) { motor.values } else { [f32::NAN; INDICATORS_MAX] },
         })

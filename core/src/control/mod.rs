@@ -315,12 +315,11 @@ impl Control {
         }
         let Self { groups, slots, indicators, context, .. } = self;
         let Wake { cycle, begun, .. } = context.wake;
-        let may_be_asked = |joint: usize| {
+        let may_be_polled = |joint: usize| {
             let GroupSlot { group, slot } = slots[joint];
-            groups[group].motors[slot].poll_at(cycle).is_some()
+            groups[group].motors[slot].may_be_polled(cycle)
         };
-        let (joint, number) = indicators.next(bus, begun, may_be_asked)?;
-        Some((joint, Command::GetIndicator(number)))
+        indicators.next(bus, begun, may_be_polled)
     }
 
     /// Returns the joint of `bus` whose motor should be asked for its faults now, if any. Round

@@ -28,6 +28,7 @@ mod registers;
 mod replay;
 mod response;
 mod robstride;
+mod supply;
 mod transitions;
 mod turns;
 

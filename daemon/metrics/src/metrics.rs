@@ -5,7 +5,7 @@ use crate::names::Names;
 use hdrhistogram::Histogram as Distribution;
 use motord_core::control::Event;
 use motord_shared::message::{GroupState, IMU_LOST};
-use motord_shared::{BusCondition, Cause, ImuState, Phase, Rejection, StateMessage};
+use motord_shared::{BusCondition, Cause, ImuState, JointState, Phase, Rejection, StateMessage};
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, Metric, MetricFamily, MetricType};
 
@@ -68,6 +68,7 @@ impl Metrics {
         families.extend(self.counters(state));
         families.push(self.states(state));
         families.push(self.conditions(state));
+        families.extend(self.supplies(state));
         families.extend(self.imus(state));
         families.extend([
             counter(
@@ -172,6 +173,28 @@ impl Metrics {
         ]
     }
 
+    fn supplies(&self, state: &StateMessage) -> [MetricFamily; 2] {
+        let known = |quantity: fn(&JointState) -> f32| {
+            let motors = self.names.joints.iter().zip(state.joints());
+            let values = motors.map(move |(name, joint)| (labels([("motor", name)]), quantity(joint)));
+            values.filter(|(_, value)| value.is_finite()).map(|(labels, value)| gauge(labels, value.into()))
+        };
+        [
+            family(
+                "motord_supply_volts",
+                "Voltage of the supply, as a motor reported it last.",
+                MetricType::GAUGE,
+                known(|joint| joint.supply_voltage),
+            ),
+            family(
+                "motord_supply_amperes",
+                "Current from the supply, as a motor reported it last.",
+                MetricType::GAUGE,
+                known(|joint| joint.supply_current),
+            ),
+        ]
+    }
+
     fn imus(&self, state: &StateMessage) -> [MetricFamily; 4] {
         let imus = || self.names.imus.iter().zip(state.imus());
         let lost = imus().map(|(name, imu)| flag(labels([("imu", name)]), imu.flags & IMU_LOST != 0));
@@ -256,8 +279,12 @@ fn family(name: &str, help: &str, kind: MetricType, samples: impl Iterator<Item 
 
 /// Returns a gauge of 1 where `is_set`, else of 0.
 fn flag(labels: Labels<'_>, is_set: bool) -> Metric {
+    gauge(labels, u8::from(is_set).into())
+}
+
+fn gauge(labels: Labels<'_>, value: f64) -> Metric {
     let mut gauge = Gauge::default();
-    gauge.set_value(f64::from(u8::from(is_set)));
+    gauge.set_value(value);
     let mut metric = Metric::from_label(pairs(labels));
     metric.set_gauge(gauge);
     metric

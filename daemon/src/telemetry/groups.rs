@@ -58,6 +58,21 @@ impl Groups {
     }
 }
 
+/// Each level lasts for at least 2 s, so no line is left out.
+pub(super) fn log_supply(cycle: u64, group: &str, (motor, voltage): (&str, f32), is_low: bool) {
+    if is_low {
+        tracing::warn!(
+            cycle,
+            group,
+            motor,
+            see = "supply-warning",
+            "most motors report a supply below `supply-warn-v`, this one {voltage:.1} V: charge or replace the battery"
+        );
+    } else {
+        tracing::info!(cycle, group, motor, "the supply is above `supply-warn-v` again: {voltage:.1} V");
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

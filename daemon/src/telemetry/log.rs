@@ -12,6 +12,7 @@
 //!
 //! Frequent changes of a motor or bus are summed up once a second, missed ticks once a minute.
 
+use super::groups::log_supply;
 use super::programs::Programs;
 use super::questions::Asked;
 use super::registers::RegisterLog;
@@ -197,6 +198,10 @@ impl Log {
             Event::Sensor { sensor, is_lost } => self.log_sensor(cycle, sensor, is_lost),
             Event::Gravity { imu, contradictions, up, acceleration } => {
                 self.log_gravity(cycle, imu, contradictions, [up, acceleration]);
+            }
+            Event::Supply { group, motor, voltage, is_low } => {
+                let motor = &self.motors[motor].subject.name;
+                log_supply(cycle, &self.groups[group].name, (motor, voltage), is_low);
             }
             Event::MissedTicks { missed_ticks } => self.missed_ticks += missed_ticks,
         }

@@ -90,7 +90,7 @@ impl Health {
             Err(Error::Silent { .. }) => None,
             Err(error) => return Err(error),
         };
-        let voltage = Some(f32::from(status.decivolts) / 10.0);
+        let voltage = Some(status.volts());
         Ok(Self { firmware, voltage, temperature: Some(status.celsius.into()), faults: status.faults() })
     }
 

@@ -71,6 +71,6 @@ pub use family::{AnswersOnLine, Family};
 pub use fault::{FaultBits, Faults};
 pub use field::Field;
 pub use model::{DriveConstants, Model};
-pub use profile::{Capabilities, Profile};
+pub use profile::{Capabilities, Profile, SupplyReport};
 pub use scale::{Ends, ScaleError, Scales};
 pub use state::StateCodes;

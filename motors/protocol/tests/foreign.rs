@@ -176,7 +176,7 @@ fn read(row: &Row) -> Vec<f32> {
         },
         "X8-20" => match myactuator::Reply::decode(row.id, &row.payload, 2) {
             Some(myactuator::Reply::Status(status)) => {
-                vec![status.celsius.into(), f32::from(status.decivolts) / 10.0]
+                vec![status.celsius.into(), status.volts()]
             }
             Some(myactuator::Reply::Angle(angle)) => vec![angle],
             Some(myactuator::Reply::Motion { celsius, velocity }) => vec![velocity, celsius.into()],

@@ -106,6 +106,16 @@ impl Table {
         self.rows.push(cells);
     }
 
+    /// Removes the column with this heading.
+    pub fn remove(&mut self, heading: &str) {
+        if let Some(column) = self.headings.iter().position(|other| *other == heading) {
+            self.headings.remove(column);
+            for row in &mut self.rows {
+                row.remove(column);
+            }
+        }
+    }
+
     /// Writes the table, or nothing when it has no rows.
     ///
     /// # Errors

@@ -144,6 +144,12 @@ class State:
     def temperature(self) -> _Array:
         """Temperatures of the motors, °C; NaN where they report none."""
     @property
+    def supply_voltage(self) -> _Array:
+        """Voltages of the supply, V, as the motors reported them last; NaN where they report none."""
+    @property
+    def supply_current(self) -> _Array:
+        """Currents from the supply, A, as the motors reported them last; NaN where they report none."""
+    @property
     def fresh(self) -> NDArray[np.bool_]:
         """Whether each motor answered in this cycle."""
     @property

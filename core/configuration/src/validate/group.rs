@@ -1,12 +1,15 @@
 //! `[[group]]`: every joint in exactly one.
 
-use motord_settings::settings::{GroupSettings, SafeStop};
+use motord_protocol::SupplyReport;
+use motord_settings::plan::BusPlan;
+use motord_settings::settings::{GroupSettings, MotorSettings, Settings, SupplySettings};
 use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 
 use super::motor::Item;
+use crate::document::Document;
 use crate::entry::{self, At};
 use crate::findings::Findings;
-use crate::keys::Group;
+use crate::keys::{Group, Safety};
 use crate::problem::Wrong;
 use crate::value::Listed;
 
@@ -20,22 +23,22 @@ const NAMED_MAX: usize = 8;
 pub(super) fn groups(
     items: &[entry::Item<Group>],
     motors: &[Item],
-    safe_stop: SafeStop,
+    safety: &Safety,
     findings: &mut Findings<'_>,
 ) -> Option<Vec<GroupSettings>> {
     if items.is_empty() {
         let motors = (0..motors.len()).collect();
-        return Some(vec![GroupSettings { name: ALL.to_owned(), motors, safe_stop }]);
+        let supply = supply(None, safety);
+        let safe_stop = safety.safe_stop.value;
+        return Some(vec![GroupSettings { name: ALL.to_owned(), motors, safe_stop, supply }]);
     }
     findings.count(items, "group", GROUPS_MAX);
     let names = items.iter().map(|group| &group.keys.name);
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "group" });
     let mut owners = vec![None; motors.len()];
     // Collected twice: the first bad group must not hide the others.
-    let groups: Vec<_> = items
-        .iter()
-        .map(|group| self::group(&group.keys, motors, &mut owners, safe_stop, findings))
-        .collect();
+    let groups: Vec<_> =
+        items.iter().map(|group| self::group(&group.keys, motors, &mut owners, safety, findings)).collect();
     let groups = groups.into_iter().collect::<Option<Vec<_>>>()?;
     let alone = motors.iter().zip(&owners).filter(|(_, owner)| owner.is_none());
     let alone: Vec<_> = alone.filter_map(|(motor, _)| motor.keys.keys.name.value.as_deref()).collect();
@@ -56,7 +59,7 @@ fn group<'k>(
     keys: &'k Group,
     all: &[Item],
     owners: &mut [Option<&'k str>],
-    safe_stop: SafeStop,
+    safety: &Safety,
     findings: &mut Findings<'_>,
 ) -> Option<GroupSettings> {
     let name = findings.name(&keys.name);
@@ -89,5 +92,59 @@ fn group<'k>(
     if same.is_some() {
         findings.error(keys.name.at, Wrong::GroupNamedAsJoint { name: label.to_owned() });
     }
-    Some(GroupSettings { name: name?, motors, safe_stop: keys.safe_stop.value.unwrap_or(safe_stop) })
+    let safe_stop = keys.safe_stop.value.unwrap_or(safety.safe_stop.value);
+    Some(GroupSettings { name: name?, motors, safe_stop, supply: supply(Some(keys), safety) })
+}
+
+/// The voltages of a group with these keys, or of all joints.
+fn supply(keys: Option<&Group>, safety: &Safety) -> SupplySettings {
+    let warn = keys.and_then(|keys| keys.supply_warn_v.value).unwrap_or(safety.supply_warn_v.value);
+    let stop = keys.and_then(|keys| keys.supply_stop_v.value).unwrap_or(safety.supply_stop_v.value);
+    SupplySettings { warn: warn as f32, stop: stop as f32 }
+}
+
+/// Refuses voltages that can have no effect, and a stop without a warning before it.
+pub(super) fn check_supplies(document: &Document, settings: &Settings, findings: &mut Findings<'_>) {
+    let plans = BusPlan::of(settings);
+    for (index, group) in settings.groups.iter().enumerate() {
+        let keys = document.groups.get(index).map(|item| &item.keys);
+        if let Some(wrong) = wrong_supply(group, settings, &plans) {
+            findings.error(key_of_supply(keys, &document.safety), wrong);
+        }
+    }
+}
+
+fn wrong_supply(group: &GroupSettings, settings: &Settings, plans: &[BusPlan]) -> Option<Wrong> {
+    let SupplySettings { warn, stop } = group.supply;
+    let motors = || group.motors.iter().map(|&motor| &settings.motors[motor]);
+    let reports = |motor: &MotorSettings| motor.capabilities.supply != SupplyReport::None;
+    let has_time = |motor: &MotorSettings| {
+        let plan = &plans[motor.bus];
+        settings.buses[motor.bus].is_line() || plan.last_reply + plan.question <= settings.cycle.period
+    };
+    if group.supply == SupplySettings::default() {
+        None
+    } else if settings.cycle.indicator_hz == 0.0 {
+        Some(Wrong::SupplyNotAsked)
+    } else if !motors().any(reports) {
+        Some(Wrong::SupplyNotReported { group: group.name.clone() })
+    } else if let Some(motor) = motors().find(|motor| reports(motor) && !has_time(motor)) {
+        let plan = &plans[motor.bus];
+        let bus = settings.buses[motor.bus].name.clone();
+        let rate_hz_max = (1.0 / (plan.last_reply + plan.question).as_secs_f64()).floor();
+        Some(Wrong::NoTimeForSupply { bus, rate_hz_max })
+    } else {
+        (warn > 0.0 && stop >= warn).then_some(Wrong::SupplyStopBeforeWarning { warn, stop })
+    }
+}
+
+/// The key that gives a group its voltages.
+fn key_of_supply(keys: Option<&Group>, safety: &Safety) -> At {
+    let own = keys.and_then(|keys| {
+        let mut own = [&keys.supply_stop_v, &keys.supply_warn_v].into_iter();
+        own.find(|key| key.value.is_some()).map(|key| key.at)
+    });
+    let of_all =
+        if safety.supply_stop_v.value > 0.0 { safety.supply_stop_v.at } else { safety.supply_warn_v.at };
+    own.unwrap_or(of_all)
 }

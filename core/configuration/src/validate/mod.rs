@@ -40,7 +40,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let buses = bus::buses(&document.buses, findings);
     let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
     let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
-    let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
+    let groups = group::groups(&document.groups, &document.motors, &document.safety, findings);
     refuse_taken_names(document, findings);
     let imus = imu::imus(&document.sensors.imus, (&document.buses, &buses), findings);
     motor::check_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
@@ -55,6 +55,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     bus::check_shared_ids(&document.buses, &settings, findings);
     bus::check_enables(&document.buses, &settings, findings);
     motor::check_durations(&document.motors, &settings, findings);
+    group::check_supplies(document, &settings, findings);
     check_rates(document, &settings, findings);
     Some(settings)
 }

@@ -14,6 +14,7 @@
 mod offer;
 mod phase;
 mod setpoints;
+mod supply;
 mod watch;
 
 pub(super) use watch::Consequence;
@@ -28,6 +29,7 @@ use motord_protocol::drive::Command;
 use motord_settings::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
 use setpoints::Setpoints;
+use supply::SupplyWatch;
 
 /// One group.
 #[derive(Debug)]
@@ -48,6 +50,7 @@ pub(super) struct Group {
     held_until: Option<Instant>,
     /// A motor reported over-voltage: braking feeds the supply, so the group is damped less.
     over_voltage: bool,
+    supply: SupplyWatch,
     cause: Option<Latched>,
     owner: Option<Owner>,
     setpoints: Setpoints,
@@ -93,6 +96,7 @@ impl Group {
             resting_since: None,
             held_until: None,
             over_voltage: false,
+            supply: SupplyWatch::new(settings.supply),
             cause: None,
             owner: None,
             setpoints: Setpoints::new(settings.motors.len()),
@@ -134,6 +138,11 @@ impl Group {
 
     pub(super) fn cause(&self) -> Option<Cause> {
         self.cause.map(|latched| latched.cause)
+    }
+
+    /// Returns whether its supply is too low for motion.
+    pub(super) const fn has_low_supply(&self) -> bool {
+        self.supply.forbids_motion()
     }
 
     pub(super) const fn owner(&self) -> Option<&Owner> {

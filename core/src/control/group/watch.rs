@@ -5,8 +5,8 @@ use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::control::{Event, ForeignFrames};
 use motord_bus::{Duration, FrameId, Instant};
-use motord_protocol::Faults;
-use motord_protocol::drive::{JointSide, Measured, Reported, Status};
+use motord_protocol::drive::{JointSide, Measured, Reported, Status, Supply};
+use motord_protocol::{Faults, SupplyReport};
 use motord_settings::settings::FaultPolicy;
 use motord_shared::{Cause, Lease, Phase};
 
@@ -110,7 +110,16 @@ impl Group {
                 return self.receive_fault(slot, bits, at, cx);
             }
             Reported::Ambiguous(bits) => motor.record_ambiguous(bits, at, cx),
-            Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
+            Reported::Indicator(number, value) => {
+                if motor.settings.capabilities.supply == SupplyReport::Indicator(number) {
+                    self.receive_supply(slot, Supply { voltage: value, current: None }, cx);
+                }
+                return Consequence::Indicator(number, value);
+            }
+            Reported::Supply(supply) => {
+                motor.record_alive();
+                self.receive_supply(slot, supply, cx);
+            }
             Reported::Register(number, value) => motor.record_register(number, value, cx),
             Reported::Cleared | Reported::Alive => motor.record_alive(),
             Reported::Stopped => motor.record_stop(),
@@ -165,6 +174,20 @@ impl Group {
             FaultPolicy::StopAll => return Consequence::StopAll,
         }
         Consequence::None
+    }
+
+    /// Takes the supply that the motor at `slot` reports.
+    #[cold]
+    fn receive_supply(&mut self, slot: usize, supply: Supply, cx: &mut Context) {
+        let motor = &mut self.motors[slot];
+        motor.record_supply(supply);
+        let (joint, group) = (motor.joint, self.index);
+        if let Some(is_low) = self.supply.update(&self.motors, cx.now) {
+            cx.push(Event::Supply { group, motor: joint, voltage: supply.voltage, is_low });
+        }
+        if self.supply.forbids_motion() {
+            self.stop(Cause::SupplyLow, Some(joint), cx);
+        }
     }
 
     /// Records that the motor at `slot` answered one question twice.

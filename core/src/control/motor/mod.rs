@@ -21,6 +21,7 @@ mod report;
 mod requests;
 mod response;
 mod service;
+mod supply;
 mod turn;
 mod unanswered;
 
@@ -41,8 +42,7 @@ use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, FrameId, Instant};
 use motord_protocol::Faults;
-use motord_protocol::drive::Command;
-use motord_protocol::drive::{Impedance, JointSide, Measured, Setpoint};
+use motord_protocol::drive::{Command, Impedance, JointSide, Measured, Setpoint, Supply};
 use motord_settings::settings::{BeyondRange, MotorSettings};
 use motord_shared::{Cause, MotorMode};
 use plausibility::{Credibility, Expectation, Plausibility};
@@ -96,6 +96,7 @@ pub(super) struct Motor {
     absence: Absence,
     backlog: Backlog,
     registers: Registers,
+    supply: Option<Supply>,
 }
 
 impl Motor {
@@ -124,6 +125,7 @@ impl Motor {
             absence: Absence::default(),
             backlog: Backlog::default(),
             registers: Registers::new(settings),
+            supply: None,
         }
     }
 
@@ -205,6 +207,7 @@ impl Motor {
 
     /// Forgets its state until it reports one again, but not where it was.
     fn leave(&mut self) {
+        self.supply = None;
         if let Some(state) = self.measured.take() {
             let position = self.settings.transmission.position_to_motor(state.position);
             self.absence.leave(position, self.measured_at);
@@ -578,11 +581,15 @@ impl Motor {
         unanswered
     }
 
-    /// Returns when it should be asked for its faults next, if it may be asked now: no service
-    /// request is open, its state has arrived, and no late reply can be mistaken for the answer.
+    /// Returns whether it may be asked a question now: no service request is open, its state has
+    /// arrived, and no late reply can be mistaken for the answer.
+    pub(super) fn may_be_asked(&self, cycle: u64) -> bool {
+        self.request.is_none() && !self.is_held() && self.replies.is_settled(cycle)
+    }
+
+    /// Returns when it should be asked for its faults next, if it may be asked now.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
-        let may_be_asked = self.request.is_none() && !self.is_held() && self.replies.is_settled(cycle);
-        self.poll_after().filter(|_| may_be_asked)
+        self.poll_after().filter(|_| self.may_be_asked(cycle))
     }
 
     /// Returns the time before which it is not asked for its faults. It only rises. `None` for a

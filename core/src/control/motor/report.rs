@@ -17,6 +17,8 @@ impl Motor {
             velocity: measured.velocity,
             torque: measured.torque,
             temperature: measured.temperature.unwrap_or(f32::NAN),
+            supply_voltage: self.supply.map_or(f32::NAN, |supply| supply.voltage),
+            supply_current: self.supply.and_then(|supply| supply.current).unwrap_or(f32::NAN),
             applied: message::Applied { position, velocity, kp, kd, torque },
             limits: self.applied.limits,
             mode: self.mode().code(),

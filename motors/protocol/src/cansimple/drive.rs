@@ -22,7 +22,7 @@ use super::faults::Errors;
 use super::frame::{self, AxisState, Estimates, Heartbeat, Id, Reply};
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
-    Shape, Status, Transmission, Unwrap,
+    Shape, Status, Supply, Transmission, Unwrap,
 };
 use crate::mit::{Feedback, control_codes};
 use crate::{Scales, StateCodes};
@@ -69,6 +69,8 @@ pub struct CanSimpleDialect {
     /// The last heartbeat; `None` since a start began without one.
     heartbeat: Option<Heartbeat>,
     errors: Errors,
+    /// The last question for the supply is not answered yet.
+    awaits_supply: bool,
 }
 
 impl CanSimpleDialect {
@@ -89,6 +91,7 @@ impl CanSimpleDialect {
             is_started: false,
             heartbeat: None,
             errors: Errors::default(),
+            awaits_supply: false,
         }
     }
 
@@ -183,6 +186,7 @@ impl CanSimpleDialect {
         let (asked, question) = match command {
             frame::Command::GetEstimates => (Asked::Estimates, Question::State),
             frame::Command::GetErrors => (Asked::Errors, Question::State),
+            frame::Command::GetBus => (Asked::Nothing, Question::Register),
             _ => (Asked::Nothing, Question::Unanswered),
         };
         self.asked = asked;
@@ -216,6 +220,10 @@ impl CanSimpleDialect {
                 self.write(frame::Command::GetErrors, frame)?;
                 self.asked = Asked::Nothing;
                 return Some(Question::Fault);
+            }
+            Command::GetSupply => {
+                self.awaits_supply = true;
+                frame::Command::GetBus
             }
             Command::ClearFault => frame::Command::ClearErrors,
             Command::SetZero => {
@@ -306,6 +314,18 @@ impl CanSimpleDialect {
     }
 }
 
+impl CanSimpleDialect {
+    fn take_supply(&mut self, reply: Reply) -> Reported {
+        self.awaits_supply = false;
+        match reply {
+            Reply::Bus { volts, amperes } => {
+                Reported::Supply(Supply { voltage: volts, current: Some(amperes) })
+            }
+            _ => Reported::Late,
+        }
+    }
+}
+
 impl Dialect for CanSimpleDialect {
     #[inline]
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
@@ -331,6 +351,7 @@ impl Dialect for CanSimpleDialect {
             Some(Reply::State(_)) if self.asked == Asked::Impedance => Shape::Plain,
             Some(ref reply) if open == Some(Question::State) && self.answers(reply) => Shape::Plain,
             Some(Reply::Errors(_)) if open == Some(Question::Fault) => Shape::Report,
+            Some(Reply::Bus { .. }) if self.awaits_supply => Shape::Register,
             Some(_) => Shape::Unprompted,
             None => Shape::Unreadable,
         }
@@ -355,8 +376,14 @@ impl Dialect for CanSimpleDialect {
                 Reported::State(measured, latency, status)
             }
             None if question == Question::Fault => Reported::Fault(self.errors.faults()),
+            None if question == Question::Register => self.take_supply(reply),
             None => Reported::Alive,
         }
+    }
+
+    #[cold]
+    fn accept_late_register(&mut self, arrived: Arrived<'_>) -> Reported {
+        self.decode(arrived).map_or(Reported::Late, |reply| self.take_supply(reply))
     }
 
     #[cold]

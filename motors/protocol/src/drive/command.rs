@@ -24,6 +24,8 @@ pub enum Command {
     GetFault,
     /// Report the indicator with this number.
     GetIndicator(u8),
+    /// Report the supply.
+    GetSupply,
     /// Report the register with this number, in place of the state.
     GetRegister(u8),
     /// Acknowledge the fault.
@@ -36,8 +38,8 @@ impl Command {
     /// Returns whether the motor answers with its state.
     #[must_use]
     pub const fn is_answered_by_state(&self) -> bool {
-        use Command::{ClearFault, GetFault, GetIndicator, GetRegister, Nothing, Wait};
-        !matches!(self, Nothing | Wait | GetFault | GetIndicator(_) | GetRegister(_) | ClearFault)
+        use Command::{ClearFault, GetFault, GetIndicator, GetRegister, GetSupply, Nothing, Wait};
+        !matches!(self, Nothing | Wait | GetFault | GetIndicator(_) | GetSupply | GetRegister(_) | ClearFault)
     }
 }
 
@@ -54,6 +56,15 @@ pub struct Status {
     pub runs: Option<bool>,
 }
 
+/// The supply of a motor, as it reports it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Supply {
+    /// V. It may be any number.
+    pub voltage: f32,
+    /// A, where the motor reports it. It may be any number.
+    pub current: Option<f32>,
+}
+
 /// A reply of one motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reported {
@@ -66,6 +77,8 @@ pub enum Reported {
     /// The value of the indicator with this number, in the unit of that indicator; NaN when the
     /// motor refuses.
     Indicator(u8, f32),
+    /// Its supply.
+    Supply(Supply),
     /// The value of the register with this number, in the unit of that register; it may be any
     /// number.
     Register(u8, f32),
@@ -93,7 +106,7 @@ pub enum Question {
     State,
     /// The fault bits.
     Fault,
-    /// The value of a register.
+    /// The value of a register, or the supply.
     Register,
     /// The confirmation that the motor received the request to clear its fault.
     Clear,
@@ -108,7 +121,8 @@ pub enum Shape {
     OtherId,
     /// It is no reply, or it names another request than the open one.
     Unreadable,
-    /// The answer to an access to a register, of this program or of another one.
+    /// The answer to an access to a register, of this program or of another one, or to a question for
+    /// the supply.
     Register,
     /// An unambiguous fault report: no state has its shape.
     Report,

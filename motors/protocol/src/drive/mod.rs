@@ -19,7 +19,7 @@ mod unprompted;
 mod unwrap;
 
 pub use addresses::Addresses;
-pub use command::{Command, Question, Reported, Shape, Status};
+pub use command::{Command, Question, Reported, Shape, Status, Supply};
 pub use dialect::{Arrived, Dialect, DriveSettings};
 pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
 pub use unprompted::UnpromptedFrame;

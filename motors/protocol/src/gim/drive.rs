@@ -38,7 +38,8 @@ impl Confirmed {
     const fn after(self, command: &Command) -> Self {
         match (self, command) {
             (Self::Start, Command::Stop) => Self::Nothing,
-            (Self::Start, _) | (_, Command::Nothing | Command::Wait | Command::GetRegister(_)) => self,
+            (Self::Start, _)
+            | (_, Command::Nothing | Command::Wait | Command::GetSupply | Command::GetRegister(_)) => self,
             (Self::Stop, Command::Stop | Command::GetFault | Command::GetIndicator(_)) => self,
             (Self::Stop | Self::Nothing, _) => Self::Nothing,
         }
@@ -142,13 +143,15 @@ impl Dialect for GimDialect {
                 | Command::Nothing
                 | Command::Wait
                 | Command::GetIndicator(_)
+                | Command::GetSupply
                 | Command::GetRegister(_)
         ) {
             self.turn = 0;
         }
         self.confirmed = self.confirmed.after(command);
         self.asked = match command {
-            Command::Nothing | Command::Wait | Command::GetRegister(_) => return None,
+            // An indicator is its voltage.
+            Command::Nothing | Command::Wait | Command::GetSupply | Command::GetRegister(_) => return None,
             Command::Stop => self.stopped(),
             Command::Start => super::Command::StartMotor,
             Command::GetFault => super::Command::GetFault,

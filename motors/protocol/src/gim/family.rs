@@ -1,8 +1,8 @@
 //! The facts of SteadyWin's native family.
 
-use super::{INDICATORS, repeats};
+use super::{INDICATORS, Indicator, repeats};
 use crate::family::Family;
-use crate::profile::{Capabilities, Profile};
+use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::FrameLength;
@@ -44,6 +44,7 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         velocity_end: None,
         answers_fault_question: true,
         indicators: INDICATORS.len() as u8,
+        supply: SupplyReport::Indicator(Indicator::BUS_VOLTAGE),
         registers: 0,
         scales_by_registers: false,
         reports_stopped_state: false,

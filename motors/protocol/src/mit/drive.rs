@@ -116,7 +116,7 @@ impl MitDialect {
                 self.has_status = false;
                 return None;
             }
-            Command::Wait | Command::GetIndicator(_) => return None,
+            Command::Wait | Command::GetIndicator(_) | Command::GetSupply => return None,
             Command::GetRegister(number) => return self.read_register(*number, frame),
             Command::Stop => (super::Command::Stop, Question::State),
             Command::Start => (super::Command::Start, Question::State),

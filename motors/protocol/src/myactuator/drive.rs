@@ -22,7 +22,7 @@
 use super::frame::{self, MotorStatus, Reply, number};
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
-    Shape, Status, Transmission, Unwrap,
+    Shape, Status, Supply, Transmission, Unwrap,
 };
 use crate::mit::{Feedback, control_codes};
 use crate::{Scales, StateCodes};
@@ -84,6 +84,8 @@ pub struct MyActuatorDialect {
     velocity: Option<f32>,
     /// The last reported temperature, °C: most answers have none.
     celsius: Option<f32>,
+    /// The last question for the supply is not answered yet.
+    awaits_supply: bool,
 }
 
 impl MyActuatorDialect {
@@ -105,6 +107,7 @@ impl MyActuatorDialect {
             zero: Zero::Idle,
             velocity: None,
             celsius: None,
+            awaits_supply: false,
         }
     }
 
@@ -182,6 +185,10 @@ impl MyActuatorDialect {
             }
             Command::Wait | Command::GetIndicator(_) | Command::GetRegister(_) => return None,
             Command::GetFault => (frame::Command::GetStatus, Question::Fault),
+            Command::GetSupply => {
+                self.awaits_supply = true;
+                (frame::Command::GetStatus, Question::Register)
+            }
             // No source has another command that clears an error. This one "clears the state".
             Command::ClearFault => (frame::Command::Stop, Question::Clear),
             Command::SetZero => {
@@ -255,7 +262,11 @@ impl MyActuatorDialect {
         if self.permission == Permission::Checking {
             self.permission = Permission::Ready;
         }
-        Reported::Alive
+        if question != Question::Register {
+            return Reported::Alive;
+        }
+        self.awaits_supply = false;
+        Reported::Supply(Supply { voltage: status.volts(), current: None })
     }
 
     /// Takes the confirmation of the last command.
@@ -297,7 +308,11 @@ impl Dialect for MyActuatorDialect {
     fn classify(&self, arrived: Arrived<'_>, open: Option<Question>) -> Shape {
         let Some(reply) = self.decode(arrived) else { return Shape::Unreadable };
         match (reply, open) {
-            _ if !self.answers(&reply) => Shape::Unprompted,
+            (Reply::Status(_), Some(Question::Register)) => Shape::Register,
+            _ if !self.answers(&reply) => match reply {
+                Reply::Status(_) if self.awaits_supply => Shape::Register,
+                _ => Shape::Unprompted,
+            },
             (Reply::Status(_), None) => Shape::Unprompted,
             (Reply::Status(_), Some(Question::Fault)) => Shape::Report,
             _ => Shape::Plain,
@@ -325,6 +340,14 @@ impl Dialect for MyActuatorDialect {
                 Reported::Alive
             }
             _ => Reported::Alive,
+        }
+    }
+
+    #[cold]
+    fn accept_late_register(&mut self, arrived: Arrived<'_>) -> Reported {
+        match self.decode(arrived) {
+            Some(Reply::Status(status)) => self.take_status(status, Question::Register),
+            _ => Reported::Late,
         }
     }
 

@@ -6,7 +6,7 @@ use super::frame::number;
 #[cfg(feature = "drive")]
 use crate::drive::Addresses;
 use crate::family::Family;
-use crate::profile::{Capabilities, Profile};
+use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::FrameLength;
@@ -46,6 +46,7 @@ pub const FAMILY: Family = Family {
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
     Capabilities {
         answers_fault_question: true,
+        supply: SupplyReport::Question,
         state_confirms_stop: false,
         runs_without_enable: true,
         ..Capabilities::of_impedances(scales)

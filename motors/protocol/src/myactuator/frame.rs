@@ -119,6 +119,12 @@ impl MotorStatus {
     pub fn faults(self) -> Faults {
         Faults::of_bits(&ERRORS, self.errors.into())
     }
+
+    /// Returns the voltage of the supply, V.
+    #[must_use]
+    pub fn volts(self) -> f32 {
+        f32::from(self.decivolts) / 10.0
+    }
 }
 
 /// A frame that a motor sends.

@@ -2,6 +2,17 @@
 
 use crate::scale::Scales;
 
+/// The way in which a motor reports its supply.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SupplyReport {
+    /// It does not.
+    None,
+    /// In answer to a question.
+    Question,
+    /// The indicator with this number is its voltage, V.
+    Indicator(u8),
+}
+
 /// The abilities of a motor, independent of its vendor and its protocol.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capabilities {
@@ -19,6 +30,8 @@ pub struct Capabilities {
     pub answers_fault_question: bool,
     /// Number of indicators that the motor reports on request. Their numbers start at 0.
     pub indicators: u8,
+    /// The way in which the motor reports its supply.
+    pub supply: SupplyReport,
     /// Number of registers that the motor reports on request, and without which it must not start.
     /// Their numbers start at 0.
     pub registers: u8,
@@ -46,6 +59,7 @@ impl Capabilities {
             velocity_end: Some(scales.velocity.max() as f32),
             answers_fault_question: false,
             indicators: 0,
+            supply: SupplyReport::None,
             registers: 0,
             scales_by_registers: false,
             reports_stopped_state: false,

@@ -15,7 +15,7 @@ mod catalog;
 #[cfg(feature = "models")]
 mod file;
 
-pub use capabilities::Capabilities;
+pub use capabilities::{Capabilities, SupplyReport};
 #[cfg(feature = "models")]
 pub use catalog::{CUBEMARS, DAMIAO, MYACTUATOR, NameTaken, ROBSTRIDE, STEADYWIN, register, shipped};
 #[cfg(feature = "models")]

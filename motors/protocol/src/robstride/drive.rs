@@ -3,11 +3,11 @@
 //! Real-time: after [`RobStrideDialect::new`] nothing here allocates, blocks or loops.
 
 use super::frame::{self, Feedback, Id, Reply, faults_of_report};
-use super::{ControlCodes, WideScales};
+use super::{ControlCodes, WideScales, parameter};
 use crate::Faults;
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Impedance, JointSide, Measured, MotorSide, Question, Reported,
-    Shape, Status, Transmission, Unwrap,
+    Shape, Status, Supply, Transmission, Unwrap,
 };
 use motord_bus::{Duration, Frame, FrameId, Instant};
 
@@ -39,6 +39,8 @@ pub struct RobStrideDialect {
     /// The number of states since the command to enable that report a disabled motor; `None` where
     /// it was stopped.
     refusals: Option<u8>,
+    /// The last question for the supply is not answered yet.
+    awaits_supply: bool,
 }
 
 impl RobStrideDialect {
@@ -55,6 +57,7 @@ impl RobStrideDialect {
             reported: Faults::NONE,
             unprompted_at: Instant::ZERO,
             refusals: None,
+            awaits_supply: false,
         }
     }
 
@@ -112,6 +115,11 @@ impl RobStrideDialect {
         *refusals >= REFUSALS_MAX
     }
 
+    fn take_supply(&mut self, reply: &Reply) -> Reported {
+        self.awaits_supply = false;
+        supply(reply).map_or(Reported::Late, Reported::Supply)
+    }
+
     /// Returns whether a state without an open request, at this time, may be an unasked report.
     fn may_be_report(&self, at: Instant) -> bool {
         at.since(self.unprompted_at) >= REPORT_PERIOD_MIN
@@ -121,7 +129,11 @@ impl RobStrideDialect {
 impl Dialect for RobStrideDialect {
     #[inline]
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
-        let question = if matches!(command, Command::ClearFault) { Question::Clear } else { Question::State };
+        let question = match command {
+            Command::ClearFault => Question::Clear,
+            Command::GetSupply => Question::Register,
+            _ => Question::State,
+        };
         let command = match command {
             Command::Control(setpoint) => self.control(&self.transmission.to_motor(&setpoint.values))?,
             Command::Neutral => self.control(&Impedance::NEUTRAL)?,
@@ -130,6 +142,7 @@ impl Dialect for RobStrideDialect {
                 return None;
             }
             Command::Wait | Command::GetIndicator(_) | Command::GetRegister(_) => return None,
+            Command::GetSupply => frame::Command::Read(parameter::SUPPLY_VOLTAGE),
             // Every state has the faults.
             Command::Stop | Command::GetFault => {
                 self.refusals = None;
@@ -148,6 +161,7 @@ impl Dialect for RobStrideDialect {
                 frame::Command::ClearFault
             }
         };
+        self.awaits_supply |= question == Question::Register;
         let (id, payload) = command.encode(self.motor, self.host);
         frame.set(FrameId::extended(id.raw())?, payload);
         Some(question)
@@ -158,6 +172,7 @@ impl Dialect for RobStrideDialect {
         match self.decode(arrived) {
             Some(Reply::Feedback(_)) if open.is_none() && self.may_be_report(arrived.at) => Shape::Unprompted,
             Some(Reply::Feedback(_)) => Shape::Plain,
+            Some(ref reply) if self.awaits_supply && supply(reply).is_some() => Shape::Register,
             // Unprompted reports, and answers to another program.
             Some(_) => Shape::Unprompted,
             None => Shape::Unreadable,
@@ -182,8 +197,14 @@ impl Dialect for RobStrideDialect {
                 self.reported = Faults::NONE;
                 Reported::Cleared
             }
+            (Some(ref reply), Question::Register) => self.take_supply(reply),
             _ => Reported::Alive,
         }
+    }
+
+    #[cold]
+    fn accept_late_register(&mut self, arrived: Arrived<'_>) -> Reported {
+        self.decode(arrived).map_or(Reported::Late, |reply| self.take_supply(&reply))
     }
 
     #[cold]
@@ -199,6 +220,16 @@ impl Dialect for RobStrideDialect {
             }
             _ => Reported::Unprompted,
         }
+    }
+}
+
+/// Returns the supply that a reply reports.
+fn supply(reply: &Reply) -> Option<Supply> {
+    match *reply {
+        Reply::Parameter(parameter::SUPPLY_VOLTAGE, Some(value)) => {
+            Some(Supply { voltage: f32::from_le_bytes(value), current: None })
+        }
+        _ => None,
     }
 }
 

@@ -3,7 +3,7 @@
 #[cfg(feature = "drive")]
 use crate::drive::Addresses;
 use crate::family::Family;
-use crate::profile::{Capabilities, Profile};
+use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::{FrameLength, IdWidth};
@@ -50,7 +50,7 @@ const REPLY_MASK: u32 = 0xFFFF;
 
 /// Every state has the faults, so the motor is never asked for them.
 const fn capabilities(_: &Profile, scales: &Scales) -> Capabilities {
-    Capabilities::of_impedances(scales)
+    Capabilities { supply: SupplyReport::Question, ..Capabilities::of_impedances(scales) }
 }
 
 /// A command ends with the motor's id, whatever its type. A reply ends with the ids of motor and

@@ -43,7 +43,7 @@ impl Codec for Axis {
             (0x07, [1, 0, 0, 0, ..]) => Meaning::Stop,
             (0x07, [8, 0, 0, 0, ..]) => Meaning::Start,
             (0x08, _) => Meaning::of_fields(bytes, &self.ranges),
-            (0x09, _) => Meaning::GetIndicator,
+            (0x09 | 0x17, _) => Meaning::GetIndicator,
             // The control mode of impedances. The axis stays as it is.
             (0x0B, [3, 0, 0, 0, 9, 0, 0, 0]) => Meaning::Start,
             (0x18, _) => Meaning::ClearFault,
@@ -135,6 +135,7 @@ mod tests {
             (0x0A7, 1, Meaning::Stop),
             (0x0A7, 8, Meaning::Start),
             (0x0A9, 0, Meaning::GetIndicator),
+            (0x0B7, 0, Meaning::GetIndicator),
             (0x0B8, 0, Meaning::ClearFault),
             (0x0B9, 0, Meaning::SetZero),
         ] {

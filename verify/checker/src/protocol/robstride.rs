@@ -40,6 +40,7 @@ impl Codec for Private {
             (4, 0) => Meaning::Stop,
             (4, 1) => Meaning::ClearFault,
             (6, 1) => Meaning::SetZero,
+            (0x11, 0x1C) if bytes[1] == 0x70 => Meaning::GetIndicator,
             (other, _) => Meaning::Other(other as u8),
         }
     }
@@ -144,6 +145,7 @@ mod tests {
             (0x0400_FD05, 0, Meaning::Stop),
             (0x0400_FD05, 0x0100_0000_0000_0000, Meaning::ClearFault),
             (0x0600_FD05, 0x0100_0000_0000_0000, Meaning::SetZero),
+            (0x1100_FD05, 0x1C70_0000_0000_0000, Meaning::GetIndicator),
         ] {
             PRIVATE.check(&frame(id, payload));
             assert_eq!(PRIVATE.order(&frame(id, payload)), meaning);

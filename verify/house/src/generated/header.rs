@@ -9,7 +9,7 @@ const HEAD: &str = "\
 ";
 
 /// Quantities that are not measured: name, number and meaning.
-const OTHERS: [(&str, u32, &str); 7] = [
+const OTHERS: [(&str, u32, &str); 9] = [
     ("temperature", 3, "Temperature of the motor, °C."),
     ("applied-position", 4, "Position of the applied command, rad."),
     ("applied-velocity", 5, "Velocity of the applied command, rad/s."),
@@ -17,6 +17,8 @@ const OTHERS: [(&str, u32, &str); 7] = [
     ("applied-kp", 7, "Stiffness of the applied command, N·m/rad."),
     ("applied-kd", 8, "Damping of the applied command, N·m·s/rad."),
     ("age", 9, "Time from the motor's last reply to now, s; NaN before its first."),
+    ("supply-voltage", 10, "Voltage of the supply as the motor last reported it, V."),
+    ("supply-current", 11, "Current from the supply as the motor last reported it, A."),
 ];
 
 /// A variant of an enumeration.
