@@ -122,7 +122,7 @@ fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
 
 /// `motorctl disable`: damps and stops the motors of a group. Fails when some of them do not answer.
 fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    let client = Client::connect(instance)?;
+    let client = status::connect(instance)?;
     let (mut silent, mut outcome) = (Vec::new(), Ok(()));
     for group in groups(&client, group) {
         let stopped = client.disable(&group).and_then(|()| client.wait_for(&group, Phase::Disarmed, STOPPED));
@@ -164,14 +164,14 @@ fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {
 
 /// `motorctl release --force`: removes the owner of a group.
 fn release(instance: &str, group: &str) -> Result<(), Failure> {
-    Client::connect(instance)?.force_release(group)?;
+    status::connect(instance)?.force_release(group)?;
     print_effect(&format!("{group}: has no owner now"));
     Ok(())
 }
 
 /// `motorctl fault clear`: clears a motor's fault.
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
-    let client = Client::connect(instance)?;
+    let client = status::connect(instance)?;
     let index = client.joint_named(joint)?;
     let reported = client.wait(status::TIMEOUT)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
     client.clear_fault(joint)?;
@@ -186,7 +186,7 @@ pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
 
 /// `motorctl exclude`: leaves a joint out of its group.
 fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
-    Client::connect(instance)?.exclude(joint)?;
+    status::connect(instance)?.exclude(joint)?;
     let include = format!("{} include {joint}", motorctl(instance));
     print_effect(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"));
     Ok(())
@@ -194,7 +194,7 @@ fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
 
 /// `motorctl include`: ends the exclusion of a joint.
 fn include(instance: &str, joint: &str) -> Result<(), Failure> {
-    Client::connect(instance)?.include(joint)?;
+    status::connect(instance)?.include(joint)?;
     print_effect(&format!("{joint}: is included again"));
     Ok(())
 }
@@ -235,7 +235,7 @@ fn for_groups(
     group: Option<&str>,
     request: impl Fn(&Client, &str) -> Result<&'static str, Error>,
 ) -> Result<(), Failure> {
-    let client = Client::connect(instance)?;
+    let client = status::connect(instance)?;
     let mut outcome = Ok(());
     for group in groups(&client, group) {
         match request(&client, &group) {

@@ -26,6 +26,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// Longest time without a state.
+const TIMEOUT: Duration = Duration::from_secs(1);
+
 /// The arguments of the command.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
@@ -87,6 +90,7 @@ pub fn run(instance: &str, arguments: &Arguments) -> Result<(), LatencyFailure> 
         return if write_files(arguments, &runs)? { Ok(()) } else { print_runs(&runs) };
     }
     let client = Client::connect(instance)?;
+    client.set_silence(TIMEOUT);
     if arguments.reset {
         client.reset_telemetry()?;
     }

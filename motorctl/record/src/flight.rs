@@ -93,6 +93,7 @@ impl Flight {
     /// Waits for the first cycle: from then on no stop is missed.
     fn begin(instance: &str, arguments: &FlightArguments) -> Result<Self, Error> {
         let client = Client::connect(instance)?;
+        client.set_silence(TIMEOUT);
         let mut records = client.records()?;
         let begun = client.wait(TIMEOUT)?;
         let after = Duration::from_secs_f64(arguments.after);

@@ -73,6 +73,7 @@ struct RecordReport {
 pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFailure> {
     let interrupt = Interrupt::register();
     let client = Client::connect(instance)?;
+    client.set_silence(TIMEOUT);
     // The slot of a recorder is taken before the file is created: without a free slot, no file
     // remains.
     let records = client.records()?;
