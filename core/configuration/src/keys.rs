@@ -127,7 +127,7 @@ sections! {
         "lost-cycles" lost_cycles: i64, "" = is(10).within(3.0, 1000.0),
             "A motor that misses this many replies in a row is lost. On a bus with `every = N` these are N times as many cycles.";
         "supply-warn-v" supply_warn_v: f64, "V" = is(0.0).within(0.0, 1000.0),
-            "The log warns while most motors of a group report a supply below this for 2 s. Of the motors that report it: protocols `gim`, `robstride`, `cansimple`, `myactuator`, at the rate `indicator-hz`. 0 does not watch it.";
+            "The log warns while most motors of a group report a supply below this for 2 s. Of the motors that report it: protocols `gim`, `robstride`, `cansimple`, `myactuator`, at the rate `indicator-hz`; `odrive`, as it is set up. 0 does not watch it.";
         "supply-stop-v" supply_stop_v: f64, "V" = is(0.0).within(0.0, 1000.0),
             "As `supply-warn-v`, but the group is stopped (`supply-low`), and cannot be enabled. Above the voltage at which the drives switch off by themselves: then no motor damps the fall. Below `supply-warn-v`. 0 never stops.";
         "start-jump-rad" start_jump_rad: f64, "rad" = is(0.1).within(0.001, 3.2),
@@ -185,13 +185,13 @@ sections! {
         "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
             "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. With `cansimple` and `myactuator` it has no effect. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required_choice(),
-            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. `cansimple`: SteadyWin's SDC104, GDS68 and GDZ drivers, whose codes end at 12.5 rad, 65 rad/s and 50 N·m. `myactuator`: MyActuator's RMD series; requires `torque-end-nm`. As the motor is set (SteadyWin: ConfID 0x1C).";
+            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. `cansimple`: SteadyWin's SDC104, GDS68 and GDZ drivers, whose codes end at 12.5 rad, 65 rad/s and 50 N·m. `myactuator`: MyActuator's RMD series; requires `torque-end-nm`. `odrive`: ODrive Pro, S1 and Micro, without impedances. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0).if_negative(REVERSED),
             "SteadyWin only, not `cansimple`. Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
         "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0).if_negative(REVERSED),
-            "SteadyWin only. Rotor turns per turn of the output shaft. With `cansimple` it converts the position of the stopped motor.";
+            "SteadyWin only. Rotor turns per turn of the output shaft. With `cansimple` it converts the position of the stopped motor, with `odrive` every value.";
         "rated-torque-nm" rated_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
             "Torque that the motor can give continuously; at most `peak-torque-nm`. More is given until the winding is warm by a model (I²t); then the torque falls to this.";
         // The windings of this series are small against their housings.

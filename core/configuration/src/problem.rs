@@ -420,7 +420,7 @@ pub enum Wrong {
     #[error("is never compared, because cycle.indicator-hz is 0; give the supply a rate, such as 1")]
     SupplyNotAsked,
     #[error(
-        "no motor of group {group:?} reports its supply; write 0 for this group, or remove it: the protocols gim, robstride, cansimple and myactuator report it"
+        "no motor of group {group:?} reports its supply; write 0 for this group, or remove it: the protocols gim, robstride, cansimple, myactuator and odrive report it"
     )]
     SupplyNotReported { group: String },
     #[error(

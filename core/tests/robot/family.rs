@@ -15,8 +15,9 @@ pub(crate) const GIM: Family = ["gim", "GIM8108-8", "20.0"];
 pub(crate) const CANSIMPLE: Family = ["cansimple", "GIM6010-8", "5.0"];
 pub(crate) const ROBSTRIDE: Family = ["robstride", "RS02", "12.0"];
 pub(crate) const MYACTUATOR: Family = ["myactuator", "X8-20", "10.0"];
+pub(crate) const ODRIVE: Family = ["odrive", "ODrive-S1", "1.0"];
 
-/// All of them.
+/// Those whose commands are answered.
 pub(crate) const FAMILIES: [Family; 5] = [MIT, GIM, CANSIMPLE, ROBSTRIDE, MYACTUATOR];
 
 /// A motor on the bus `can`, with further keys in `more`.

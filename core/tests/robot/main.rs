@@ -21,6 +21,7 @@ mod imu_can;
 mod late;
 mod mixed;
 mod myactuator;
+mod odrive;
 mod power;
 mod publication;
 mod reads;

@@ -19,7 +19,9 @@ const CURRENT_MAX: f64 = 225.0;
 #[must_use]
 pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
     let twins = settings.motors.iter().zip(&settings.simulation).filter(|(motor, _)| motor.bus == bus);
-    let motors = twins.map(|(motor, simulation)| twin(motor, simulation)).collect();
+    let turn = settings.buses[bus].every.get() * settings.cycle.period;
+    let reporting = |twin| simulator::MotorSettings { report_period: turn, ..twin };
+    let motors = twins.map(|(motor, simulation)| reporting(twin(motor, simulation))).collect();
     let imus = imus(settings, bus);
     let bus = &settings.buses[bus];
     let medium = if bus.is_line() { simulator::Medium::Serial } else { simulator::Medium::Can };
@@ -125,7 +127,8 @@ pub fn armature(model: &str) -> Option<f64> {
 fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::MotorSettings {
     let defaults = simulator::MotorSettings::default();
     let model = Model::by_name(&motor.model);
-    let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
+    let of_model = || model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
+    let gear_ratio = motor.constants.map_or_else(of_model, |constants| constants.gear_ratio);
     let family = motor.protocol.family();
     let ends = model.map_or(family.ends, |model| family.ends_of(model)).map(|_| motor.scales.ends());
     let twin = simulator::MotorSettings {
@@ -144,7 +147,7 @@ fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::Motor
         reply_latency: simulation.reply_latency,
         ..defaults
     };
-    let twin = model.map_or(twin.clone(), |model| of_model(model, twin));
+    let twin = model.map_or(twin.clone(), |model| self::of_model(model, twin));
     let rotor_inertia =
         simulation.armature.map_or(twin.rotor_inertia, |armature| armature / gear_ratio.powi(2));
     simulator::MotorSettings {

@@ -118,7 +118,7 @@ const TYPES: &[Mistake<'_>] = &[
     (
         "protocol = \"mit\"",
         "protocol = 2",
-        "18:12: motor.protocol: expected one of \"mit\", \"gim\", \"robstride\", \"cansimple\", \"myactuator\", found the integer 2; write a text, such as protocol = \"mit\"",
+        "18:12: motor.protocol: expected one of \"mit\", \"gim\", \"robstride\", \"cansimple\", \"myactuator\", \"odrive\", found the integer 2; write a text, such as protocol = \"mit\"",
     ),
 ];
 

@@ -73,6 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
         }
         Protocol::CanSimple => return node::run(&mut session, &address, arguments.confirm, arguments.json),
         Protocol::MyActuator => return rmd::run(&mut session, &address, arguments.confirm, arguments.json),
+        Protocol::ODrive => return Err(session.unfit(ODRIVE)),
         Protocol::Gim | Protocol::Mit => {}
     }
     let mut session = session.require_gim()?;
@@ -108,6 +109,8 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
     write(&mut session, &changes(&present, &wanted), confirm)
 }
 
+const ODRIVE: &str = "the address of an ODrive is set with odrivetool: odrv0.axis0.config.can.node_id";
+
 /// Gives a motor whose address is one id another one that is free, and finds it there. The session keeps the
 /// former one.
 ///
@@ -119,6 +122,7 @@ pub(crate) fn change_id(session: &mut Session, id: u8) -> Result<(), DirectFailu
         Protocol::RobStride => private::change_id(session, id),
         Protocol::CanSimple => node::change_id(session, id),
         Protocol::MyActuator => rmd::change_id(session, id),
+        Protocol::ODrive => Err(session.unfit(ODRIVE)),
         Protocol::Gim | Protocol::Mit => Err(session.unfit("its address also has a host id")),
     }
 }
@@ -155,7 +159,11 @@ pub(crate) fn with(values: &Values, name: &str, new: i32) -> Values {
 pub(crate) const fn protocol_number(protocol: Protocol) -> i32 {
     match protocol {
         Protocol::Mit => 1,
-        Protocol::Gim | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => 0,
+        Protocol::Gim
+        | Protocol::RobStride
+        | Protocol::CanSimple
+        | Protocol::MyActuator
+        | Protocol::ODrive => 0,
     }
 }
 

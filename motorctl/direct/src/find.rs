@@ -268,6 +268,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
         target::Protocol::RobStride => session.private().stop().map(|_| "robstride"),
         target::Protocol::CanSimple => session.axis().estimates().map(|_| "cansimple"),
         target::Protocol::MyActuator => session.rmd().status().map(|_| "myactuator"),
+        target::Protocol::ODrive => session.odrive().estimates().map(|_| "odrive"),
     }
     .map_err(|error| session.explain(error))?;
     let elapsed = session.line.link.now().since(begun);

@@ -249,6 +249,11 @@ impl<'s> Jogged<'s> {
                 let [at, ..] = motor.start(&scales)?.scaled(&scales);
                 at
             }
+            Protocol::ODrive => {
+                let reason =
+                    "motorctl moves no ODrive: it reports no torque by which an obstacle would be noticed";
+                return Err(Error::Protocol { id: self.session.id, reason });
+            }
             Protocol::Gim => {
                 let mut motor = self.session.gim();
                 motor.read_scales()?;
@@ -266,7 +271,7 @@ impl<'s> Jogged<'s> {
             Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator => {
                 self.control(&Impedance { velocity: velocity as f32, kd: self.kd, ..Impedance::default() })
             }
-            Protocol::Gim => self.speed(velocity),
+            Protocol::Gim | Protocol::ODrive => self.speed(velocity),
         }
         .map(|[position, velocity, _]| [position, velocity])
     }
@@ -280,7 +285,7 @@ impl<'s> Jogged<'s> {
                 let (position, kd) = (position as f32, self.kd);
                 self.control(&Impedance { position, kp, kd, ..Impedance::default() })
             }
-            Protocol::Gim => self.speed(velocity),
+            Protocol::Gim | Protocol::ODrive => self.speed(velocity),
         }
     }
 

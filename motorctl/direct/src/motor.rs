@@ -47,6 +47,11 @@ impl Health {
             Protocol::RobStride => Self::private(&mut session.private()),
             Protocol::CanSimple => Self::axis(&mut session.axis()),
             Protocol::MyActuator => Self::rmd(&mut session.rmd()),
+            Protocol::ODrive => {
+                session.odrive().stop()?;
+                let faults = session.odrive().fault()?;
+                Ok(Self { firmware: None, voltage: None, temperature: None, faults })
+            }
             Protocol::Mit => {
                 let state = session.mit().stop()?;
                 let faults = session.mit().fault()?;
@@ -137,6 +142,7 @@ pub(crate) fn clear_fault(session: &mut Session) -> Result<(), Error> {
         Protocol::RobStride => session.private().clear_fault(),
         Protocol::CanSimple => session.axis().clear_fault(),
         Protocol::MyActuator => session.rmd().clear_fault(),
+        Protocol::ODrive => session.odrive().clear_fault(),
     }
 }
 
@@ -257,7 +263,8 @@ pub(crate) fn is_alone(link: &mut Link, found: &Found) -> Result<bool, Error> {
 pub(crate) fn must_be_alone(session: &mut Session) -> Result<(), DirectFailure> {
     let is_alone = match session.protocol {
         Protocol::RobStride => session.private().is_alone()?,
-        Protocol::CanSimple => session.axis().is_alone()?,
+        // Both count estimates at the rate of the factory, and send nothing.
+        Protocol::CanSimple | Protocol::ODrive => session.axis().is_alone()?,
         Protocol::MyActuator => session.rmd().is_alone()?,
         Protocol::Gim | Protocol::Mit => return one_must_answer(session),
     };

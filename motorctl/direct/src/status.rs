@@ -108,6 +108,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
         Protocol::RobStride => session.private().fault(),
         Protocol::CanSimple => session.axis().fault(),
         Protocol::MyActuator => session.rmd().fault(),
+        Protocol::ODrive => session.odrive().fault(),
     }
 }
 
@@ -146,11 +147,9 @@ pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
 pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
-        (Protocol::Mit | Protocol::RobStride | Protocol::CanSimple | Protocol::MyActuator, true) => {
-            return Err(session.unfit("its protocol has no such command: leave --control out"));
-        }
-        (Protocol::Gim, true) => session.gim().stop_control(),
         (_, false) => session.stop(),
+        (Protocol::Gim, true) => session.gim().stop_control(),
+        (_, true) => return Err(session.unfit("its protocol has no such command: leave --control out")),
     };
     done?;
     print_line(&format!(

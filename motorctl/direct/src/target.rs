@@ -5,11 +5,12 @@ use motord_bus::transport::{self, Nodes, OpenedAsIs};
 use motord_bus::{BusLock, Duration, FrameId, Monotonic};
 use motord_configuration as config;
 use motord_protocol::commissioning::{
-    Axis, Error, Family, Found, Link, Mit, Native, Private, Question, Rmd, Wire, answers, ends, identify_by,
+    Axis, Error, Family, Found, Link, Mit, Native, Odrive, Private, Question, Rmd, Wire, answers, ends,
+    identify_by,
 };
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::robstride::{self, WideScales};
-use motord_protocol::{Ends, Scales, cansimple, gim, mit, myactuator};
+use motord_protocol::{Ends, Scales, cansimple, gim, mit, myactuator, odrive};
 use motord_settings::settings::MotorSettings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -40,6 +41,9 @@ pub enum Protocol {
     /// MyActuator's protocol of the RMD series, on CAN only.
     #[value(name = "myactuator")]
     MyActuator,
+    /// CANSimple of an ODrive Pro, S1 or Micro, on CAN only.
+    #[value(name = "odrive")]
+    ODrive,
 }
 
 impl Protocol {
@@ -69,6 +73,7 @@ impl Protocol {
             Self::RobStride => robstride::FAMILY.name,
             Self::CanSimple => cansimple::FAMILY.name,
             Self::MyActuator => myactuator::FAMILY.name,
+            Self::ODrive => odrive::FAMILY.name,
         }
     }
 }
@@ -330,6 +335,7 @@ impl Session {
             }
             Protocol::CanSimple => "it speaks CANSimple, for which motorctl has no such command",
             Protocol::MyActuator => "it speaks MyActuator's protocol, for which motorctl has no such command",
+            Protocol::ODrive => "it is an ODrive, for which motorctl has no such command: use odrivetool",
         };
         Err(self.unfit(reason))
     }
@@ -362,6 +368,12 @@ impl Session {
         Rmd::new(&mut self.line.link, self.id)
     }
 
+    /// Returns the motor's transactions as an ODrive.
+    pub fn odrive(&mut self) -> Odrive<'_> {
+        let gear_ratio = self.gear_ratio();
+        Odrive::new(&mut self.line.link, self.id, gear_ratio)
+    }
+
     /// Stops the motor.
     ///
     /// # Errors
@@ -374,14 +386,16 @@ impl Session {
             Protocol::RobStride => self.private().stop().map(drop),
             Protocol::CanSimple => self.axis().stop(),
             Protocol::MyActuator => self.rmd().stop(),
+            Protocol::ODrive => self.odrive().stop(),
         }
     }
 
     /// Returns the rotor turns per turn of the output shaft. Without a configuration they are those of
-    /// a GIM6010-8.
+    /// a GIM6010-8, and an ODrive has no gear.
     pub(crate) fn gear_ratio(&self) -> f32 {
         let constants = self.settings.as_ref().and_then(|settings| settings.constants);
-        constants.map_or(GEAR_RATIO, |constants| constants.gear_ratio as f32)
+        let unknown = if self.protocol == Protocol::ODrive { 1.0 } else { GEAR_RATIO };
+        constants.map_or(unknown, |constants| constants.gear_ratio as f32)
     }
 
     /// Returns the scales of [`private`](Self::private). Without a configuration only the position

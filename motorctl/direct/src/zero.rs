@@ -51,6 +51,7 @@ pub(crate) const fn note(protocol: Protocol) -> Option<&'static str> {
     match protocol {
         Protocol::CanSimple => Some(POWER_CYCLE),
         Protocol::MyActuator => Some(RESTARTED),
+        Protocol::ODrive => Some(UNTIL_POWER_OFF),
         Protocol::Mit | Protocol::Gim | Protocol::RobStride => None,
     }
 }
@@ -61,6 +62,10 @@ const POWER_CYCLE: &str = "After a power cycle its zero may differ by 6.4° (0.1
 
 /// The zero of a MyActuator motor. Source: protocol document V4.2, command 0x64.
 const RESTARTED: &str = "It was restarted (0x76): the zero acts after a restart only";
+
+/// The zero of an ODrive. Source: its manual, Set_Absolute_Position.
+const UNTIL_POWER_OFF: &str =
+    "It is lost with the power: for a lasting zero, set up an absolute encoder with odrivetool";
 
 /// Makes the motor report `at`, rad, in its present pose; 0 in MIT mode. Returns the position that it
 /// then reports, rad.
@@ -76,6 +81,7 @@ pub(crate) fn set(session: &mut Session, at: f64) -> Result<f64, DirectFailure> 
         Protocol::RobStride => session.private().set_zero().map(drop)?,
         Protocol::CanSimple => session.axis().set_zero().map(drop)?,
         Protocol::MyActuator => session.rmd().set_zero().map(drop)?,
+        Protocol::ODrive => session.odrive().set_zero()?,
     }
     let after = position(session)?;
     if off_by(after, at) <= TOLERANCE {
@@ -106,6 +112,11 @@ pub(crate) fn position(session: &mut Session) -> Result<f64, DirectFailure> {
         Protocol::MyActuator => {
             session.rmd().stop()?;
             session.rmd().angle()?
+        }
+        Protocol::ODrive => {
+            session.odrive().stop()?;
+            let [position, _] = session.odrive().estimates()?;
+            position
         }
         Protocol::Gim => {
             let mut motor = session.gim();

@@ -71,6 +71,8 @@ families! {
     CanSimple = cansimple::CanSimpleDialect,
     /// MyActuator's protocol of the RMD series, over CAN.
     MyActuator = myactuator::MyActuatorDialect,
+    /// ODrive's CANSimple of firmware 0.6, over CAN.
+    ODrive = odrive::ODriveDialect,
 }
 
 impl Default for MotorProtocol {

@@ -20,6 +20,7 @@
 //!   from text files, of which the crate has one for each supported vendor.
 //! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
 //! - [`cansimple`]: the CANSimple dialect of other SteadyWin drivers, with a node and a command in an id.
+//! - [`odrive`]: ODrive's CANSimple of firmware 0.6, without impedances.
 //! - [`myactuator`]: MyActuator's protocol of the RMD series, whose motors need no enable.
 //! - [`robstride`]: RobStride's private protocol over CAN, with ids of 29 bits.
 //! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
@@ -55,6 +56,7 @@ mod link;
 pub mod mit;
 pub mod model;
 pub mod myactuator;
+pub mod odrive;
 pub mod profile;
 pub mod register;
 #[cfg(feature = "commissioning")]

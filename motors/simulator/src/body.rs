@@ -178,10 +178,13 @@ impl Body {
     /// Applies the torque of a new `law` immediately, for an answer that is sent before the next
     /// step.
     pub(crate) fn apply(&mut self, law: &Law) {
-        let wanted =
-            law.torque + law.kp * (law.reference - self.position) + law.kd * (law.velocity - self.velocity);
         let (lowest, highest) = self.torque_range();
-        self.torque = wanted.clamp(lowest, highest);
+        self.torque = self.commanded(law).clamp(lowest, highest);
+    }
+
+    /// Returns the torque that `law` commands now, beyond any limit of torque, N·m.
+    pub(crate) fn commanded(&self, law: &Law) -> f64 {
+        law.torque + law.kp * (law.reference - self.position) + law.kd * (law.velocity - self.velocity)
     }
 
     /// Computes backward Euler. Dry friction reduces the momentum to at least zero, and never

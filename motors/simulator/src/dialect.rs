@@ -93,4 +93,6 @@ dialects! {
     CanSimple = "cansimple", 3, to_node, is_classic_command;
     /// MyActuator's protocol. An id is that of the motor, and a number for the kind of the frame.
     MyActuator = "myactuator", 4, to_motor, is_classic_command;
+    /// ODrive's CANSimple of firmware 0.6.
+    ODrive = "odrive", 5, to_node, is_classic_command;
 }

@@ -7,13 +7,14 @@ mod gim;
 mod indicator;
 mod mit;
 mod myactuator;
+mod odrive;
 mod power;
 mod private;
 mod registers;
+mod reports;
 mod robstride;
 
-use crate::body::Shaft;
-use crate::body::{Body, Law, STEP_NS};
+use crate::body::{Body, Law, STEP_NS, Shaft};
 use crate::dialect::{Dialect, is_classic_command};
 use crate::drives::AnyDrive;
 use crate::fault::{Fault, InjectError};
@@ -359,6 +360,7 @@ impl Motor {
             Dialect::RobStride => (self.robstride(at, frame)?, Duration::ZERO),
             Dialect::CanSimple => (self.cansimple(at, frame)?, Duration::ZERO),
             Dialect::MyActuator => (self.myactuator(at, frame)?, Duration::ZERO),
+            Dialect::ODrive => (self.odrive(at, frame)?, Duration::ZERO),
         };
         self.last_answer = frame;
         Some(DelayedReply { frame, after })

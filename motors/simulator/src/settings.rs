@@ -75,7 +75,8 @@ pub struct MotorSettings {
     pub name: String,
     /// The motor has the vendor's defaults: id 1, host id 0, 1 Mbit/s, SteadyWin's and RobStride's in
     /// their own protocol and others in MIT mode. The ids and the protocol below are then ignored. A
-    /// driver with CANSimple has no other protocol, and 500 kbit/s.
+    /// driver with CANSimple has no other protocol, and 500 kbit/s. An ODrive has no other protocol,
+    /// and 250 kbit/s, and sends only its heartbeat and its estimates by itself.
     pub is_new: bool,
     /// The motor has power at the start. The verb `on` gives it power.
     pub has_power: bool,
@@ -142,6 +143,10 @@ pub struct MotorSettings {
     pub calibration_time: Duration,
     /// Time for which a motor is silent after its power returned.
     pub boot_time: Duration,
+    /// Interval of the estimates and torques that an ODrive sends by itself; zero: it sends none.
+    pub report_period: Duration,
+    /// An ODrive also sends its torques by itself, and its supply each 100 ms.
+    pub reports_torque: bool,
     /// The choices that the documents leave open.
     pub behaviour: Behaviour,
 }
@@ -182,6 +187,8 @@ impl Default for MotorSettings {
             reply_jitter: Duration::ZERO,
             calibration_time: Duration::from_secs(5),
             boot_time: Duration::from_millis(300),
+            report_period: Duration::from_millis(10),
+            reports_torque: true,
             behaviour: Behaviour::default(),
         }
     }

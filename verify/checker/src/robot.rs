@@ -182,6 +182,7 @@ struct MotorTable {
     protocol: Option<String>,
     direction: Option<f64>,
     offset_rad: Option<f64>,
+    gear_ratio: Option<f64>,
     limits: Option<LimitsTable>,
 }
 
@@ -237,6 +238,7 @@ impl Wiring {
             let ids = ids.ok_or_else(|| format!("{}: an id is too large", motor.name))?;
             let ranges = Ranges::steadywin(1.0);
             let protocol = Protocol::named(motor.protocol.as_deref().unwrap_or("mit"), ranges, vendor.reply);
+            let protocol = motor.gear_ratio.map_or(protocol, |ratio| protocol.with_gear_ratio(ratio));
             Ok(bus.interface.clone().map(|interface| Wired {
                 interface,
                 position,

@@ -364,6 +364,7 @@ impl Checker {
                 let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
                 assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);
             }
+            Meaning::Mode => assert!(!cycle.is(group, Phase::Disarmed), "I4: a mode for a stopped motor"),
             Meaning::SetZero => {
                 assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
                 self.zeros[motor] -= 1;
@@ -435,7 +436,7 @@ impl Checker {
         let active = both(Mode::Active);
         native::check_value(order, limits, active && !now.slews);
         match order {
-            _ if order.is_question() => {}
+            _ if order.is_question() || order == Meaning::Mode => {}
             Meaning::Torque(_) | Meaning::Speed(_) | Meaning::Position(_) if active => {
                 let fast = f64::from(now.applied_velocity);
                 let is_wrong = matches!(order, Meaning::Torque(_)) && is_wrong_lease(fast);

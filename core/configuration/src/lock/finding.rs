@@ -254,6 +254,9 @@ impl Compare<'_> {
                     motor.id
                 )
             }
+            ReportedProtocol::CanSimple if motor.profile.name == "odrive" => {
+                "an ODrive speaks only its CANSimple: write `protocol = \"odrive\"`".into()
+            }
             ReportedProtocol::CanSimple if motor.profile.speaks(motord_protocol::cansimple::FAMILY.name) => {
                 "its driver speaks only CANSimple: write `protocol = \"cansimple\"`".into()
             }

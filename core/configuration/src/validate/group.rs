@@ -120,7 +120,9 @@ fn wrong_supply(group: &GroupSettings, settings: &Settings, plans: &[BusPlan]) -
     let reports = |motor: &MotorSettings| motor.capabilities.supply != SupplyReport::None;
     let has_time = |motor: &MotorSettings| {
         let plan = &plans[motor.bus];
-        settings.buses[motor.bus].is_line() || plan.last_reply + plan.question <= settings.cycle.period
+        motor.capabilities.supply == SupplyReport::Unasked
+            || settings.buses[motor.bus].is_line()
+            || plan.last_reply + plan.question <= settings.cycle.period
     };
     if group.supply == SupplySettings::default() {
         None

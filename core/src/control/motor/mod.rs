@@ -544,23 +544,6 @@ impl Motor {
         self.end_unanswered_turn(cx)
     }
 
-    /// Ends a turn without a state. Returns whether the motor is lost.
-    #[cold]
-    fn end_unanswered_turn(&mut self, cx: &mut Context) -> bool {
-        self.replies.age(cx.publications);
-        let is_explained = self.replies.is_awaited() && self.explains_gap(cx);
-        let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
-        // It answers, but reports no state while it should move: it refuses its commands.
-        let lost_cycles = if self.is_held() { 1 } else { cx.safety.lost_cycles };
-        let blind = self.mode.is_moving() && !self.reports_rarely() && self.replies.age_cycles >= lost_cycles;
-        let misses = counts && !is_explained;
-        let lost = blind || misses && self.miss(cx) >= lost_cycles || self.is_too_late();
-        if lost {
-            self.lose(cx);
-        }
-        lost
-    }
-
     /// Records that it does not answer any more.
     fn lose(&mut self, cx: &Context) {
         self.mode = Mode::OFFLINE;

@@ -1,7 +1,8 @@
-//! Commands that a motor does not answer, or answers without its state.
+//! Turns without a state: commands that a motor does not answer, or answers without it.
 
 use super::Motor;
 use super::mode::Mode;
+use crate::control::context::Context;
 
 /// Largest age of a state that a motor sends by itself, cycles: three intervals at 1 kHz.
 const RARE_AGE_MAX: u32 = 30;
@@ -18,6 +19,32 @@ impl Motor {
     pub(crate) const fn is_fresh(&self) -> bool {
         let most = if self.reports_rarely() { RARE_AGE_MAX } else { 1 };
         self.measured.is_some() && self.replies.age_cycles <= most
+    }
+
+    /// Ends a turn without a state. Returns whether the motor is lost.
+    #[cold]
+    pub(super) fn end_unanswered_turn(&mut self, cx: &mut Context) -> bool {
+        self.replies.age(cx.publications);
+        let is_explained = self.replies.is_awaited() && self.explains_gap(cx);
+        let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
+        // It answers, but reports no state while it should move: it refuses its commands.
+        let lost_cycles = if self.is_held() { 1 } else { cx.safety.lost_cycles };
+        let blind = self.mode.is_moving() && !self.reports_rarely() && self.replies.age_cycles >= lost_cycles;
+        let misses = counts && !is_explained;
+        let lost = blind
+            || counts && self.reports_no_more(lost_cycles)
+            || misses && self.miss(cx) >= lost_cycles
+            || self.is_too_late();
+        if lost {
+            self.lose(cx);
+        }
+        lost
+    }
+
+    /// Returns whether a motor that only reports is silent: it has no answer to miss.
+    const fn reports_no_more(&self, lost_cycles: u32) -> bool {
+        let age = self.replies.age_cycles;
+        self.settings.capabilities.only_reports && age > RARE_AGE_MAX && age >= lost_cycles
     }
 
     /// Records that the command of this turn has no answer: none is missed. The next probe of an

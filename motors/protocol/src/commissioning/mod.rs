@@ -1,8 +1,8 @@
 //! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and
 //! any clock.
 //!
-//! A [`Link`] sends a request and waits for its answer. [`Native`], [`Mit`], [`Private`], [`Axis`] and
-//! [`Rmd`] are the typed commands of the five protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
+//! A [`Link`] sends a request and waits for its answer. [`Native`], [`Mit`], [`Private`], [`Axis`],
+//! [`Rmd`] and [`Odrive`] are the typed commands of the six protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
 //! writes a configuration and reads back every item.
 //!
 //! Rules of every transaction:
@@ -41,6 +41,7 @@ pub use crate::link::{Error, Formats, LASTING, Link, LinkEvent, MotorRefusal, Un
 pub use crate::mit::commissioning::Mit;
 pub use crate::mit::registers::{Registers, ends};
 pub use crate::myactuator::commissioning::Rmd;
+pub use crate::odrive::commissioning::Odrive;
 pub use crate::reported::{Question, ReportedMotor, ReportedProtocol};
 pub use crate::robstride::commissioning::Private;
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};

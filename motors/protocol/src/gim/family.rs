@@ -43,6 +43,7 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         position_end: None,
         velocity_end: None,
         answers_fault_question: true,
+        only_reports: false,
         indicators: INDICATORS.len() as u8,
         supply: SupplyReport::Indicator(Indicator::BUS_VOLTAGE),
         registers: 0,

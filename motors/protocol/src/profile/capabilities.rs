@@ -9,6 +9,8 @@ pub enum SupplyReport {
     None,
     /// In answer to a question.
     Question,
+    /// By itself, where it is set up so.
+    Unasked,
     /// The indicator with this number is its voltage, V.
     Indicator(u8),
 }
@@ -28,6 +30,8 @@ pub struct Capabilities {
     pub velocity_end: Option<f32>,
     /// The motor answers a question for its faults. Otherwise every state contains them.
     pub answers_fault_question: bool,
+    /// The motor answers no command. Its states are those that it sends by itself, and may have no torque.
+    pub only_reports: bool,
     /// Number of indicators that the motor reports on request. Their numbers start at 0.
     pub indicators: u8,
     /// The way in which the motor reports its supply.
@@ -58,6 +62,7 @@ impl Capabilities {
             position_end: Some(scales.position.max() as f32),
             velocity_end: Some(scales.velocity.max() as f32),
             answers_fault_question: false,
+            only_reports: false,
             indicators: 0,
             supply: SupplyReport::None,
             registers: 0,

@@ -33,6 +33,8 @@ shipped! {
     CUBEMARS = "cubemars.toml",
     /// MyActuator's RMD series.
     MYACTUATOR = "myactuator.toml",
+    /// ODrive Pro, S1 and Micro.
+    ODRIVE = "odrive.toml",
 }
 
 /// The profiles that the user registered. Never read by a cycle.

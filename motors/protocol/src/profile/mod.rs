@@ -17,7 +17,7 @@ mod file;
 
 pub use capabilities::{Capabilities, SupplyReport};
 #[cfg(feature = "models")]
-pub use catalog::{CUBEMARS, DAMIAO, MYACTUATOR, NameTaken, ROBSTRIDE, STEADYWIN, register, shipped};
+pub use catalog::{CUBEMARS, DAMIAO, MYACTUATOR, NameTaken, ODRIVE, ROBSTRIDE, STEADYWIN, register, shipped};
 #[cfg(feature = "models")]
 pub use file::{FileProblem, parse};
 

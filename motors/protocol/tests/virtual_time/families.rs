@@ -117,7 +117,7 @@ fn is_to(frame: &Frame, id: u16, protocol: &Protocol) -> bool {
         Protocol::RobStride(_) => frame.id().is_extended() && raw & 0xFF == id,
         _ if frame.id().is_extended() => false,
         Protocol::Mit(_) | Protocol::Native => raw == id,
-        Protocol::CanSimple(_) => raw >> 5 == id,
+        Protocol::CanSimple(_) | Protocol::Odrive(_) => raw >> 5 == id,
         Protocol::MyActuator(_) => [0x140 + id, 0x400 + id, 0x280, 0x300].contains(&raw),
     }
 }
@@ -131,7 +131,7 @@ fn assert_harmless(frame: &Frame, protocol: &Protocol) {
         Protocol::Native => matches!(meaning, Meaning::Other(0x84 | 0xFF)),
         // The questions for the device and for a parameter.
         Protocol::RobStride(_) => matches!(meaning, Meaning::Other(0 | 17)),
-        Protocol::CanSimple(_) => false,
+        Protocol::CanSimple(_) | Protocol::Odrive(_) => false,
         Protocol::MyActuator(_) => matches!(meaning, Meaning::GetFault | Meaning::GetIndicator),
     };
     assert!(is_harmless, "{frame:?} is {meaning:?} to {protocol:?}");

@@ -10,6 +10,7 @@ mod damiao;
 mod described;
 mod drive;
 mod myactuator;
+mod odrive;
 mod robstride;
 mod steadywin;
 
@@ -22,6 +23,9 @@ use crate::drive_facts::DriveFacts;
 const DRIVES: &[&Drive] =
     &[&steadywin::DRIVE, &damiao::DRIVE, &robstride::DRIVE, &cubemars::DRIVE, &myactuator::DRIVE];
 
+/// Vendors whose drives speak no MIT.
+const OTHERS: &[&Drive] = &[&odrive::DRIVE];
+
 impl AnyDrive {
     /// Returns the drive of `vendor`: the one that is written for it, or one by these facts.
     ///
@@ -30,7 +34,7 @@ impl AnyDrive {
     /// When there is neither. The author of the settings must notice it before a robot is tested
     /// with them.
     pub(crate) fn of(vendor: &str, facts: Option<&DriveFacts>) -> Self {
-        let written = DRIVES.iter().find(|drive| drive.name == vendor);
+        let written = DRIVES.iter().chain(OTHERS).find(|drive| drive.name == vendor);
         let drive = written.map(|drive| Self::Written(drive));
         let drive = drive.or_else(|| facts.cloned().map(Self::Described));
         drive.unwrap_or_else(|| panic!("no simulated drive of the vendor {vendor}"))

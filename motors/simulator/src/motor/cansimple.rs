@@ -9,21 +9,19 @@
 //!   impedance that it received.
 //! - A new node id and a new zero last until the power is lost, unless it stores them.
 
-use super::axis::{Axis, Report};
 use super::configuration::int;
-use super::{DelayedReply, Mode, Motor};
+use super::{Mode, Motor};
 use crate::body::Law;
-use crate::dialect::Dialect;
 use crate::settings::ReplyTiming;
 use crate::wire::{Control, Scale, State};
 use core::f64::consts::TAU;
-use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_bus::{Frame, FrameId, Instant};
 
 /// Ends of the codes of position, rad, velocity, rad/s, and torque, N·m.
 const ENDS: [f64; 3] = [12.5, 65.0, 50.0];
 /// States of the axis.
-const IDLE: u8 = 1;
-const CLOSED_LOOP: u8 = 8;
+pub(super) const IDLE: u8 = 1;
+pub(super) const CLOSED_LOOP: u8 = 8;
 /// An error of the axis that points to the motor.
 const MOTOR_FAILED: u32 = 0x40;
 
@@ -39,33 +37,6 @@ const FAULTS: [(u32, u32, u64); 7] = [
 ];
 
 impl Motor {
-    /// Begins to report at `at`, if it speaks this dialect.
-    pub(super) fn begin_reports(&mut self, at: Instant) {
-        self.axis =
-            if self.dialect() == Dialect::CanSimple { Axis::new(at, self.node()) } else { Axis::SILENT };
-    }
-
-    /// Returns the time of the next frame that it sends by itself.
-    pub(crate) fn report_due(&self) -> Instant {
-        self.axis.due()
-    }
-
-    /// Returns the frame that is due by `to`, and its time: `now`, if it was due before. While the
-    /// motor is silent none is sent later.
-    pub(crate) fn take_due_report(&mut self, now: Instant, to: Instant) -> Option<(Instant, DelayedReply)> {
-        let at = self.axis.due().max(now);
-        if !self.listens(at) {
-            self.axis.take(to);
-            return None;
-        }
-        self.advance(at);
-        let frame = match self.axis.take(at) {
-            Report::Heartbeat => self.heartbeat(),
-            Report::Estimates => self.estimates(at),
-        };
-        Some((at, DelayedReply { frame, after: Duration::ZERO }))
-    }
-
     /// Executes a command.
     pub(super) fn cansimple(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
         let bytes = *frame.payload().first_chunk::<8>()?;
@@ -133,7 +104,7 @@ impl Motor {
             .map(|(end, codes)| Scale::symmetric(end, codes))
     }
 
-    fn heartbeat(&self) -> Frame {
+    pub(super) fn heartbeat(&self) -> Frame {
         let errors = self.faults().fold(0, |errors, (axis, _)| errors | axis);
         let [a, b, c, d] = errors.to_le_bytes();
         let state = if self.mode == Mode::Running { CLOSED_LOOP } else { IDLE };
@@ -142,7 +113,7 @@ impl Motor {
     }
 
     /// Position and velocity of the rotor, in turns.
-    fn estimates(&mut self, at: Instant) -> Frame {
+    pub(super) fn estimates(&mut self, at: Instant) -> Frame {
         let [position, velocity, _] = self.report(at);
         let turns = self.settings.gear_ratio / TAU;
         self.node_frame(0x09, floats([position * turns, velocity * turns]))
@@ -167,12 +138,12 @@ impl Motor {
         self.move_origin(self.body.position);
     }
 
-    fn restart(&mut self, at: Instant) {
+    pub(super) fn restart(&mut self, at: Instant) {
         self.lose_power();
         self.boot(at);
     }
 
-    fn node(&self) -> u8 {
+    pub(super) fn node(&self) -> u8 {
         self.configuration.int(int::CAN_ID) as u8 & 0x3F
     }
 
@@ -180,12 +151,12 @@ impl Motor {
         FrameId::new(u16::from(self.node()) << 5 | command).unwrap_or(FrameId::MAX)
     }
 
-    fn node_frame(&self, command: u16, payload: [u8; 8]) -> Frame {
+    pub(super) fn node_frame(&self, command: u16, payload: [u8; 8]) -> Frame {
         Frame::classic(self.node_id(command), payload)
     }
 }
 
-fn floats(values: [f64; 2]) -> [u8; 8] {
+pub(super) fn floats(values: [f64; 2]) -> [u8; 8] {
     let [[a, b, c, d], [e, f, g, h]] = values.map(|value| (value as f32).to_le_bytes());
     [a, b, c, d, e, f, g, h]
 }

@@ -227,19 +227,25 @@ impl Configuration {
 impl Items {
     /// Returns the values after a reset of the configuration. The vendor prints no default except
     /// protocol 0. The id 1 was observed on real motors, the host id 0 on motors of the same
-    /// family. A driver with CANSimple has 500 kbit/s. RobStride's drives begin in their private protocol, with the host id of the vendor's
-    /// examples. Damiao's begin in MIT (ESC_ID 1, MST_ID 0, mode 1).
+    /// family. A driver with CANSimple has 500 kbit/s, an ODrive 250 kbit/s. RobStride's drives begin
+    /// in their private protocol, with the host id of the vendor's examples. Damiao's begin in MIT
+    /// (ESC_ID 1, MST_ID 0, mode 1).
     fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
         let (protocol, host_id) = match settings.vendor {
             _ if settings.dialect == Dialect::CanSimple => (Dialect::CanSimple, 0),
             _ if settings.dialect == Dialect::MyActuator => (Dialect::MyActuator, 0),
+            _ if settings.dialect == Dialect::ODrive => (Dialect::ODrive, 0),
             "steadywin" => (Dialect::Gim, 0),
             "robstride" => (Dialect::RobStride, 0xFD),
             _ => (Dialect::Mit, 0),
         };
-        let bitrate = if protocol == Dialect::CanSimple { 500_000 } else { 1_000_000 };
+        let bitrate = match protocol {
+            Dialect::CanSimple => 500_000,
+            Dialect::ODrive => 250_000,
+            _ => 1_000_000,
+        };
         let items: [(u8, i32); 16] = [
             (0x00, i32::from(settings.pole_pairs)),
             (0x01, rated_current as i32),

@@ -135,7 +135,7 @@ impl Motor {
         Law { torque: torque * real / configured, ..Law::LIMP }
     }
 
-    fn speed_law(&self, speed_rpm: f64) -> Law {
+    pub(super) fn speed_law(&self, speed_rpm: f64) -> Law {
         let velocity = (speed_rpm / rpm(1.0)).clamp(-self.speed_max(), self.speed_max());
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
@@ -144,7 +144,7 @@ impl Motor {
     /// highest speed when that takes longer. It continues from the reference of the previous
     /// target. If it started at the shaft, it would slow down a controller that streams its
     /// targets.
-    fn position_law(&self, position: f64, duration: Duration) -> Law {
+    pub(super) fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
         let reference = if self.law.kp > 0.0 { self.law.reference } else { self.body.position };
         let distance = (target - reference).abs();

@@ -18,13 +18,11 @@ impl Motor {
         let (i_alpha, i_beta) = (-iq * sin, iq * cos);
         let half_beta = i_beta * 3.0_f64.sqrt() / 2.0;
         let (vd, vq) = self.dq_voltage();
-        let output_power = self.body.torque * self.body.velocity;
-        let copper_loss = COPPER_LOSS * self.settings.winding_resistance * iq * iq;
         let value = match id {
             0x00 => self.supply,
             0x01 => self.board_temperature(),
             0x02 => self.body.winding,
-            0x03 => output_power + copper_loss,
+            0x03 => self.electrical_power(),
             0x04 | 0x07 => i_alpha,
             0x05 => -i_alpha / 2.0 + half_beta,
             0x06 => -i_alpha / 2.0 - half_beta,
@@ -39,10 +37,17 @@ impl Motor {
             0x12 => self.rotor_angle().rem_euclid(TAU),
             0x13 => self.position(),
             0x14 => rpm(self.body.velocity),
-            0x15 => output_power,
+            0x15 => self.body.torque * self.body.velocity,
             _ => return None,
         };
         Some(value as f32)
+    }
+
+    /// Returns the power that the drive draws, W: that of the shaft, and the loss of the winding.
+    pub(super) fn electrical_power(&self) -> f64 {
+        let iq = self.q_current();
+        let copper_loss = COPPER_LOSS * self.settings.winding_resistance * iq * iq;
+        self.body.torque * self.body.velocity + copper_loss
     }
 
     /// Returns the temperature of the board, °C.

@@ -97,6 +97,8 @@ pub enum Meaning {
         /// Velocity and torque stand for zero, which may lie between two codes.
         neutral: bool,
     },
+    /// Follow the inputs of another mode, which were sent before.
+    Mode,
     /// Hold this torque, N·m.
     Torque(f64),
     /// Turn at this speed, rad/s.

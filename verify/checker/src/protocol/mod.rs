@@ -6,6 +6,7 @@ pub(crate) mod codec;
 pub mod gim;
 pub mod mit;
 pub mod myactuator;
+pub mod odrive;
 pub mod ranges;
 pub mod robstride;
 
@@ -13,6 +14,7 @@ use cansimple::Axis;
 use codec::Codec;
 use mit::{Mit, ReplyFormat};
 use myactuator::Rmd;
+use odrive::RotorAxis;
 use ranges::Ranges;
 use robstride::Private;
 
@@ -29,6 +31,8 @@ pub enum Protocol {
     CanSimple(Axis),
     /// MyActuator's own.
     MyActuator(Rmd),
+    /// That of ODrive's drivers with firmware 0.6.
+    Odrive(RotorAxis),
 }
 
 impl Protocol {
@@ -47,7 +51,19 @@ impl Protocol {
             "robstride" => Self::RobStride(Private { ranges }),
             "cansimple" => Self::CanSimple(Axis { ranges, gear_ratio: cansimple::GEAR_RATIO }),
             "myactuator" => Self::MyActuator(Rmd { ranges }),
+            "odrive" => Self::Odrive(RotorAxis { gear_ratio: odrive::GEAR_RATIO }),
             other => panic!("the checker does not know the protocol {other}"),
+        }
+    }
+
+    /// Returns the protocol of a motor with this gear ratio: rotor turns per turn of the output shaft.
+    /// It has an effect where frames contain values of the rotor.
+    #[must_use]
+    pub const fn with_gear_ratio(self, gear_ratio: f64) -> Self {
+        match self {
+            Self::CanSimple(axis) => Self::CanSimple(Axis { gear_ratio, ..axis }),
+            Self::Odrive(_) => Self::Odrive(RotorAxis { gear_ratio }),
+            other => other,
         }
     }
 
@@ -59,6 +75,7 @@ impl Protocol {
             Self::RobStride(private) => private,
             Self::CanSimple(axis) => axis,
             Self::MyActuator(rmd) => rmd,
+            Self::Odrive(axis) => axis,
         }
     }
 

@@ -28,7 +28,8 @@ impl ReceivedCommand {
             | Meaning::GetFault
             | Meaning::ClearFault
             | Meaning::GetIndicator
-            | Meaning::GetRegister => (false, false, true),
+            | Meaning::GetRegister
+            | Meaning::Mode => (false, false, true),
             Meaning::Start | Meaning::SetZero | Meaning::Other(_) => (false, false, false),
             Meaning::Control { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
             Meaning::Position(_) => (true, true, false),

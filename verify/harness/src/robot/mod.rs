@@ -209,7 +209,7 @@ impl Robot {
             let motor = motor.expect("frames go to motors of the bus");
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
             let meaning = match motor.protocol.name() {
-                "robstride" | "cansimple" | "myactuator" => ranges::protocol(motor).order(&frame),
+                "robstride" | "cansimple" | "myactuator" | "odrive" => ranges::protocol(motor).order(&frame),
                 _ => Meaning::of(bytes, &ranges::ranges(motor)),
             };
             self.sent.push(Sent {

@@ -2,18 +2,19 @@
 
 use motord_checker::protocol::Protocol;
 use motord_checker::protocol::cansimple::Axis;
+use motord_checker::protocol::odrive::RotorAxis;
 use motord_checker::protocol::ranges::Ranges;
 use motord_checker::vendor::Vendor;
 use motord_settings::settings::MotorSettings;
 
 /// Returns the protocol of a motor.
 pub(super) fn protocol(settings: &MotorSettings) -> Protocol {
-    if settings.protocol.name() == "cansimple" {
-        let gear_ratio = settings.constants.map_or(1.0, |constants| constants.gear_ratio);
-        return Protocol::CanSimple(Axis { ranges: ranges(settings), gear_ratio });
+    let gear_ratio = settings.constants.map_or(1.0, |constants| constants.gear_ratio);
+    match settings.protocol.name() {
+        "cansimple" => Protocol::CanSimple(Axis { ranges: ranges(settings), gear_ratio }),
+        "odrive" => Protocol::Odrive(RotorAxis { gear_ratio }),
+        other => Protocol::named(other, ranges(settings), Vendor::named(settings.profile.name).reply),
     }
-    let reply = Vendor::named(settings.profile.name).reply;
-    Protocol::named(settings.protocol.name(), ranges(settings), reply)
 }
 
 /// Returns the ranges of a motor's codes.

@@ -109,7 +109,7 @@ impl JointGuide<'_, '_> {
                 "The pull grows slowly up to {most:.1} N·m, and ends when the joint moves. Ctrl-C stops the motor. If the guide itself is \
                  killed, the motor holds its last pull: cut its power."
             ),
-            Protocol::Gim => format!(
+            Protocol::Gim | Protocol::ODrive => format!(
                 "The motor follows a speed that grows slowly up to 0.3 rad/s, and is stopped when it reports more than {most:.1} N·m. \
                  Ctrl-C stops the motor."
             ),

@@ -1,0 +1,178 @@
+//! The frames: commands to a drive, and what it sends by itself.
+
+pub use crate::cansimple::AxisState;
+use crate::cansimple::Id;
+use crate::fault::Faults;
+
+/// Number of bytes of every frame.
+const BYTES: usize = 8;
+/// The input is used as it is.
+const PASSTHROUGH: u32 = 1;
+
+/// The numbers of the commands.
+mod number {
+    pub(super) const HEARTBEAT: u8 = 0x01;
+    pub(super) const SET_STATE: u8 = 0x07;
+    pub(super) const ESTIMATES: u8 = 0x09;
+    pub(super) const SET_MODE: u8 = 0x0B;
+    pub(super) const POSITION: u8 = 0x0C;
+    pub(super) const VELOCITY: u8 = 0x0D;
+    pub(super) const TORQUE: u8 = 0x0E;
+    pub(super) const TEMPERATURES: u8 = 0x15;
+    pub(super) const BUS: u8 = 0x17;
+    pub(super) const CLEAR_ERRORS: u8 = 0x18;
+    pub(super) const SET_POSITION: u8 = 0x19;
+    pub(super) const TORQUES: u8 = 0x1C;
+}
+
+/// The quantity that the inputs of a drive control.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControlMode {
+    /// The torque.
+    Torque = 1,
+    /// The velocity.
+    Velocity = 2,
+    /// The position.
+    Position = 3,
+}
+
+/// A command to a drive. None is answered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Enter this state (0x007).
+    SetState(AxisState),
+    /// Follow the inputs of this mode (0x00B).
+    SetMode(ControlMode),
+    /// Position of the rotor, turns (0x00C), without feed-forward.
+    Position(f32),
+    /// Velocity of the rotor, turns/s (0x00D), without feed-forward.
+    Velocity(f32),
+    /// Torque of the rotor, N·m (0x00E).
+    Torque(f32),
+    /// Clear all errors (0x018).
+    ClearErrors,
+    /// Make the present position zero, until the power is lost (0x019).
+    SetZero,
+}
+
+impl Command {
+    /// Returns id and payload of the command to `node`.
+    #[must_use]
+    #[inline]
+    pub fn encode(self, node: u8) -> (Id, [u8; BYTES]) {
+        let (command, payload) = match self {
+            Self::SetState(state) => (number::SET_STATE, words(state as u32, 0)),
+            Self::SetMode(mode) => (number::SET_MODE, words(mode as u32, PASSTHROUGH)),
+            Self::Position(turns) => (number::POSITION, words(turns.to_bits(), 0)),
+            Self::Velocity(turns) => (number::VELOCITY, words(turns.to_bits(), 0)),
+            Self::Torque(torque) => (number::TORQUE, words(torque.to_bits(), 0)),
+            Self::ClearErrors => (number::CLEAR_ERRORS, words(0, 0)),
+            Self::SetZero => (number::SET_POSITION, words(0, 0)),
+        };
+        (Id { node, command }, payload)
+    }
+}
+
+const fn words(low: u32, high: u32) -> [u8; BYTES] {
+    (low as u64 | (high as u64) << 32).to_le_bytes()
+}
+
+/// The report of the axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Heartbeat {
+    /// Its active errors, as bits.
+    pub errors: u32,
+    /// Its state: 1 idle, 8 closed loop.
+    pub state: u8,
+}
+
+impl Heartbeat {
+    /// Returns whether the axis follows its inputs.
+    #[must_use]
+    pub const fn is_running(&self) -> bool {
+        self.state == AxisState::ClosedLoop as u8
+    }
+
+    /// Returns whether the axis is disabled. A drive that boots reports 0.
+    #[must_use]
+    pub const fn is_idle(&self) -> bool {
+        self.state <= AxisState::Idle as u8
+    }
+}
+
+/// A frame that a drive sends by itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reply {
+    /// The axis (0x001).
+    Heartbeat(Heartbeat),
+    /// The encoder, at the rotor (0x009).
+    Estimates {
+        /// Turns.
+        position: f32,
+        /// Turns/s.
+        velocity: f32,
+    },
+    /// Temperature of the motor, °C (0x015). NaN without a sensor.
+    Temperature(f32),
+    /// The supply (0x017).
+    Bus {
+        /// V.
+        volts: f32,
+        /// A.
+        amperes: f32,
+    },
+    /// Estimated torque of the rotor, N·m (0x01C).
+    Torque(f32),
+}
+
+impl Reply {
+    /// Decodes a frame with this `id` and classic `payload`. `None` for a frame that no drive sends,
+    /// and for a number that is not finite, but a temperature.
+    #[must_use]
+    #[inline]
+    pub fn decode(id: Id, payload: &[u8]) -> Option<Self> {
+        let payload: [u8; BYTES] = payload.try_into().ok()?;
+        let [a, b, c, d, e, f, g, h] = payload;
+        let [first, second] = [[a, b, c, d], [e, f, g, h]].map(f32::from_le_bytes);
+        let are_finite = first.is_finite() && second.is_finite();
+        match id.command {
+            number::HEARTBEAT => {
+                Some(Self::Heartbeat(Heartbeat { errors: u32::from_le_bytes([a, b, c, d]), state: e }))
+            }
+            number::TEMPERATURES => Some(Self::Temperature(second)),
+            _ if !are_finite => None,
+            number::ESTIMATES => Some(Self::Estimates { position: first, velocity: second }),
+            number::BUS => Some(Self::Bus { volts: first, amperes: second }),
+            number::TORQUES => Some(Self::Torque(second)),
+            _ => None,
+        }
+    }
+}
+
+/// A drive that boots; it is ready soon.
+const INITIALIZING: u32 = 1 << 0;
+
+/// Bits of the errors: `ODriveError` of `odrive_enums.h`.
+const ERRORS: [(u64, Faults); 13] = [
+    (1 << 1, Faults::SOFTWARE),
+    (1 << 2, Faults::FOC_FREQUENCY),
+    (1 << 3, Faults::ENCODER),
+    (1 << 5, Faults::DRIVER_CHIP),
+    (1 << 8, Faults::OVER_VOLTAGE),
+    (1 << 9, Faults::UNDER_VOLTAGE),
+    (1 << 10, Faults::OVER_CURRENT),
+    (1 << 11, Faults::OVER_CURRENT),
+    (1 << 12, Faults::OVER_CURRENT),
+    (1 << 13, Faults::MOTOR_OVER_TEMPERATURE),
+    (1 << 14, Faults::DRIVER_OVER_TEMPERATURE),
+    (1 << 24, Faults::HOST_SILENT),
+    // The encoder reports a motion that the motor cannot have.
+    (1 << 26, Faults::ENCODER),
+];
+
+/// Returns the faults of these active errors. Of the bits without a name, the lowest is reported by its
+/// index.
+#[must_use]
+pub fn faults(errors: u32) -> Faults {
+    Faults::of_bits(&ERRORS, (errors & !INITIALIZING).into())
+}
