@@ -274,7 +274,7 @@ codes! {
         ForeignMaster = 33 "foreign-master" "Another program or device commands a motor of the group: the daemon's log names the id.",
         ImuLost = 34 "imu-lost" "An IMU delivers no samples, and the configuration stops for that: the daemon's log names it.",
         Unread = 35 "unread" "A motor of the group has not reported its registers since it answered first or again: try again; the daemon's log names a motor that does not report them.",
-        SupplyLow = 38 "supply-low" "Most motors of the group report a supply below the configured voltage: charge or replace the battery.",
+        SupplyLow = 38 "supply-low" "Most motors of the group report a supply below the configured voltage, or none reports one: charge or replace the battery.",
     }
 }
 

@@ -83,7 +83,7 @@ sections! {
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
-            "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. The supply of a motor with the protocol `robstride`, `cansimple` or `myactuator` is requested at the same rate. The state has the indicators of the first 16 native motors of the file; MIT motors have none.";
+            "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. The supply is requested eight times as often, also from a motor with the protocol `robstride`, `cansimple` or `myactuator`. The state has the indicators of the first 16 native motors of the file; MIT motors have none.";
         "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
             "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 49](adr/0049-when-the-cycle-and-the-ipc-thread-wake.md).";
     }
@@ -183,7 +183,7 @@ sections! {
             "Its CAN id, at least 1. SteadyWin: ConfID 0x12. Some vendors allow fewer ids. With the protocol `myactuator`: 1 to 32. With `cansimple`: its node id, 0 to 63. The motor then uses the 32 ids from 32 times this number on.";
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
         "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
-            "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. With `cansimple` and `myactuator` it has no effect. On a serial bus 0 to 255; some vendors allow fewer ids.";
+            "Id that its replies bear. SteadyWin: ConfID 0x13. With the protocol `robstride`: the id of the host, 0xFD by default, and the same for all motors. With `cansimple`, `myactuator` and `odrive` it has no effect. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required_choice(),
             "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. `robstride`: RobStride's private protocol, which its motors speak from the factory. `cansimple`: SteadyWin's SDC104, GDS68 and GDZ drivers, whose codes end at 12.5 rad, 65 rad/s and 50 N·m. `myactuator`: MyActuator's RMD series; requires `torque-end-nm`. `odrive`: ODrive Pro, S1 and Micro, without impedances. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
@@ -191,7 +191,7 @@ sections! {
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0).if_negative(REVERSED),
             "SteadyWin only, not `cansimple`. Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
         "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0).if_negative(REVERSED),
-            "SteadyWin only. Rotor turns per turn of the output shaft. With `cansimple` it converts the position of the stopped motor, with `odrive` every value.";
+            "SteadyWin and ODrive only. Rotor turns per turn of the output shaft. With `cansimple` it converts the position of the stopped motor, with `odrive` every value.";
         "rated-torque-nm" rated_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
             "Torque that the motor can give continuously; at most `peak-torque-nm`. More is given until the winding is warm by a model (I²t); then the torque falls to this.";
         // The windings of this series are small against their housings.

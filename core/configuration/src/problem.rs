@@ -417,8 +417,8 @@ pub enum Wrong {
         "{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it: lower it, or raise kd-max"
     )]
     DampingBeyondLimit { damping: f64, kd_max: f64 },
-    #[error("is never compared, because cycle.indicator-hz is 0; give the supply a rate, such as 1")]
-    SupplyNotAsked,
+    #[error("is compared too rarely: write at least {least_hz} for cycle.indicator-hz")]
+    SupplyNotAsked { least_hz: f64 },
     #[error(
         "no motor of group {group:?} reports its supply; write 0 for this group, or remove it: the protocols gim, robstride, cansimple, myactuator and odrive report it"
     )]
@@ -429,6 +429,10 @@ pub enum Wrong {
     NoTimeForSupply { bus: String, rate_hz_max: f64 },
     #[error("stops at {stop} V, not below {warn} V where the warning begins; lower it")]
     SupplyStopBeforeWarning { warn: f32, stop: f32 },
+    #[error(
+        "the state of {motor:?} is what an ODrive sends by itself, at most every ms, every 10 ms from the factory, and each motor of the bus has a turn of {turn_ms} ms; write the interval of its reports as `every`, in cycles"
+    )]
+    TurnBeforeReports { motor: String, turn_ms: f64 },
     #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]
     DerateOrder { derate: f64, max: f64 },
     #[error(

@@ -164,7 +164,7 @@ impl Control {
             Some(cause) => return Err(Refused::latched(cause)),
             None => {}
         }
-        if group.has_low_supply() {
+        if !group.has_supply(self.context.now) {
             return Err(Refused::new(Refusal::SupplyLow));
         }
         if group.phase() != Phase::Disarmed {

@@ -1,7 +1,7 @@
 //! The indicators and the supplies of the motors: the values of indicators, and which question is next.
 //!
 //! The indicators of a motor are polled in rotation at an even rate, when no other question to it
-//! is open. A motor without indicators may report its supply.
+//! is open. The supply is polled more often: a gait pulls it down at the rate of its steps.
 
 use motord_bus::{Duration, Instant};
 use motord_protocol::SupplyReport;
@@ -10,6 +10,8 @@ use motord_settings::settings::{MotorSettings, Settings};
 use motord_shared::JointIndicators;
 use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 
+/// Least number of questions for the supply in the time of one round of indicators.
+const SUPPLIES: u8 = 8;
 /// Lowest rate of polls.
 const SLOWEST_HZ: f64 = 0.01;
 
@@ -23,10 +25,13 @@ pub(super) struct Indicators {
 struct IndicatorPoll {
     joint: usize,
     bus: usize,
-    /// Number of its indicators. 0: it is asked for its supply.
+    /// Number of its indicators.
     count: u8,
+    supply: SupplyReport,
     /// The indicator that is asked for next.
     next: u8,
+    /// Indicators until the next question for the supply.
+    until_supply: u8,
     /// When it should be asked next.
     next_at: Instant,
     /// From one question to the next.
@@ -37,15 +42,37 @@ struct IndicatorPoll {
 impl IndicatorPoll {
     fn new(joint: usize, motor: &MotorSettings, hz: f64) -> Self {
         let count = motor.capabilities.indicators.min(INDICATORS_MAX as u8);
+        let supplies = count.checked_div(count / SUPPLIES).unwrap_or(SUPPLIES);
+        let questions = f64::from(count) + f64::from(supplies);
         Self {
             joint,
             bus: motor.bus,
             count,
+            supply: motor.capabilities.supply,
             next: 0,
+            until_supply: 0,
             next_at: Instant::ZERO,
-            interval: Duration::from_secs_f64(1.0 / (hz * f64::from(count.max(1)))),
+            interval: Duration::from_secs_f64(1.0 / (hz * questions)),
             values: [f32::NAN; INDICATORS_MAX],
         }
+    }
+}
+
+impl IndicatorPoll {
+    /// Returns the next question.
+    fn question(&mut self) -> Command {
+        if self.until_supply == 0 {
+            self.until_supply = self.count / SUPPLIES;
+            match self.supply {
+                SupplyReport::Question => return Command::GetSupply,
+                SupplyReport::Indicator(number) => return Command::GetIndicator(number),
+                SupplyReport::None | SupplyReport::Unasked => {}
+            }
+        }
+        self.until_supply = self.until_supply.saturating_sub(1);
+        let number = self.next;
+        self.next = (number + 1) % self.count.max(1);
+        Command::GetIndicator(number)
     }
 }
 
@@ -82,12 +109,7 @@ impl Indicators {
         let due = self.motors.iter_mut().filter(|motor| motor.bus == bus && motor.next_at <= now);
         let asked = due.filter(|motor| may_be_polled(motor.joint)).min_by_key(|motor| motor.next_at)?;
         asked.next_at = now + asked.interval;
-        if asked.count == 0 {
-            return Some((asked.joint, Command::GetSupply));
-        }
-        let number = asked.next;
-        asked.next = (number + 1) % asked.count;
-        Some((asked.joint, Command::GetIndicator(number)))
+        Some((asked.joint, asked.question()))
     }
 
     /// Records the value that the motor of `joint` reported; NaN when it refused.

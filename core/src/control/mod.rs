@@ -310,9 +310,21 @@ impl Control {
 
     #[cold]
     fn due_question(&mut self, bus: usize) -> Option<(usize, Command)> {
-        if let Some(joint) = self.fault_poll(bus) {
-            return Some((joint, Command::GetFault));
+        // In turn, because a motor that does not answer is due for ever.
+        let health = &mut self.buses[bus];
+        health.asks_indicator = !health.asks_indicator;
+        if health.asks_indicator {
+            return self.indicator_poll(bus).or_else(|| self.fault_question(bus));
         }
+        self.fault_question(bus).or_else(|| self.indicator_poll(bus))
+    }
+
+    fn fault_question(&mut self, bus: usize) -> Option<(usize, Command)> {
+        self.fault_poll(bus).map(|joint| (joint, Command::GetFault))
+    }
+
+    /// Returns the motor of `bus` to be asked for an indicator or its supply now, if any.
+    fn indicator_poll(&mut self, bus: usize) -> Option<(usize, Command)> {
         let Self { groups, slots, indicators, context, .. } = self;
         let Wake { cycle, begun, .. } = context.wake;
         let may_be_polled = |joint: usize| {

@@ -16,6 +16,11 @@ use crate::value::Listed;
 /// The group of all joints, when the file has no group.
 const ALL: &str = "all";
 
+/// Least rate of indicators with which a supply is watched, Hz.
+const LEAST_HZ: f64 = 0.5;
+/// Share of a cycle in which its replies and a question fit, beside the work of the cycle.
+const QUESTION_SHARE: f64 = 0.95;
+
 /// Names of an error.
 const NAMED_MAX: usize = 8;
 
@@ -118,22 +123,24 @@ fn wrong_supply(group: &GroupSettings, settings: &Settings, plans: &[BusPlan]) -
     let SupplySettings { warn, stop } = group.supply;
     let motors = || group.motors.iter().map(|&motor| &settings.motors[motor]);
     let reports = |motor: &MotorSettings| motor.capabilities.supply != SupplyReport::None;
+    let is_asked =
+        |motor: &MotorSettings| reports(motor) && motor.capabilities.supply != SupplyReport::Unasked;
     let has_time = |motor: &MotorSettings| {
         let plan = &plans[motor.bus];
-        motor.capabilities.supply == SupplyReport::Unasked
+        !is_asked(motor)
             || settings.buses[motor.bus].is_line()
-            || plan.last_reply + plan.question <= settings.cycle.period
+            || plan.last_reply + plan.question <= settings.cycle.period.mul_f64(QUESTION_SHARE)
     };
     if group.supply == SupplySettings::default() {
         None
-    } else if settings.cycle.indicator_hz == 0.0 {
-        Some(Wrong::SupplyNotAsked)
     } else if !motors().any(reports) {
         Some(Wrong::SupplyNotReported { group: group.name.clone() })
-    } else if let Some(motor) = motors().find(|motor| reports(motor) && !has_time(motor)) {
+    } else if settings.cycle.indicator_hz < LEAST_HZ && motors().any(is_asked) {
+        Some(Wrong::SupplyNotAsked { least_hz: LEAST_HZ })
+    } else if let Some(motor) = motors().find(|motor| !has_time(motor)) {
         let plan = &plans[motor.bus];
         let bus = settings.buses[motor.bus].name.clone();
-        let rate_hz_max = (1.0 / (plan.last_reply + plan.question).as_secs_f64()).floor();
+        let rate_hz_max = (QUESTION_SHARE / (plan.last_reply + plan.question).as_secs_f64()).floor();
         Some(Wrong::NoTimeForSupply { bus, rate_hz_max })
     } else {
         (warn > 0.0 && stop >= warn).then_some(Wrong::SupplyStopBeforeWarning { warn, stop })

@@ -54,6 +54,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     imu_can::check(&document.sensors.imus, &settings, findings);
     bus::check_shared_ids(&document.buses, &settings, findings);
     bus::check_enables(&document.buses, &settings, findings);
+    bus::check_reports(&document.buses, &settings, findings);
     motor::check_durations(&document.motors, &settings, findings);
     group::check_supplies(document, &settings, findings);
     check_rates(document, &settings, findings);

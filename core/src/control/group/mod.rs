@@ -140,9 +140,9 @@ impl Group {
         self.cause.map(|latched| latched.cause)
     }
 
-    /// Returns whether its supply is too low for motion.
-    pub(super) const fn has_low_supply(&self) -> bool {
-        self.supply.forbids_motion()
+    /// Returns whether its supply permits a start.
+    pub(super) fn has_supply(&self, now: Instant) -> bool {
+        self.supply.permits_start(&self.motors, now)
     }
 
     pub(super) const fn owner(&self) -> Option<&Owner> {

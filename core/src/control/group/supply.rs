@@ -34,7 +34,7 @@ impl Level {
 
     /// Takes the reports of all motors at `now`. Returns whether the level changed.
     fn update(&mut self, motors: &[Motor], now: Instant) -> bool {
-        if is_below(self.limit, motors) == self.is_low {
+        if is_below(self.limit, motors, now) == self.is_low {
             self.since = None;
             return false;
         }
@@ -48,10 +48,15 @@ impl Level {
 }
 
 /// Returns whether more than half of the motors that report a voltage report less than `limit`, V.
-fn is_below(limit: f32, motors: &[Motor]) -> bool {
+fn is_below(limit: f32, motors: &[Motor], now: Instant) -> bool {
+    let below = || voltages(motors, now).filter(|voltage| *voltage < limit);
+    2 * below().count() > voltages(motors, now).count()
+}
+
+/// The voltages that motors reported in the last seconds.
+fn voltages(motors: &[Motor], now: Instant) -> impl Iterator<Item = f32> {
     let included = motors.iter().filter(|motor| !motor.is_excluded());
-    let voltages = || included.clone().filter_map(Motor::supply).map(|supply| supply.voltage);
-    2 * voltages().filter(|voltage| *voltage < limit).count() > voltages().count()
+    included.filter_map(move |motor| motor.supply(now)).map(|supply| supply.voltage)
 }
 
 /// The supply of a group.
@@ -76,5 +81,12 @@ impl SupplyWatch {
     /// Returns whether the supply is too low for motion.
     pub(super) const fn forbids_motion(&self) -> bool {
         self.stop.is_low
+    }
+
+    /// Returns whether the supply permits a start `now`: it is high enough, and known where a voltage
+    /// stops the group.
+    pub(super) fn permits_start(&self, motors: &[Motor], now: Instant) -> bool {
+        let is_known = self.stop.limit == 0.0 || voltages(motors, now).next().is_some();
+        is_known && !self.stop.is_low
     }
 }

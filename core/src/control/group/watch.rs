@@ -180,7 +180,7 @@ impl Group {
     #[cold]
     fn receive_supply(&mut self, slot: usize, supply: Supply, cx: &mut Context) {
         let motor = &mut self.motors[slot];
-        motor.record_supply(supply);
+        motor.record_supply(supply, cx.now);
         let (joint, group) = (motor.joint, self.index);
         if let Some(is_low) = self.supply.update(&self.motors, cx.now) {
             cx.push(Event::Supply { group, motor: joint, voltage: supply.voltage, is_low });

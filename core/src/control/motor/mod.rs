@@ -96,7 +96,8 @@ pub(super) struct Motor {
     absence: Absence,
     backlog: Backlog,
     registers: Registers,
-    supply: Option<Supply>,
+    /// The supply that it reported last, and when.
+    supply: Option<(Supply, Instant)>,
 }
 
 impl Motor {

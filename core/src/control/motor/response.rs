@@ -60,7 +60,7 @@ impl Response {
             commands: [Setpoint::NEUTRAL; COMMANDS],
             newest: 0,
             lacking: None,
-            share: if settings.capabilities.only_reports { 0.0 } else { settings.limits.torque_response },
+            share: settings.limits.torque_response,
             floor: 0.0,
             velocity_max: VELOCITY_SHARE * settings.max_velocity,
             steps: Impedance::NEUTRAL,

@@ -2,21 +2,24 @@
 
 use super::Motor;
 use core::ops::RangeInclusive;
+use motord_bus::{Duration, Instant};
 use motord_protocol::SupplyReport;
 use motord_protocol::drive::Supply;
 
-/// The voltages that a motor may report, V.
-const VOLTAGES: RangeInclusive<f32> = 0.0..=1000.0;
+/// The voltages that a motor may report, V. A request that is taken for its answer has 0.
+const VOLTAGES: RangeInclusive<f32> = 1.0..=1000.0;
+/// An older report says nothing about the supply.
+const AGE_MAX: Duration = Duration::from_secs(3);
 
 impl Motor {
-    /// Returns the supply that it reported last.
-    pub(crate) const fn supply(&self) -> Option<Supply> {
-        self.supply
+    /// Returns the supply that it reported in the last seconds before `now`.
+    pub(crate) fn supply(&self, now: Instant) -> Option<Supply> {
+        self.supply.filter(|(_, at)| now.since(*at) <= AGE_MAX).map(|(supply, _)| supply)
     }
 
-    /// Takes the supply that it reports. One that no motor has is not known.
-    pub(crate) fn record_supply(&mut self, supply: Supply) {
-        self.supply = Some(supply).filter(|supply| VOLTAGES.contains(&supply.voltage));
+    /// Takes the supply that it reports at `now`. One that no motor has is not known.
+    pub(crate) fn record_supply(&mut self, supply: Supply, now: Instant) {
+        self.supply = Some((supply, now)).filter(|(supply, _)| VOLTAGES.contains(&supply.voltage));
     }
 
     /// Returns whether it may be asked for an indicator or its supply now. An answer about the supply
@@ -40,9 +43,13 @@ mod tests {
         let settings = motord_harness::robot::settings(text);
         let mut motor = Motor::new(0, &settings.motors[0], Turn::EACH_CYCLE);
         for voltage in [f32::NAN, f32::INFINITY, -0.1, 1e9] {
-            motor.record_supply(Supply { voltage: 24.0, current: None });
-            motor.record_supply(Supply { voltage, current: Some(1.0) });
-            assert_eq!(motor.supply(), None, "{voltage} V");
+            motor.record_supply(Supply { voltage: 24.0, current: None }, Instant::ZERO);
+            motor.record_supply(Supply { voltage, current: Some(1.0) }, Instant::ZERO);
+            assert_eq!(motor.supply(Instant::ZERO), None, "{voltage} V");
         }
+        motor.record_supply(Supply { voltage: 24.0, current: None }, Instant::ZERO);
+        let known =
+            [3, 4].map(|seconds| motor.supply(Instant::from_nanos(seconds * 1_000_000_000)).is_some());
+        assert_eq!(known, [true, false], "it is forgotten");
     }
 }

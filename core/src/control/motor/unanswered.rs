@@ -43,8 +43,7 @@ impl Motor {
 
     /// Returns whether a motor that only reports is silent: it has no answer to miss.
     const fn reports_no_more(&self, lost_cycles: u32) -> bool {
-        let age = self.replies.age_cycles;
-        self.settings.capabilities.only_reports && age > RARE_AGE_MAX && age >= lost_cycles
+        self.settings.capabilities.only_reports && self.replies.age_cycles >= lost_cycles
     }
 
     /// Records that the command of this turn has no answer: none is missed. The next probe of an

@@ -283,7 +283,8 @@ impl CanSimpleDialect {
     /// heartbeat after the start.
     #[inline]
     fn runs(&self) -> Option<bool> {
-        if self.is_started { Some(self.is_running()) } else { self.heartbeat.map(|beat| !beat.is_idle()) }
+        let may_run = || self.heartbeat.is_none_or(|beat| !beat.is_idle());
+        Some(if self.is_started { self.is_running() } else { may_run() })
     }
 
     /// Returns the values of a state: the estimates have no torque, which is zero while stopped.

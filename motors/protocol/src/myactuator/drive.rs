@@ -310,7 +310,7 @@ impl Dialect for MyActuatorDialect {
         match (reply, open) {
             (Reply::Status(_), Some(Question::Register)) => Shape::Register,
             _ if !self.answers(&reply) => match reply {
-                Reply::Status(_) if self.awaits_supply => Shape::Register,
+                Reply::Status(status) if self.awaits_supply && status.faults().is_none() => Shape::Register,
                 _ => Shape::Unprompted,
             },
             (Reply::Status(_), None) => Shape::Unprompted,
