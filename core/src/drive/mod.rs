@@ -89,8 +89,9 @@ impl Drive {
     }
 
     /// Withdraws the open request, whose frame was not sent.
-    pub const fn withdraw(&mut self) {
+    pub fn withdraw(&mut self) {
         self.correlator = self.correlator.withdraw();
+        self.dialect.unsent();
     }
 
     /// Closes the open request, which the motor could not read. Constant time.
@@ -98,7 +99,7 @@ impl Drive {
         if !self.is_open() {
             return Received::Malformed;
         }
-        self.withdraw();
+        self.correlator = self.correlator.withdraw();
         Received::Reply(Reported::Refused)
     }
 

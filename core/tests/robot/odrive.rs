@@ -88,8 +88,10 @@ fn new_mode_follows_its_input() {
     (0..200).for_each(|_| robot.follow(&position));
     let sent = robot.take_sent_to(NODE.into());
     let parts: Vec<_> = sent.iter().map(|sent| sent.frame.id().raw() & 0x1F).collect();
-    let first = parts.iter().position(|part| *part != 0x0E).unwrap();
-    assert_eq!(parts[first..first + 3], [0x0C, 0x0B, 0x0C], "{parts:X?}");
+    let first = parts.iter().position(|part| *part == 0x0C).unwrap();
+    assert_eq!(parts[first..first + 4], [0x0C, 0x0C, 0x0B, 0x0C], "{parts:X?}");
+    let modes = sent.iter().filter(|sent| sent.frame.id().raw() & 0x1F == 0x0B);
+    assert!(modes.clone().count() >= 2 && parts.len() >= 20, "it is repeated");
     assert!((robot.joint(KNEE).position - at).abs() < 0.02, "no jump");
 }
 
@@ -101,9 +103,10 @@ fn odrive_is_started_at_zero_torque() {
     activate(&mut robot, &joints);
     let sent = robot.take_sent_to(NODE.into());
     let frames = sent.iter().map(|sent| (sent.frame.id().raw() & 0x1F, sent.bytes));
-    let begin: Vec<_> = frames.skip_while(|(part, _)| *part == 0x07).take(3).collect();
+    let begin: Vec<_> = frames.skip_while(|(part, _)| *part == 0x07).take(6).collect();
     let bytes = |first: u8, fifth: u8| [first, 0, 0, 0, fifth, 0, 0, 0];
-    assert_eq!(begin, [(0x0E, bytes(0, 0)), (0x0B, bytes(1, 1)), (0x07, bytes(8, 0))]);
+    let (torque, mode) = ((0x0E, bytes(0, 0)), (0x0B, bytes(1, 1)));
+    assert_eq!(begin, [torque, mode, torque, torque, mode, (0x07, bytes(8, 0))]);
     assert_eq!(robot.truth(KNEE).mode(), Mode::Running);
 }
 
@@ -188,4 +191,43 @@ fn stopped_odrive_gets_only_stops() {
     robot.steps(2000);
     let sent = robot.take_sent_to(NODE.into());
     assert!(sent.len() >= 190 && sent.iter().all(|sent| sent.meaning == Meaning::Stop), "{sent:?}");
+}
+
+/// The only motor of its bus: the bus is held, and served again by what the drive sends.
+#[test]
+fn lonely_odrive_returns_from_power_cut() {
+    let text = "[cycle]\nrate-hz = 1000\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\nevery = 10\n"
+        .to_owned()
+        + &family::motor(family::ODRIVE, 5, "knee", "gear-ratio = 8\npeak-torque-nm = 10.0");
+    let mut robot = Robot::new(robot::settings(&text), 3);
+    robot.steps(500);
+    assert_eq!(robot.mode(0), MotorMode::Idle);
+    robot.disturb("can power-off");
+    robot.steps(2000);
+    assert_eq!(robot.mode(0), MotorMode::Offline);
+    robot.disturb("can ok");
+    robot.steps(3000);
+    assert_eq!(robot.mode(0), MotorMode::Idle);
+    robot.claim().unwrap();
+    let joints = robot.hold(5.0, 0.5);
+    (0..20).for_each(|_| robot.follow(&joints));
+    robot.operate(Operation::Enable).unwrap();
+    (0..600).for_each(|_| robot.follow(&joints));
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
+/// Errors that it sends by itself, and reports that are no numbers.
+#[test]
+fn unreadable_reports_are_no_second_motor() {
+    let mut robot = leg();
+    let joints = setpoints(&mut robot, SetpointMode::Speed, 0.5);
+    activate(&mut robot, &joints);
+    let nan = [[0, 0, 0xC0, 0x7F]; 2].concat();
+    for _ in 0..300 {
+        robot.follow(&joints);
+        for part in [0x03, 0x17, 0x1C] {
+            robot.deliver_with_id(0, FrameId::new(BASE | part).unwrap(), &nan);
+        }
+    }
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
 }

@@ -38,8 +38,9 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     let before = position(&mut session)?;
     let range = check_limits(&session, at, force)?;
     let name = session.name();
+    let stores = if session.protocol == Protocol::ODrive { "sets" } else { "permanently stores" };
     confirm.ask(&format!(
-        "This permanently stores a new zero in {name}: it will report {at:.3} rad where it reports {before:.3} rad now.{range}"
+        "This {stores} a new zero in {name}: it will report {at:.3} rad where it reports {before:.3} rad now.{range}"
     ))?;
     let after = set(&mut session, at)?;
     print_line(&format!("{name}: reports {after:.3} rad now"))?;

@@ -151,10 +151,10 @@ fn drive_that_boots_has_no_fault() {
 #[test]
 fn number_that_is_not_finite_is_no_report() {
     for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let mut payload = [0; 8];
-        payload[4..].copy_from_slice(&wrong.to_le_bytes());
-        for command in [0x09, 0x17, 0x1C] {
-            assert_eq!(Reply::decode(Id { node: NODE, command }, &payload), None);
+        for (command, at) in [(0x09, 0), (0x09, 4), (0x17, 0), (0x1C, 4)] {
+            let mut payload = [0; 8];
+            payload[at..at + 4].copy_from_slice(&wrong.to_le_bytes());
+            assert_eq!(Reply::decode(Id { node: NODE, command }, &payload), None, "{command:#X}");
         }
     }
 }

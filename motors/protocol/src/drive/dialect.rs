@@ -91,6 +91,9 @@ pub trait Dialect {
         Reported::Late
     }
 
+    /// Takes back what it remembers of the last command, whose frame was not sent.
+    fn unsent(&mut self) {}
+
     /// Forgets an ambiguous report: replies are late, so it was probably one of them.
     fn refute(&mut self) {}
 
@@ -151,6 +154,11 @@ macro_rules! dispatch {
         #[cold]
         fn accept_late_register(&mut self, arrived: $crate::drive::Arrived<'_>) -> $crate::drive::Reported {
             match self { $($any::$family(dialect) => dialect.accept_late_register(arrived)),+ }
+        }
+
+        #[cold]
+        fn unsent(&mut self) {
+            match self { $($any::$family(dialect) => dialect.unsent()),+ }
         }
 
         #[cold]

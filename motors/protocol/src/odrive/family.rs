@@ -49,7 +49,7 @@ pub const FAMILY: Family = Family {
 #[cfg(feature = "drive")]
 const REPORTS: [UnpromptedFrame; 3] = [
     UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 10.0 },
-    UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 100.0 },
+    UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 500.0 },
     UnpromptedFrame { length: FrameLength::classic(8), rate_hz: 10.0 },
 ];
 
@@ -64,7 +64,7 @@ const fn capabilities(_: &Profile, _: &Scales) -> Capabilities {
         supply: SupplyReport::Unasked,
         registers: 0,
         scales_by_registers: false,
-        reports_stopped_state: true,
+        reports_stopped_state: false,
         state_confirms_stop: true,
         runs_without_enable: false,
     }

@@ -118,7 +118,7 @@ pub enum Reply {
     Bus {
         /// V.
         volts: f32,
-        /// A.
+        /// A. It may be any number.
         amperes: f32,
     },
     /// Estimated torque of the rotor, N·m (0x01C).
@@ -126,24 +126,24 @@ pub enum Reply {
 }
 
 impl Reply {
-    /// Decodes a frame with this `id` and classic `payload`. `None` for a frame that no drive sends,
-    /// and for a number that is not finite, but a temperature.
+    /// Decodes a frame with this `id` and classic `payload`. `None` for another frame, and for estimates,
+    /// a voltage and a torque that are not finite.
     #[must_use]
     #[inline]
     pub fn decode(id: Id, payload: &[u8]) -> Option<Self> {
         let payload: [u8; BYTES] = payload.try_into().ok()?;
         let [a, b, c, d, e, f, g, h] = payload;
         let [first, second] = [[a, b, c, d], [e, f, g, h]].map(f32::from_le_bytes);
-        let are_finite = first.is_finite() && second.is_finite();
         match id.command {
             number::HEARTBEAT => {
                 Some(Self::Heartbeat(Heartbeat { errors: u32::from_le_bytes([a, b, c, d]), state: e }))
             }
             number::TEMPERATURES => Some(Self::Temperature(second)),
-            _ if !are_finite => None,
-            number::ESTIMATES => Some(Self::Estimates { position: first, velocity: second }),
-            number::BUS => Some(Self::Bus { volts: first, amperes: second }),
-            number::TORQUES => Some(Self::Torque(second)),
+            number::ESTIMATES if first.is_finite() && second.is_finite() => {
+                Some(Self::Estimates { position: first, velocity: second })
+            }
+            number::BUS if first.is_finite() => Some(Self::Bus { volts: first, amperes: second }),
+            number::TORQUES if second.is_finite() => Some(Self::Torque(second)),
             _ => None,
         }
     }

@@ -30,7 +30,7 @@ pub struct Capabilities {
     pub velocity_end: Option<f32>,
     /// The motor answers a question for its faults. Otherwise every state contains them.
     pub answers_fault_question: bool,
-    /// The motor answers no command. Its states are those that it sends by itself, and may have no torque.
+    /// The motor answers no command. Its states are those that it sends by itself.
     pub only_reports: bool,
     /// Number of indicators that the motor reports on request. Their numbers start at 0.
     pub indicators: u8,
