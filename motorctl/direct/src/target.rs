@@ -489,7 +489,14 @@ impl Session {
         if is_unnamed || matches!(family, Family::Unknown { .. }) {
             return Err(self.unfit(family.describe()));
         }
-        self.protocol = Protocol::of(family);
+        let is_odrive = |motor: &MotorSettings| {
+            family == Family::CanSimple && motor.protocol.name() == odrive::FAMILY.name
+        };
+        // Its heartbeats are those of a CANSimple driver.
+        self.protocol = match self.settings.as_ref().is_some_and(is_odrive) {
+            true => Protocol::ODrive,
+            false => Protocol::of(family),
+        };
         if self.line.link.wire() == Wire::Can && matches!(self.protocol, Protocol::Gim | Protocol::Mit) {
             let expected = self.host_id.or(host_id);
             if expected != host_id {
@@ -541,5 +548,28 @@ mod tests {
         let ends = scales(Some([3.125, 30.0, 20.0])).unwrap().ends();
         assert_eq!(ends, Ends::new(3.125, 30.0, 20.0));
         assert!(matches!(scales(None), Err(Error::Silent { id: 1, .. })));
+    }
+
+    /// Goal: a configured ODrive, whose heartbeats are those of a CANSimple driver, is spoken to as one.
+    #[test]
+    fn odrive_is_known_by_its_configuration() {
+        let text = "[[bus]]\nname = 'arm'\ntype = 'socketcan'\ninterface = 'can0'\nevery = 10\n[[motor]]\nname = 'hip'\nbus = 'arm'\n\
+                    id = 3\nprotocol = 'odrive'\nmodel = 'ODrive-S1'\n";
+        let loaded = config::parse(Path::new("robot.toml"), text.as_bytes(), &config::Machine::here());
+        let hip = Simulated {
+            name: "hip".into(),
+            id: 3,
+            dialect: Dialect::ODrive,
+            vendor: "odrive",
+            ..Default::default()
+        };
+        let mut session = Session::simulated(vec![hip], 3, Protocol::Mit);
+        session.settings = Some(loaded.unwrap().settings.motors[0].clone());
+        session.identify().unwrap();
+        assert_eq!(session.protocol, Protocol::ODrive);
+        session.stop().unwrap();
+        session.odrive().set_zero().unwrap();
+        let [position, _] = session.odrive().estimates().unwrap();
+        assert!(position.abs() < 0.01 && session.odrive().fault().unwrap().is_none());
     }
 }

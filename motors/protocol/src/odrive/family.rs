@@ -29,7 +29,8 @@ pub const FAMILY: Family = Family {
     ids: |_| [0, NODE_MAX],
     factory_bitrate: Some(250_000),
     capabilities,
-    default_host_id: |_, node| u16::from(node) << 5 | 0x09,
+    // That of CANSimple, because a scan reports both alike.
+    default_host_id: |_, node| u16::from(node) << 5 | 0x08,
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::CanSimple,
     #[cfg(feature = "commissioning")]
