@@ -151,7 +151,7 @@ impl Rules for Replies<'_> {
         let Some(part) = self.part else { return };
         let name = &self.wiring.motors[motor].name;
         let is_control = matches!(command.meaning, Some(Meaning::Control { .. }));
-        if !is_control && command.meaning != Some(Meaning::GetFault) {
+        if !is_control && !command.meaning.is_some_and(|meaning| meaning.is_question()) {
             let complaint = format!("at {} s: {} to {name} was not due", seconds(at), command.text);
             return verdict.complain(complaint);
         }

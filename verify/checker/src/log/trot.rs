@@ -1,4 +1,4 @@
-//! In every cycle exactly one control frame to every motor and at most one question for faults per
+//! In every cycle exactly one control frame to every motor and at most one question per
 //! bus, nothing else; and nearly every tick has its cycle.
 //!
 //! The first motor of the robot is asked first, so its control frames divide the log into cycles.
@@ -107,7 +107,7 @@ impl Rules for Trot<'_> {
         }
         if is_control(command) {
             self.controls[motor] += 1;
-        } else if command.meaning == Some(Meaning::GetFault) {
+        } else if command.meaning.is_some_and(|meaning| meaning.is_question()) {
             *self.polls.entry(&self.wiring.motors[motor].interface).or_default() += 1;
             self.polled += 1;
         } else if self.cycles > 0 {
@@ -126,9 +126,8 @@ impl Rules for Trot<'_> {
         let motors = self.started.iter().filter(|started| **started).count();
         let (cycles, polled, all) = (self.cycles, self.polled, self.started.len());
         let percent = 100.0 * had;
-        let summary = format!(
-            "{cycles} cycles of {ticks} ({percent:.1} %), {motors} motors, {polled} polls for faults"
-        );
+        let summary =
+            format!("{cycles} cycles of {ticks} ({percent:.1} %), {motors} motors, {polled} questions");
         verdict.demand(motors == all && had >= share, || format!("too few: {summary}"));
         verdict.report.push(summary);
     }
