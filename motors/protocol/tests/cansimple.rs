@@ -2,52 +2,24 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+mod nodes;
+
 #[cfg(feature = "drive")]
 use motord_bus::{Frame, FrameId};
 use motord_protocol::cansimple::{AxisState, Command, ENDS, Errors, Heartbeat, Id, NODE_MAX, Reply};
 use motord_protocol::mit::{ControlCodes, Impedance};
 use motord_protocol::{Faults, Scales};
-use motord_shared::Fault;
+use nodes::{Row, faults};
 
 const NODE: u8 = 5;
 /// Of a GIM6010-8.
 const RATIO: f32 = 8.0;
 
-struct Row {
-    kind: Vec<String>,
-    id: Id,
-    payload: Vec<u8>,
-    values: Vec<f32>,
-    line: String,
-}
+/// The lowest bit without a name in the table is that of the motor.
+const UNNAMED: u8 = 6;
 
 fn rows(direction: &str) -> Vec<Row> {
-    let lines = include_str!("cansimple.csv").lines().skip(1);
-    let rows = lines.map(|line| line.split(',').collect::<Vec<_>>()).filter(|row| row[0] == direction);
-    let rows: Vec<Row> = rows.map(|row| self::row(&row)).collect();
-    assert!(rows.len() >= 13);
-    rows
-}
-
-fn row(cells: &[&str]) -> Row {
-    let [_, kind, id, payload, values, _] = cells.try_into().unwrap();
-    let byte = |at: usize| u8::from_str_radix(&payload[at..at + 2], 16).unwrap();
-    Row {
-        kind: kind.split(' ').map(str::to_owned).collect(),
-        id: Id::of(u32::from_str_radix(id, 16).unwrap()),
-        payload: (0..payload.len()).step_by(2).map(byte).collect(),
-        values: values.split_whitespace().map(|value| value.parse().unwrap()).collect(),
-        line: cells.join(","),
-    }
-}
-
-/// The lowest bit without a name in the table is that of the motor, 6.
-fn faults(names: &[String]) -> Faults {
-    let bit = |name: &String| match name.as_str() {
-        "unrecognised" => Faults::of_unknown_code(6),
-        name => Faults(Fault::ALL.iter().find(|fault| fault.name() == name).unwrap().bit()),
-    };
-    names.iter().map(bit).fold(Faults::NONE, Faults::and)
+    nodes::rows(include_str!("cansimple.csv"), direction, 13)
 }
 
 fn control(values: &[f32]) -> Result<ControlCodes, motord_protocol::EncodeError> {
@@ -81,13 +53,6 @@ fn commands_are_those_of_the_sources() {
     }
 }
 
-fn check_values(row: &Row, values: &[f32]) {
-    assert_eq!(values.len(), row.values.len(), "{}", row.line);
-    for (decoded, expected) in values.iter().zip(&row.values) {
-        assert!((decoded - expected).abs() < 2e-6 * expected.abs().max(1.0), "{decoded}: {}", row.line);
-    }
-}
-
 fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
     let is_running = row.kind[1] == "running";
     assert_eq!((heartbeat.is_running(), heartbeat.is_idle()), (is_running, !is_running), "{}", row.line);
@@ -96,7 +61,7 @@ fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
     assert_eq!(flags, (flag == "motor", flag == "encoder"), "{}", row.line);
     let mut errors = Errors::default();
     errors.beat(heartbeat);
-    assert_eq!(errors.faults(), faults(row.kind.get(3..).unwrap_or_default()), "{}", row.line);
+    assert_eq!(errors.faults(), faults(row.kind.get(3..).unwrap_or_default(), UNNAMED), "{}", row.line);
 }
 
 #[test]
@@ -108,11 +73,11 @@ fn replies_are_read_as_in_the_sources() {
                 assert_eq!(bits, u64::from_str_radix(&row.kind[1], 16).unwrap(), "{}", row.line);
                 let mut errors = Errors::default();
                 errors.record_motor(bits);
-                assert_eq!(errors.faults(), faults(&row.kind[2..]), "{}", row.line);
+                assert_eq!(errors.faults(), faults(&row.kind[2..], UNNAMED), "{}", row.line);
             }
-            ("state", Reply::State(codes)) => check_values(&row, &codes.scaled(&Scales::of(&ENDS))),
-            ("estimates", Reply::Estimates(estimates)) => check_values(&row, &estimates.at_output(RATIO)),
-            ("bus", Reply::Bus { volts, amperes }) => check_values(&row, &[volts, amperes]),
+            ("state", Reply::State(codes)) => row.check(&codes.scaled(&Scales::of(&ENDS)), &row.values),
+            ("estimates", Reply::Estimates(estimates)) => row.check(&estimates.at_output(RATIO), &row.values),
+            ("bus", Reply::Bus { volts, amperes }) => row.check(&[volts, amperes], &row.values),
             (_, reply) => panic!("{reply:?}: {}", row.line),
         }
     }

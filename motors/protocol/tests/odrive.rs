@@ -1,6 +1,6 @@
 //! Compares ODrive's CANSimple with frames computed by hand from its sources.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+mod nodes;
 
 #[cfg(feature = "drive")]
 use motord_bus::{Frame, FrameId};
@@ -9,38 +9,14 @@ use motord_protocol::cansimple::Id;
 #[cfg(feature = "drive")]
 use motord_protocol::odrive::FAMILY;
 use motord_protocol::odrive::{AxisState, Command, ControlMode, Heartbeat, Reply, faults};
-use motord_shared::Fault;
+use nodes::Row;
 use std::f32::consts::TAU;
 
 const NODE: u8 = 5;
 const RATIO: f32 = 8.0;
 
-struct Row {
-    kind: Vec<String>,
-    id: Id,
-    payload: Vec<u8>,
-    values: Vec<f32>,
-    line: String,
-}
-
 fn rows(direction: &str) -> Vec<Row> {
-    let lines = include_str!("odrive.csv").lines().skip(1);
-    let rows = lines.map(|line| line.split(',').collect::<Vec<_>>()).filter(|row| row[0] == direction);
-    let rows: Vec<Row> = rows.map(|row| self::row(&row)).collect();
-    assert!(rows.len() >= 20);
-    rows
-}
-
-fn row(cells: &[&str]) -> Row {
-    let [_, kind, id, payload, values, _] = cells.try_into().unwrap();
-    let byte = |at: usize| u8::from_str_radix(&payload[at..at + 2], 16).unwrap();
-    Row {
-        kind: kind.split(' ').map(str::to_owned).collect(),
-        id: Id::of(u32::from_str_radix(id, 16).unwrap()),
-        payload: (0..payload.len()).step_by(2).map(byte).collect(),
-        values: values.split_whitespace().map(|value| value.parse().unwrap()).collect(),
-        line: cells.join(","),
-    }
+    nodes::rows(include_str!("odrive.csv"), direction, 20)
 }
 
 fn command(row: &Row) -> Command {
@@ -71,11 +47,7 @@ fn commands_are_those_of_the_sources() {
 
 /// Of a heartbeat; the value of a row is the lowest bit without a name.
 fn named(row: &Row) -> Faults {
-    let bit = |name: &String| match name.as_str() {
-        "unrecognised" => Faults::of_unknown_code(row.values[0] as u8),
-        name => Faults(Fault::ALL.iter().find(|fault| fault.name() == name).unwrap().bit()),
-    };
-    row.kind[2..].iter().map(bit).fold(Faults::NONE, Faults::and)
+    nodes::faults(&row.kind[2..], row.values.first().map_or(0, |bit| *bit as u8))
 }
 
 fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
@@ -85,30 +57,23 @@ fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
     assert_eq!(faults(heartbeat.errors), named(row), "{}", row.line);
 }
 
-fn check_values(row: &Row, values: &[f32], expected: &[f32]) {
-    for (decoded, expected) in values.iter().zip(expected) {
-        assert!((decoded - expected).abs() < 2e-6 * expected.abs().max(1.0), "{decoded}: {}", row.line);
-    }
-}
-
 #[test]
 fn reports_are_read_as_in_the_sources() {
     for row in rows("to-host") {
         let reply = Reply::decode(row.id, &row.payload);
         match (row.kind[0].as_str(), reply) {
             ("heartbeat", Some(Reply::Heartbeat(heartbeat))) => check_heartbeat(&row, heartbeat),
-            ("estimates", Some(Reply::Estimates { position, velocity })) => {
-                let at_output = [position, velocity].map(|turns| turns * TAU / RATIO);
-                check_values(&row, &at_output, &row.values);
+            ("estimates", Some(Reply::Estimates(estimates))) => {
+                row.check(&estimates.at_output(RATIO), &row.values);
             }
             ("torques", Some(Reply::Torque(torque))) => {
-                check_values(&row, &[torque * RATIO], &row.values[1..]);
+                row.check(&[torque * RATIO], &row.values[1..]);
             }
             ("supply", Some(Reply::Bus { volts, amperes })) => {
-                check_values(&row, &[volts, amperes], &row.values);
+                row.check(&[volts, amperes], &row.values);
             }
             ("temperatures", Some(Reply::Temperature(celsius))) => {
-                check_values(&row, &[celsius], &row.values[1..]);
+                row.check(&[celsius], &row.values[1..]);
             }
             // A heartbeat has the active errors too.
             ("errors", None) => {}

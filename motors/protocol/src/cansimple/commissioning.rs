@@ -8,7 +8,7 @@ use crate::{Faults, Scales, StateCodes};
 use motord_bus::{Duration, Frame, FrameId};
 
 /// Longest time until a heartbeat: the factory sends one every 100 ms.
-const HEARTBEAT_MAX: Duration = Duration::from_millis(350);
+pub(crate) const HEARTBEAT_MAX: Duration = Duration::from_millis(350);
 /// Longest time until an estimate: the factory sends one every 10 ms.
 const ESTIMATES_MAX: Duration = Duration::from_millis(35);
 /// Time in which a driver from the factory sends 20 estimates, and two of them 40.
@@ -168,16 +168,9 @@ impl<'l> Axis<'l> {
         is_entered: impl Fn(&Heartbeat) -> bool,
         request: &'static str,
     ) -> Result<(), Error> {
-        for _ in 0..ATTEMPTS {
-            self.send(Command::SetState(state))?;
-            // The first heartbeat may be older than the command.
-            for _ in 0..2 {
-                if self.heartbeat()?.is_some_and(|heartbeat| is_entered(&heartbeat)) {
-                    return Ok(());
-                }
-            }
-        }
-        Err(self.silent(request))
+        let send = |axis: &mut Self| axis.send(Command::SetState(state));
+        let has_entered = |axis: &mut Self| Ok(axis.heartbeat()?.is_some_and(|beat| is_entered(&beat)));
+        if confirm(self, send, has_entered)? { Ok(()) } else { Err(self.silent(request)) }
     }
 
     /// Follows an impedance. Returns the codes of the state.
@@ -266,20 +259,47 @@ impl<'l> Axis<'l> {
         timeout: Duration,
         mut read: impl FnMut(Reply) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        let (node, frame) = (self.node, frame(self.node, command));
+        let (node, frame) = (self.node, frame(command.encode(self.node)));
         self.link.ask_node(&frame, timeout, |event| reply(&event, node).and_then(&mut read))
     }
 }
 
-fn frame(node: u8, command: Command) -> Frame {
-    let (id, payload) = command.encode(node);
+/// Repeats a command that is not answered until a heartbeat confirms it. Returns whether one does.
+///
+/// # Errors
+///
+/// Those of the functions.
+pub(crate) fn confirm<D>(
+    drive: &mut D,
+    send: impl Fn(&mut D) -> Result<(), Error>,
+    is_confirmed: impl Fn(&mut D) -> Result<bool, Error>,
+) -> Result<bool, Error> {
+    for _ in 0..ATTEMPTS {
+        send(drive)?;
+        // The first heartbeat may be older than the command.
+        for _ in 0..2 {
+            if is_confirmed(drive)? {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
+
+/// Returns a command as a frame.
+pub(crate) fn frame((id, payload): (Id, [u8; 8])) -> Frame {
     Frame::classic(FrameId::new(id.raw()).unwrap_or(FrameId::MAX), payload)
+}
+
+/// Returns id and payload of a frame from `node`.
+pub(crate) fn of_node(event: &LinkEvent, node: u8) -> Option<(Id, &[u8])> {
+    let LinkEvent::Frame(frame) = event else { return None };
+    let id = Id::of(frame.id().raw());
+    let is_formed = !frame.id().is_extended() && frame.is_classic() && id.node == node;
+    is_formed.then_some((id, frame.payload()))
 }
 
 /// Returns the content of a frame from `node`.
 fn reply(event: &LinkEvent, node: u8) -> Option<Reply> {
-    let LinkEvent::Frame(frame) = event else { return None };
-    let id = Id::of(frame.id().raw());
-    let is_formed = !frame.id().is_extended() && frame.is_classic() && id.node == node;
-    Reply::decode(id, frame.payload()).filter(|_| is_formed)
+    of_node(event, node).and_then(|(id, payload)| Reply::decode(id, payload))
 }

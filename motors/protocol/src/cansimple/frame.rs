@@ -62,6 +62,18 @@ pub enum AxisState {
     ClosedLoop = 8,
 }
 
+impl AxisState {
+    /// Returns whether a heartbeat with this `state` is of an axis that follows commands.
+    pub(crate) const fn is_closed_loop(state: u8) -> bool {
+        state == Self::ClosedLoop as u8
+    }
+
+    /// Returns whether a heartbeat with this `state` is of a disabled axis. A driver that boots reports 0.
+    pub(crate) const fn is_idle(state: u8) -> bool {
+        state <= Self::Idle as u8
+    }
+}
+
 /// A command to a driver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
@@ -114,11 +126,13 @@ impl Command {
     }
 }
 
-const fn word(value: u32) -> [u8; BYTES] {
+/// Returns the payload of one number.
+pub(crate) const fn word(value: u32) -> [u8; BYTES] {
     words([value, 0])
 }
 
-const fn words([low, high]: [u32; 2]) -> [u8; BYTES] {
+/// Returns the payload of two numbers.
+pub(crate) const fn words([low, high]: [u32; 2]) -> [u8; BYTES] {
     (low as u64 | (high as u64) << 32).to_le_bytes()
 }
 
@@ -139,13 +153,13 @@ impl Heartbeat {
     /// Returns whether the axis follows commands.
     #[must_use]
     pub const fn is_running(&self) -> bool {
-        self.state == AxisState::ClosedLoop as u8
+        AxisState::is_closed_loop(self.state)
     }
 
     /// Returns whether the axis is disabled. A driver that boots reports 0.
     #[must_use]
     pub const fn is_idle(&self) -> bool {
-        self.state <= AxisState::Idle as u8
+        AxisState::is_idle(self.state)
     }
 }
 

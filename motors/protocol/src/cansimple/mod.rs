@@ -20,7 +20,7 @@ pub(crate) mod commissioning;
 mod drive;
 mod family;
 mod faults;
-mod frame;
+pub(crate) mod frame;
 
 #[cfg(feature = "drive")]
 pub use drive::CanSimpleDialect;

@@ -2,13 +2,11 @@
 
 use super::frame::{AxisState, Command, Heartbeat, Reply, faults};
 use crate::Faults;
-use crate::cansimple::Id;
-use crate::link::{ATTEMPTS, Error, Link, LinkEvent};
+use crate::cansimple::commissioning::{HEARTBEAT_MAX, confirm, frame, of_node};
+use crate::link::{Error, Link};
 use core::f32::consts::TAU;
-use motord_bus::{Duration, Frame, FrameId};
+use motord_bus::Duration;
 
-/// Longest time until a heartbeat: the factory sends one every 100 ms.
-const HEARTBEAT_MAX: Duration = Duration::from_millis(350);
 /// Longest time until an estimate: the factory sends one every 10 ms.
 const ESTIMATES_MAX: Duration = Duration::from_millis(50);
 /// Largest position after a zero, turns of the rotor.
@@ -33,12 +31,12 @@ impl<'l> Odrive<'l> {
     ///
     /// [`Error::Silent`] from a drive that does not send its estimates by itself.
     pub fn estimates(&mut self) -> Result<[f32; 2], Error> {
-        let turns = self.receive(ESTIMATES_MAX, |reply| match reply {
-            Reply::Estimates { position, velocity } => Some([position, velocity]),
+        let estimates = self.receive(ESTIMATES_MAX, |reply| match reply {
+            Reply::Estimates(estimates) => Some(estimates),
             _ => None,
         })?;
-        let turns = turns.ok_or(self.silent("encoder estimates"))?;
-        Ok(turns.map(|turns| turns * TAU / self.gear_ratio))
+        let estimates = estimates.ok_or(self.silent("encoder estimates"))?;
+        Ok(estimates.at_output(self.gear_ratio))
     }
 
     /// Returns the faults. Sends nothing.
@@ -67,16 +65,9 @@ impl<'l> Odrive<'l> {
     ///
     /// [`Error::Silent`] when no heartbeat reports that the axis is idle.
     pub fn stop(&mut self) -> Result<(), Error> {
-        for _ in 0..ATTEMPTS {
-            self.send(Command::SetState(AxisState::Idle))?;
-            // The first heartbeat may be older than the command.
-            for _ in 0..2 {
-                if self.heartbeat()?.is_some_and(|heartbeat| heartbeat.is_idle()) {
-                    return Ok(());
-                }
-            }
-        }
-        Err(self.silent("axis state idle"))
+        let send = |drive: &mut Self| drive.send(Command::SetState(AxisState::Idle));
+        let is_idle = |drive: &mut Self| Ok(drive.heartbeat()?.is_some_and(|beat| beat.is_idle()));
+        if confirm(self, send, is_idle)? { Ok(()) } else { Err(self.silent("axis state idle")) }
     }
 
     /// Makes the present position zero until the power is lost. Only for a disabled motor.
@@ -111,20 +102,13 @@ impl<'l> Odrive<'l> {
         mut read: impl FnMut(Reply) -> Option<T>,
     ) -> Result<Option<T>, Error> {
         let node = self.node;
-        self.link.receive(time, |event| reply(&event, node).and_then(&mut read))
+        self.link.receive(time, |event| {
+            of_node(&event, node).and_then(|(id, payload)| Reply::decode(id, payload)).and_then(&mut read)
+        })
     }
 
     fn send(&mut self, command: Command) -> Result<(), Error> {
-        let (id, payload) = command.encode(self.node);
-        let frame = Frame::classic(FrameId::new(id.raw()).unwrap_or(FrameId::MAX), payload);
+        let frame = frame(command.encode(self.node));
         self.link.ask_node(&frame, Duration::ZERO, |_| None::<()>).map(drop)
     }
-}
-
-/// Returns the content of a frame from `node`.
-fn reply(event: &LinkEvent, node: u8) -> Option<Reply> {
-    let LinkEvent::Frame(frame) = event else { return None };
-    let id = Id::of(frame.id().raw());
-    let is_formed = !frame.id().is_extended() && frame.is_classic() && id.node == node;
-    Reply::decode(id, frame.payload()).filter(|_| is_formed)
 }

@@ -1,12 +1,12 @@
 //! A drive in ODrive's CANSimple.
 //!
 //! No command is answered, so every state is one that the drive sends by itself, and a heartbeat tells
-//! whether it runs. A drive keeps its inputs, also those of other modes, and a frame may be lost:
+//! whether it runs. The drive keeps its inputs, also those of other modes, and the bus may lose a frame:
 //!
 //! ```text
 //!   stop       axis idle, in every turn
-//!   start      torque 0, torque mode, twice; then closed loop, and again these three, until a heartbeat
-//!              reports the closed loop
+//!   start      torque 0, torque mode, torque 0; then in turn torque 0, torque mode and closed loop, until
+//!              a heartbeat reports the closed loop; then torque 0 in its place
 //!   setpoint   torque, velocity or position; the mode follows the second of another mode, and every
 //!              eighth
 //! ```
@@ -16,7 +16,7 @@
 //! Real-time: after [`ODriveDialect::new`] nothing here allocates, blocks or loops.
 
 use super::frame::{self, AxisState, ControlMode, Heartbeat, Reply, faults};
-use crate::cansimple::Id;
+use crate::cansimple::{Estimates, Id};
 use crate::drive::{
     Arrived, Command, Dialect, DriveSettings, Measured, MotorSide, Question, Reported, Setpoint, Shape,
     Status, Supply, Transmission,
@@ -37,13 +37,13 @@ const REPORT_AGE_MAX: Duration = Duration::from_millis(350);
 /// The progress of the commands, which depends on those that were sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Progress {
-    /// Commands since the start began; 0 while it is stopped.
+    /// The next command of a start; 0 while it is stopped.
     step: u8,
     /// The mode that was set last.
     mode: ControlMode,
     /// The mode of the last inputs.
     input: ControlMode,
-    /// Their number since they have this mode, and since the last mode frame.
+    /// Number of inputs since they have this mode, and since the last mode frame.
     inputs: u8,
 }
 
@@ -103,7 +103,7 @@ impl ODriveDialect {
     /// confirm it.
     fn starting(&mut self) -> frame::Command {
         let step = self.progress.step;
-        // After the first five commands the last three repeat.
+        // The last three of the six commands repeat.
         self.progress.step = if step == 5 { 3 } else { step + 1 };
         match step {
             0 => {
@@ -171,11 +171,10 @@ impl ODriveDialect {
 
     /// Returns the state that arrived `at`, joint side. `None` for estimates that no number has at the
     /// output.
-    fn state(&self, [position, velocity]: [f32; 2], at: Instant) -> Option<Reported> {
-        let at_output = |turns: f32| finite(turns * TAU / self.gear_ratio);
+    fn state(&self, estimates: Estimates, at: Instant) -> Option<Reported> {
+        let [position, velocity] = estimates.at_output(self.gear_ratio).map(finite);
         let torque = self.torque.filter(|_| self.is_running()).map_or(0.0, |(torque, _)| torque);
-        let motor =
-            Measured::<MotorSide>::new(at_output(position)?, at_output(velocity)?, torque, self.celsius);
+        let motor = Measured::<MotorSide>::new(position?, velocity?, torque, self.celsius);
         let status = Status {
             faults: self.heartbeat.map(|_| self.faults()),
             has_unnamed_fault: false,
@@ -244,8 +243,8 @@ impl Dialect for ODriveDialect {
         let at = arrived.at;
         match self.decode(arrived) {
             Some(Reply::Heartbeat(heartbeat)) => return self.beat(heartbeat, at),
-            Some(Reply::Estimates { position, velocity }) => {
-                return self.state([position, velocity], at).unwrap_or(Reported::Unprompted);
+            Some(Reply::Estimates(estimates)) => {
+                return self.state(estimates, at).unwrap_or(Reported::Unprompted);
             }
             Some(Reply::Bus { volts, amperes }) => {
                 return Reported::Supply(Supply { voltage: volts, current: finite(amperes) });

@@ -1,7 +1,9 @@
 //! The frames: commands to a drive, and what it sends by itself.
 
 pub use crate::cansimple::AxisState;
+use crate::cansimple::Estimates;
 use crate::cansimple::Id;
+use crate::cansimple::frame::{word, words};
 use crate::fault::Faults;
 
 /// Number of bytes of every frame.
@@ -61,20 +63,16 @@ impl Command {
     #[inline]
     pub fn encode(self, node: u8) -> (Id, [u8; BYTES]) {
         let (command, payload) = match self {
-            Self::SetState(state) => (number::SET_STATE, words(state as u32, 0)),
-            Self::SetMode(mode) => (number::SET_MODE, words(mode as u32, PASSTHROUGH)),
-            Self::Position(turns) => (number::POSITION, words(turns.to_bits(), 0)),
-            Self::Velocity(turns) => (number::VELOCITY, words(turns.to_bits(), 0)),
-            Self::Torque(torque) => (number::TORQUE, words(torque.to_bits(), 0)),
-            Self::ClearErrors => (number::CLEAR_ERRORS, words(0, 0)),
-            Self::SetZero => (number::SET_POSITION, words(0, 0)),
+            Self::SetState(state) => (number::SET_STATE, word(state as u32)),
+            Self::SetMode(mode) => (number::SET_MODE, words([mode as u32, PASSTHROUGH])),
+            Self::Position(turns) => (number::POSITION, word(turns.to_bits())),
+            Self::Velocity(turns) => (number::VELOCITY, word(turns.to_bits())),
+            Self::Torque(torque) => (number::TORQUE, word(torque.to_bits())),
+            Self::ClearErrors => (number::CLEAR_ERRORS, word(0)),
+            Self::SetZero => (number::SET_POSITION, word(0)),
         };
         (Id { node, command }, payload)
     }
-}
-
-const fn words(low: u32, high: u32) -> [u8; BYTES] {
-    (low as u64 | (high as u64) << 32).to_le_bytes()
 }
 
 /// The report of the axis.
@@ -90,13 +88,13 @@ impl Heartbeat {
     /// Returns whether the axis follows its inputs.
     #[must_use]
     pub const fn is_running(&self) -> bool {
-        self.state == AxisState::ClosedLoop as u8
+        AxisState::is_closed_loop(self.state)
     }
 
     /// Returns whether the axis is disabled. A drive that boots reports 0.
     #[must_use]
     pub const fn is_idle(&self) -> bool {
-        self.state <= AxisState::Idle as u8
+        AxisState::is_idle(self.state)
     }
 }
 
@@ -105,13 +103,8 @@ impl Heartbeat {
 pub enum Reply {
     /// The axis (0x001).
     Heartbeat(Heartbeat),
-    /// The encoder, at the rotor (0x009).
-    Estimates {
-        /// Turns.
-        position: f32,
-        /// Turns/s.
-        velocity: f32,
-    },
+    /// The encoder (0x009).
+    Estimates(Estimates),
     /// Temperature of the motor, °C (0x015). NaN without a sensor.
     Temperature(f32),
     /// The supply (0x017).
@@ -140,7 +133,7 @@ impl Reply {
             }
             number::TEMPERATURES => Some(Self::Temperature(second)),
             number::ESTIMATES if first.is_finite() && second.is_finite() => {
-                Some(Self::Estimates { position: first, velocity: second })
+                Some(Self::Estimates(Estimates { position: first, velocity: second }))
             }
             number::BUS if first.is_finite() => Some(Self::Bus { volts: first, amperes: second }),
             number::TORQUES if second.is_finite() => Some(Self::Torque(second)),
