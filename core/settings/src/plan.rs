@@ -168,6 +168,7 @@ impl BusPlan {
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
         let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
         let answering = transactions().map(|transaction| transaction.answering).max().unwrap_or_default();
+        let transaction_worst = wire_time(fault_poll, bitrate);
         let none = SensorLoad::default();
         let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate, &none)).max();
         let last_reply = last_reply.unwrap_or_default();
@@ -179,8 +180,8 @@ impl BusPlan {
             fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
             imu_time: Duration::ZERO,
             transaction_least: wire_time(least, bitrate),
-            transaction_worst: wire_time(fault_poll, bitrate),
-            question: wire_time(fault_poll, bitrate) + answering,
+            transaction_worst,
+            question: transaction_worst + answering,
             every_least: 1,
             last_reply,
             rate_hz_max: deadline / last_reply.as_secs_f64(),

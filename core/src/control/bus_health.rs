@@ -46,8 +46,8 @@ pub(super) struct BusHealth {
     pub(super) poll_next: usize,
     /// No motor is due to be asked for its faults before this time.
     pub(super) poll_at: Instant,
-    /// The last question that was due was one for an indicator or a supply, if there was one.
-    pub(super) asks_indicator: bool,
+    /// The last question was one for an indicator or a supply, where one was due.
+    pub(super) prefers_indicator: bool,
     /// The turn of questions for faults and indicators; only on a line that has one.
     pub(super) question_turn: Option<Turn>,
 }
@@ -64,7 +64,7 @@ impl BusHealth {
             joints,
             poll_next: 0,
             poll_at: Instant::ZERO,
-            asks_indicator: false,
+            prefers_indicator: false,
             question_turn,
         }
     }

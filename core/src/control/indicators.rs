@@ -19,6 +19,8 @@ const SLOWEST_HZ: f64 = 0.01;
 #[derive(Debug)]
 pub(super) struct Indicators {
     motors: Vec<IndicatorPoll>,
+    /// No motor is due before this time.
+    due_at: Instant,
 }
 
 #[derive(Debug)]
@@ -86,16 +88,18 @@ impl Indicators {
             abilities.indicators > 0 || abilities.supply == SupplyReport::Question
         };
         let asked = motors.filter(|(_, motor)| hz > 0.0 && is_asked(motor));
-        Self {
-            motors: asked
-                .map(|(joint, motor)| IndicatorPoll::new(joint, motor, hz.max(SLOWEST_HZ)))
-                .collect(),
-        }
+        let poll = |(joint, motor)| IndicatorPoll::new(joint, motor, hz.max(SLOWEST_HZ));
+        Self { motors: asked.map(poll).collect(), due_at: Instant::ZERO }
     }
 
     /// Returns whether no motor is polled.
     pub(super) const fn is_empty(&self) -> bool {
         self.motors.is_empty()
+    }
+
+    /// Returns whether a motor may be due at `now`.
+    pub(super) fn are_due(&self, now: Instant) -> bool {
+        !self.is_empty() && now >= self.due_at
     }
 
     /// Returns the joint of `bus` to poll at `now`, and the question. Of the joints that
@@ -109,7 +113,9 @@ impl Indicators {
         let due = self.motors.iter_mut().filter(|motor| motor.bus == bus && motor.next_at <= now);
         let asked = due.filter(|motor| may_be_polled(motor.joint)).min_by_key(|motor| motor.next_at)?;
         asked.next_at = now + asked.interval;
-        Some((asked.joint, asked.question()))
+        let question = (asked.joint, asked.question());
+        self.due_at = self.motors.iter().map(|motor| motor.next_at).min().unwrap_or(Instant::FAR_FUTURE);
+        Some(question)
     }
 
     /// Records the value that the motor of `joint` reported; NaN when it refused.

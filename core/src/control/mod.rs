@@ -304,7 +304,8 @@ impl Control {
     #[inline]
     pub fn question(&mut self, bus: usize) -> Option<(usize, Command)> {
         // In most cycles no motor of the bus is due.
-        let is_due = self.context.wake.begun >= self.buses[bus].poll_at || !self.indicators.is_empty();
+        let now = self.context.wake.begun;
+        let is_due = now >= self.buses[bus].poll_at || self.indicators.are_due(now);
         if is_due { self.due_question(bus) } else { None }
     }
 
@@ -312,8 +313,8 @@ impl Control {
     fn due_question(&mut self, bus: usize) -> Option<(usize, Command)> {
         // In turn, because a motor that does not answer is due for ever.
         let health = &mut self.buses[bus];
-        health.asks_indicator = !health.asks_indicator;
-        if health.asks_indicator {
+        health.prefers_indicator = !health.prefers_indicator;
+        if health.prefers_indicator {
             return self.indicator_poll(bus).or_else(|| self.fault_question(bus));
         }
         self.fault_question(bus).or_else(|| self.indicator_poll(bus))

@@ -10,7 +10,7 @@ use motord_settings::settings::SupplySettings;
 /// The peaks of a gait pull the voltage down for less than this.
 const TIME: Duration = Duration::from_secs(2);
 
-/// Whether most motors report less than a voltage.
+/// The level of a supply: low while most motors report less than a voltage.
 ///
 /// ```text
 ///            below for 2 s
