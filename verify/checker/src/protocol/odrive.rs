@@ -9,8 +9,9 @@ use super::ranges::Ranges;
 use motord_bus::Frame;
 use std::f64::consts::TAU;
 
-/// Rotor turns per turn of the output shaft, for a motor whose configuration has no gear ratio.
-pub const GEAR_RATIO: f64 = 8.0;
+/// Rotor turns per turn of the output shaft, for a motor whose configuration has no gear ratio: a drive
+/// has none.
+pub const GEAR_RATIO: f64 = 1.0;
 /// Four bytes that a command does not use, or a value of zero.
 const ZERO: [u8; 4] = [0; 4];
 
