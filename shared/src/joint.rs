@@ -60,7 +60,7 @@ macro_rules! joint_state {
             fields {
                 /// Temperature of the motor.
                 temperature: f32, [Optional], unit "°C", view temperature, json temperature_celsius, proto temperature = 5;
-                /// Voltage of the supply as the motor last reported it, once a second by default (`indicator-hz`).
+                /// Voltage of the supply as the motor last reported it, eight times a second by default (`indicator-hz`).
                 supply_voltage: f32, [Optional], unit "V", view supply_voltage, json supply_voltage_v, proto supply_voltage = 20;
                 /// Current from the supply as the motor last reported it.
                 supply_current: f32, [Optional], unit "A", view supply_current, json supply_current_a, proto supply_current = 21;

@@ -127,7 +127,7 @@ sections! {
         "lost-cycles" lost_cycles: i64, "" = is(10).within(3.0, 1000.0),
             "A motor that misses this many replies in a row is lost. On a bus with `every = N` these are N times as many cycles.";
         "supply-warn-v" supply_warn_v: f64, "V" = is(0.0).within(0.0, 1000.0),
-            "The log warns while most motors of a group report a supply below this for 2 s. Of the motors that report it: protocols `gim`, `robstride`, `cansimple`, `myactuator`, at the rate `indicator-hz`; `odrive`, as it is set up. 0 does not watch it.";
+            "The log warns while most motors of a group report a supply below this for 2 s. Of the motors that report it: protocols `gim`, `robstride`, `cansimple`, `myactuator`, which motord asks eight times as often as `indicator-hz`; `odrive`, as it is set up. 0 does not watch it.";
         "supply-stop-v" supply_stop_v: f64, "V" = is(0.0).within(0.0, 1000.0),
             "As `supply-warn-v`, but the group is stopped (`supply-low`), and cannot be enabled. Above the voltage at which the drives switch off by themselves: then no motor damps the fall. Below `supply-warn-v`. 0 never stops.";
         "start-jump-rad" start_jump_rad: f64, "rad" = is(0.1).within(0.001, 3.2),

@@ -250,8 +250,7 @@ impl<'s> Jogged<'s> {
                 at
             }
             Protocol::ODrive => {
-                let reason =
-                    "motorctl moves no ODrive: it reports no torque by which an obstacle would be noticed";
+                let reason = "motorctl moves no ODrive, because it does not read the torque that an obstacle would show";
                 return Err(Error::Protocol { id: self.session.id, reason });
             }
             Protocol::Gim => {

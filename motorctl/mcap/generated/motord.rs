@@ -105,8 +105,8 @@ pub struct Joint {
     /// and was clamped. A position without stiffness does not count.
     #[prost(uint32, tag = "19")]
     pub clamped: u32,
-    /// Voltage of the supply as the motor last reported it, once a second by default (`indicator-hz`).
-    /// Unit: V. Absent where the motor does not report it.
+    /// Voltage of the supply as the motor last reported it, eight times a second by default
+    /// (`indicator-hz`). Unit: V. Absent where the motor does not report it.
     #[prost(float, optional, tag = "20")]
     pub supply_voltage: ::core::option::Option<f32>,
     /// Current from the supply as the motor last reported it. Unit: A. Absent where the motor does not

@@ -254,7 +254,7 @@ impl Compare<'_> {
                     motor.id
                 )
             }
-            ReportedProtocol::CanSimple if motor.profile.name == "odrive" => {
+            ReportedProtocol::CanSimple if motor.profile.speaks(motord_protocol::odrive::FAMILY.name) => {
                 "an ODrive speaks only its CANSimple: write `protocol = \"odrive\"`".into()
             }
             ReportedProtocol::CanSimple if motor.profile.speaks(motord_protocol::cansimple::FAMILY.name) => {

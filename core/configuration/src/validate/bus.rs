@@ -21,8 +21,9 @@ use crate::value::{BusType, Choice};
 
 /// Commands to a motor that starts: neutral ones, the start, and some more until it has answered.
 const START_TURNS: u32 = 15;
-/// Interval of the reports that docs/motors.md sets up, ms.
-const REPORTS_MS: f64 = 1.9;
+/// Shortest turn of a motor that only reports, without a warning, ms. docs/motors.md sets up reports
+/// every 2 ms.
+const TURN_MS_MIN: f64 = 1.9;
 /// `IFNAMSIZ` of Linux without the closing zero.
 const INTERFACE_BYTES_MAX: usize = 15;
 
@@ -168,12 +169,12 @@ pub(super) fn check_enables(items: &[Item<Bus>], settings: &Settings, findings: 
     }
 }
 
-/// Warns of turns that are shorter than those in which a motor can report by itself.
+/// Warns of turns that are shorter than the intervals in which motors report by themselves.
 pub(super) fn check_reports(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, item) in items.iter().enumerate() {
         let mut motors = settings.motors.iter().filter(|motor| motor.bus == bus);
         let turn_ms = 1e3 * settings.cycle.period.as_secs_f64() * f64::from(settings.buses[bus].every.get());
-        let motor = motors.find(|motor| motor.capabilities.only_reports && turn_ms < REPORTS_MS);
+        let motor = motors.find(|motor| motor.capabilities.only_reports && turn_ms < TURN_MS_MIN);
         if let Some(MotorSettings { name, .. }) = motor {
             findings.warn(item.keys.every.at, Wrong::TurnBeforeReports { motor: name.clone(), turn_ms });
         }
