@@ -1,15 +1,21 @@
 //! Compares the codecs with frames of other projects' clients: those that they sent, and the values that
 //! they read. `verify/rigs/test-foreign-clients` records them while the clients move simulated motors,
 //! except those of MWMotor, SteadyWin's C code, and of myactuator_rmd, which were compiled and run once in
-//! the same way.
+//! the same way. EPA-Arduino, Explorer-Electronic, CU-Robotics, servo_sdk, ODriveArduino and pyodrivecan ran
+//! once without a motor, and read replies that were composed by the vendors' documents.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
 
 use motord_protocol::cansimple::{self, AxisState};
+use motord_protocol::gim;
 use motord_protocol::mit::{self, Asked, ControlCodes, Impedance};
 use motord_protocol::myactuator;
+use motord_protocol::odrive;
 use motord_protocol::robstride::{self, WideScales};
-use motord_protocol::{Model, Profile, Scales};
+use motord_protocol::{Ends, Model, Profile, Scales};
+
+/// Ends of the codes in two clients for SteadyWin motors. SteadyWin's MIT document has others.
+const OTHER_ENDS: Ends = Ends::new(95.5, 45.0, 18.0);
 
 struct Row {
     motor: &'static str,
@@ -48,12 +54,16 @@ impl Row {
     fn scales(&self) -> Scales {
         match self.motor {
             "GIM6010-8" => Scales::of(&cansimple::ENDS),
+            "GIM8008" | "GIM8115" => Scales::of(&OTHER_ENDS),
             name => Model::by_name(name).unwrap().scales().unwrap(),
         }
     }
 
     fn profile(&self) -> &'static Profile {
-        Profile::of_model(self.motor).unwrap().0
+        match self.motor {
+            "GIM8008" | "GIM8115" => Profile::by_name("steadywin").unwrap(),
+            name => Profile::of_model(name).unwrap().0,
+        }
     }
 
     fn impedance(&self) -> Impedance {
@@ -66,6 +76,8 @@ impl Row {
         match self.motor {
             "RS02" => self.own_private(),
             "GIM6010-8" => self.own_node(),
+            "GIM8108-9" => self.own_gim(),
+            "ODrive-S1" => self.own_odrive(),
             "X8-20" => self.own_rmd(),
             _ => self.own_mit(),
         }
@@ -117,6 +129,61 @@ impl Row {
         (id.raw().into(), payload.to_vec())
     }
 
+    fn own_gim(&self) -> (u32, Vec<u8>) {
+        use gim::{Command, ExecutionTime, Finite};
+        let finite = |value: f32| Finite::new(value).unwrap();
+        let duration = |millis: f32| ExecutionTime::from_millis(millis as u32).unwrap();
+        let command = match (self.what, &self.values[..]) {
+            ("start", []) => Command::StartMotor,
+            ("stop", []) => Command::StopMotor,
+            ("stop-control", []) => Command::StopControl,
+            ("fault", []) => Command::GetFault,
+            ("clear-fault", []) => Command::AcknowledgeFault,
+            ("version", []) => Command::GetVersion,
+            ("indicator", &[id]) => Command::RetrieveIndicator { ind_id: id as u8 },
+            ("torque", &[torque, millis]) => {
+                Command::TorqueControl { torque: finite(torque), duration: duration(millis) }
+            }
+            ("speed", &[rpm, millis]) => {
+                Command::SpeedControl { speed_rpm: finite(rpm), duration: duration(millis) }
+            }
+            ("position", &[position, millis]) => {
+                Command::PositionControl { position: finite(position), duration: duration(millis) }
+            }
+            other => panic!("{other:?}"),
+        };
+        (self.id, command.encode().to_vec())
+    }
+
+    fn own_odrive(&self) -> (u32, Vec<u8>) {
+        use odrive::{Command, ControlMode};
+        let command = match (self.what, &self.values[..]) {
+            ("clear-errors", []) => Command::ClearErrors,
+            ("closed-loop", []) => Command::SetState(AxisState::ClosedLoop),
+            ("idle", []) => Command::SetState(AxisState::Idle),
+            ("zero", []) => Command::SetZero,
+            ("torque-mode", []) => Command::SetMode(ControlMode::Torque),
+            ("velocity-mode", []) => Command::SetMode(ControlMode::Velocity),
+            ("position-mode", []) => Command::SetMode(ControlMode::Position),
+            ("torque", &[torque]) => Command::Torque(torque),
+            ("velocity", &[turns]) => Command::Velocity(turns),
+            ("position", &[turns]) => Command::Position(turns),
+            other => panic!("{other:?}"),
+        };
+        let (id, payload) = command.encode(2);
+        (id.raw().into(), payload.to_vec())
+    }
+
+    /// Returns the payload of the client's frame. Some clients end a frame to an ODrive before its zeros,
+    /// which motord sends.
+    fn filled(&self) -> Vec<u8> {
+        let mut payload = self.payload.clone();
+        if self.motor == "ODrive-S1" {
+            payload.resize(8, 0);
+        }
+        payload
+    }
+
     fn own_rmd(&self) -> (u32, Vec<u8>) {
         let command = match self.what {
             "status" => myactuator::Command::GetStatus,
@@ -146,7 +213,7 @@ fn commands_are_those_of_other_clients() {
     for row in rows("to-motor") {
         let (id, payload) = row.own();
         if row.what != "control" {
-            assert_eq!((id, payload), (row.id, row.payload), "{}", row.line);
+            assert_eq!((id, payload), (row.id, row.filled()), "{}", row.line);
             continue;
         }
         let [own, other] = [row.codes(id, &payload), row.codes(row.id, &row.payload)];
@@ -158,9 +225,35 @@ fn commands_are_those_of_other_clients() {
     }
 }
 
+/// Returns what motord reads from the frame of a motor that speaks SteadyWin's GIM protocol.
+fn read_gim(row: &Row) -> Vec<f32> {
+    match gim::decode_reply(&row.payload, gim::Pending::Other, &row.scales()) {
+        Ok(gim::Reply::State { outcome: Ok(state), .. }) => {
+            vec![state.position, state.velocity, state.torque]
+        }
+        Ok(gim::Reply::Indicator { outcome: Ok(value), .. }) => vec![value.get()],
+        other => panic!("{other:?}: {}", row.line),
+    }
+}
+
+/// Returns what motord reads from the frame of an ODrive.
+fn read_odrive(row: &Row) -> Vec<f32> {
+    use odrive::Reply;
+    match Reply::decode(cansimple::Id::of(row.id), &row.payload) {
+        Some(Reply::Heartbeat(heartbeat)) => vec![heartbeat.errors as f32, heartbeat.state.into()],
+        Some(Reply::Estimates(estimates)) => vec![estimates.position, estimates.velocity],
+        Some(Reply::Torque(torque)) => vec![torque],
+        Some(Reply::Temperature(celsius)) => vec![celsius],
+        Some(Reply::Bus { volts, amperes }) => vec![volts, amperes],
+        None => panic!("{}", row.line),
+    }
+}
+
 /// Returns what motord reads from the frame.
 fn read(row: &Row) -> Vec<f32> {
     match row.motor {
+        "GIM8108-9" => read_gim(row),
+        "ODrive-S1" => read_odrive(row),
         "RS02" => {
             let id = robstride::Id::of(row.id);
             let Some((_, robstride::Reply::Feedback(state))) = robstride::Reply::decode(id, &row.payload)
