@@ -19,10 +19,13 @@ GOAL = 0.3
 
 
 class Wire:
-    """Sees the frames of every process on an interface."""
+    """Sees the frames of every process on an interface; with ids, only those with one of them."""
 
-    def __init__(self, interface):
+    def __init__(self, interface, ids=()):
         self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        if ids:
+            filters = b"".join(struct.pack("=II", ident, socket.CAN_SFF_MASK) for ident in ids)
+            self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
         self.socket.bind((interface,))
         self.socket.settimeout(0.05)
 
@@ -32,16 +35,18 @@ class Wire:
         result = action()
         return result, self.drain()
 
+    def receive(self):
+        ident, length, payload = struct.unpack("=IB3x8s", self.socket.recv(16))
+        return ident, payload[:length].hex().upper()
+
     def drain(self):
         frames = []
-        while True:
+        while len(frames) <= 200:
             try:
-                ident, length, payload = struct.unpack("=IB3x8s", self.socket.recv(16))
+                frames.append(self.receive())
             except TimeoutError:
-                return frames
-            frames.append((ident, payload[:length].hex().upper()))
-            if len(frames) > 200:
-                return frames
+                break
+        return frames
 
 
 def name(ident):
@@ -57,15 +62,15 @@ def row(direction, client, motor, what, frame, values=()):
 class Run:
     """A client with one motor: `command` sends an impedance, `state` returns position, velocity and torque."""
 
-    def __init__(self, client, motor, interface, is_command):
-        self.client, self.motor, self.wire, self.is_command = client, motor, Wire(interface), is_command
+    def __init__(self, client, motor, interface, is_command, ids=()):
+        self.client, self.motor, self.wire, self.is_command = client, motor, Wire(interface, ids), is_command
 
-    def send(self, what, action, values=()):
-        """Records the first command of an action."""
+    def send(self, what, action, values=(), which=0):
+        """Records the first command of an action, or another one."""
         result, frames = self.wire.frames(action)
         sent = [frame for frame in frames if self.is_command(frame[0])]
         assert sent, f"{self.client} sent nothing for {what}: {frames}"
-        row("to-motor", self.client, self.motor, what, sent[0], values)
+        row("to-motor", self.client, self.motor, what, sent[which], values)
         return result, frames
 
     def move(self, command, state):
@@ -230,6 +235,26 @@ def tmotor():
     manager.notifier.stop()
 
 
+def mini_cheetah():
+    from motor_driver.canmotorlib import CanMotorController
+
+    motor = CanMotorController("vcan4", 1, "AK80_6_V2", socket_timeout=1.0)
+    # It hides its frames from the other programs of its machine, which here are the motor.
+    CanMotorController.motor_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_LOOPBACK, 1)
+    run = Run("mini-cheetah-motor-driver-socketcan 0.4.3", "AK80-6", "vcan4", lambda i: i == 1)
+    last = []
+
+    def command(*values):
+        last[:] = motor.send_rad_command(*values)
+
+    run.send("zero", motor.set_zero_position)
+    # Before it enables the motor it sets its zero, and before it disables the motor it sends a control frame.
+    run.send("enable", motor.enable_motor, which=-1)
+    run.move(command, lambda: last)
+    run.probe(command, lambda: last, lambda i: i == 0)
+    run.send("disable", motor.disable_motor, which=-1)
+
+
 def odrive_can():
     import can
     from odrive_can.odrive import ODriveCAN
@@ -252,7 +277,60 @@ def odrive_can():
     asyncio.run(use())
 
 
-CLIENTS = [damiao_motorbridge, damiao_motor, robstride_motorbridge, robstride_dynamics, robstride, odrive_can, myactuator_motorbridge, tmotor]
+def odrive():
+    import can
+    from odrive_can.odrive import CanMsg, ODriveCAN
+
+    async def use():
+        driver = ODriveCAN(2, can.Bus(interface="socketcan", channel="vcan5"))
+        turns = [math.nan]
+        driver.feedback_callback = lambda message, _: turns.append(message.data["Pos_Estimate"])
+        await driver.start()
+        # The drive sends frames without an end: only the commands are seen.
+        run = Run("odrive-can 2.1.0", "ODrive-S1", "vcan5", lambda i: True, [0x47, 0x4B, 0x4C, 0x4D, 0x4E, 0x58, 0x59])
+
+        def mode(quantity):
+            run.send(f"{quantity}-mode", lambda: driver.set_controller_mode(f"{quantity.upper()}_CONTROL", "PASSTHROUGH"))
+
+        async def wait(what, is_done):
+            deadline = time.monotonic() + 5
+            while not is_done():
+                assert time.monotonic() < deadline, f"odrive-can: {what}: {driver.axis_state}, {turns[-1]} turns"
+                await asyncio.sleep(0.1)
+
+        run.send("clear-errors", driver.clear_errors)
+        run.send("zero", lambda: driver.set_linear_count(0))
+        mode("torque")
+        run.send("torque", lambda: driver.set_input_torque(0.9), [0.9])
+        mode("velocity")
+        run.send("velocity", lambda: driver.set_input_vel(1.5), [1.5])
+        mode("position")
+        run.send("position", lambda: driver.set_input_pos(0.31), [0.31])
+        # Of the inputs to a disabled drive, it follows only that of its mode.
+        run.send("closed-loop", lambda: driver.set_axis_state_no_wait("CLOSED_LOOP_CONTROL"))
+        await wait("closed loop", lambda: driver.axis_state == "CLOSED_LOOP_CONTROL")
+        await wait("position", lambda: abs(turns[-1] - 0.31) < 0.01)
+        print(f"# odrive-can 2.1.0: ODrive-S1 is at {turns[-1]:.3f} turns", flush=True)
+        frame = Wire("vcan5", [0x49]).receive()
+        data = CanMsg(can.Message(arbitration_id=frame[0], data=bytes.fromhex(frame[1]))).data
+        row("from-motor", run.client, run.motor, "estimates", frame, (data["Pos_Estimate"], data["Vel_Estimate"]))
+        run.send("idle", driver.stop)
+
+    asyncio.run(use())
+
+
+CLIENTS = [
+    damiao_motorbridge,
+    damiao_motor,
+    robstride_motorbridge,
+    robstride_dynamics,
+    robstride,
+    odrive_can,
+    myactuator_motorbridge,
+    tmotor,
+    mini_cheetah,
+    odrive,
+]
 
 if __name__ == "__main__":
     {client.__name__: client for client in CLIENTS}[sys.argv[1]]()

@@ -41,7 +41,7 @@ fi
 #   RIG_BIN=            a folder with the programs, and in `examples` the examples
 #   RIG_EXAMPLE=        examples of the client or of verify/attackers that the script runs
 #   RIG_FILES=          files of this repository that the script needs
-#   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
+#   RIG_ROBOT=          the robot's configuration, with at most eight simulated buses; config/quadruped-simulated.toml
 #   RIG_ALSO=           a file that is appended to it
 run_inside() {
     local script
@@ -64,7 +64,7 @@ run_inside() {
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
 
-# on_vcan [SECTION.KEY=[VALUE]...]: a simulated robot with its buses on vcan0 to vcan3 and these settings; one
+# on_vcan [SECTION.KEY=[VALUE]...]: a simulated robot with its buses on vcan0 and up and these settings; one
 # without a value has its default. The file's times are those of a machine that stalls now and then. Without IMUs: their thread
 # would share the emulated core with the cycle.
 on_vcan() {
