@@ -83,9 +83,9 @@ impl Answers {
         }
     }
 
-    /// Returns whether frames of `sender` wait.
+    /// Returns whether frames of `sender` wait for the wire.
     pub(crate) fn has(&self, sender: Sender) -> bool {
-        self.waiting.iter().any(|answer| answer.contender.sender == sender)
+        self.contenders().any(|contender| contender.sender == sender)
     }
 
     /// Drops the answers of `sender`, which has lost its power.
