@@ -40,8 +40,9 @@ fn command(row: &Row) -> Command {
 #[test]
 fn commands_are_those_of_the_sources() {
     for row in rows("to-motor") {
-        let (id, payload) = command(&row).encode(NODE);
-        assert_eq!((id, &payload[..]), (row.id, &row.payload[..]), "{}", row.line);
+        let command = command(&row);
+        let (id, payload) = command.encode(NODE);
+        assert_eq!((id, &payload[..command.length()]), (row.id, &row.payload[..]), "{}", row.line);
     }
 }
 

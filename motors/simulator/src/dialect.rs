@@ -94,5 +94,5 @@ dialects! {
     /// MyActuator's protocol. An id is that of the motor, and a number for the kind of the frame.
     MyActuator = "myactuator", 4, to_motor, is_classic_command;
     /// ODrive's CANSimple of firmware 0.6.
-    ODrive = "odrive", 5, to_node, is_classic_command;
+    ODrive = "odrive", 5, to_node, Frame::is_classic;
 }

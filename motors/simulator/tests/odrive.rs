@@ -43,7 +43,7 @@ fn pass(bench: &mut Bench, millis: u64) -> Vec<Frame> {
 }
 
 /// Sends a command, and returns the frames of the next millisecond.
-fn send(bench: &mut Bench, command: u16, payload: [u8; 8]) -> Vec<Frame> {
+fn send<const N: usize>(bench: &mut Bench, command: u16, payload: [u8; N]) -> Vec<Frame> {
     let id = FrameId::new(BASE | command).unwrap();
     assert_eq!(bench.bus.send(bench.now, &[Frame::classic(id, payload)]).accepted, 1);
     pass(bench, 1)
@@ -113,9 +113,29 @@ fn heartbeat_has_state_and_errors() {
         let [low, high] = errors;
         assert_eq!(heartbeat(&mut bench), [low, high, 0, 0, 1, 3, 0, 0], "{number}");
         assert_eq!(heartbeat(&mut bench), [low, high, 0, 0, 1, 3, 0, 0], "{number}: it lasts");
-        send(&mut bench, 0x18, [0; 8]);
+        send(&mut bench, 0x18, [0]);
         assert_eq!(heartbeat(&mut bench), IDLE, "{number}");
     }
+}
+
+/// Clients end a frame after its value.
+#[test]
+fn bytes_left_out_are_zeros() {
+    let mut bench = bench();
+    enable(&mut bench, TORQUE);
+    send(&mut bench, 0x0E, [0, 0, 0, 0x3F]);
+    assert!((bench.motor().torque() - 4.0).abs() < 0.01);
+    send(&mut bench, 0x07, [1]);
+    assert_eq!(heartbeat(&mut bench), IDLE);
+}
+
+/// A report that its successor overtakes waits for none but that one.
+#[test]
+fn reordered_reports_are_all_sent() {
+    let mut bench = bench();
+    bench.inject("reorder");
+    let sent = reports(&mut bench, 0x09, 1000).len();
+    assert!((98..=101).contains(&sent), "{sent} in 1 s");
 }
 
 /// The error is bit 25.
@@ -128,7 +148,7 @@ fn emergency_stop_disarms_until_cleared() {
     assert_eq!((bench.motor().mode(), bench.motor().torque()), (Mode::Fault, 0.0));
     enable(&mut bench, TORQUE);
     assert_eq!(heartbeat(&mut bench), [0, 0, 0, 2, 1, 3, 0, 0]);
-    send(&mut bench, 0x18, [0; 8]);
+    send(&mut bench, 0x18, [0]);
     assert_eq!(heartbeat(&mut bench), IDLE);
     enable(&mut bench, TORQUE);
     assert_eq!(heartbeat(&mut bench), CLOSED_LOOP);
@@ -138,10 +158,10 @@ fn emergency_stop_disarms_until_cleared() {
 fn low_supply_is_an_error_while_it_lasts() {
     let mut bench = bench();
     bench.inject("voltage 5");
-    send(&mut bench, 0x18, [0; 8]);
+    send(&mut bench, 0x18, [0]);
     assert_eq!(heartbeat(&mut bench), [0, 2, 0, 0, 1, 3, 0, 0]);
     bench.inject("voltage 48");
-    send(&mut bench, 0x18, [0; 8]);
+    send(&mut bench, 0x18, [0]);
     assert_eq!(heartbeat(&mut bench), IDLE);
 }
 

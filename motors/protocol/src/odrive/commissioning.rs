@@ -2,7 +2,7 @@
 
 use super::frame::{AxisState, Command, Heartbeat, Reply, faults};
 use crate::Faults;
-use crate::cansimple::commissioning::{HEARTBEAT_MAX, confirm, frame, of_node};
+use crate::cansimple::commissioning::{HEARTBEAT_MAX, confirm, of_node};
 use crate::link::{Error, Link};
 use core::f32::consts::TAU;
 use motord_bus::Duration;
@@ -108,7 +108,7 @@ impl<'l> Odrive<'l> {
     }
 
     fn send(&mut self, command: Command) -> Result<(), Error> {
-        let frame = frame(command.encode(self.node));
+        let Some(frame) = command.frame(self.node) else { return Ok(()) };
         self.link.ask_node(&frame, Duration::ZERO, |_| None::<()>).map(drop)
     }
 }

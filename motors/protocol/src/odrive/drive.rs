@@ -23,7 +23,7 @@ use crate::drive::{
 };
 use crate::fault::Faults;
 use core::f32::consts::TAU;
-use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_bus::{Duration, Frame, Instant};
 use motord_shared::SetpointMode;
 
 /// Inputs of a mode before its frame: one of them may be lost, and the drive would follow an old one.
@@ -224,8 +224,7 @@ impl Dialect for ODriveDialect {
             Command::ClearFault => frame::Command::ClearErrors,
             Command::SetZero => frame::Command::SetZero,
         };
-        let (id, payload) = command.encode(self.node);
-        frame.set(FrameId::new(id.raw())?, payload);
+        *frame = command.frame(self.node)?;
         Some(Question::Unanswered)
     }
 

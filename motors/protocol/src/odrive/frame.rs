@@ -5,8 +5,10 @@ use crate::cansimple::Estimates;
 use crate::cansimple::Id;
 use crate::cansimple::frame::{word, words};
 use crate::fault::Faults;
+#[cfg(any(feature = "drive", feature = "commissioning"))]
+use motord_bus::{Frame, FrameId};
 
-/// Number of bytes of every frame.
+/// Number of bytes of every frame but [`Command::ClearErrors`].
 const BYTES: usize = 8;
 /// The input is used as it is.
 const PASSTHROUGH: u32 = 1;
@@ -51,14 +53,37 @@ pub enum Command {
     Velocity(f32),
     /// Torque of the rotor, N·m (0x00E).
     Torque(f32),
-    /// Clear all errors (0x018).
+    /// Clear all errors (0x018): one byte.
     ClearErrors,
     /// Make the present position zero, until the power is lost (0x019).
     SetZero,
 }
 
 impl Command {
-    /// Returns id and payload of the command to `node`.
+    /// Returns the number of bytes of the payload.
+    #[must_use]
+    #[inline]
+    pub const fn length(self) -> usize {
+        match self {
+            Self::ClearErrors => 1,
+            _ => BYTES,
+        }
+    }
+
+    /// Returns the command to `node` as a frame. `None` for a node above [`NODE_MAX`](super::NODE_MAX).
+    #[cfg(any(feature = "drive", feature = "commissioning"))]
+    #[inline]
+    pub(super) fn frame(self, node: u8) -> Option<Frame> {
+        let (id, payload) = self.encode(node);
+        let id = FrameId::new(id.raw())?;
+        Some(match self.length() {
+            1 => Frame::classic(id, [payload[0]]),
+            _ => Frame::classic(id, payload),
+        })
+    }
+
+    /// Returns id and payload of the command to `node`. Of the payload, the first
+    /// [`length`](Self::length) bytes are sent.
     #[must_use]
     #[inline]
     pub fn encode(self, node: u8) -> (Id, [u8; BYTES]) {

@@ -5,7 +5,7 @@
 //! (`can_simple_messages.hpp`, `odrive_enums.h`), and its manual, chapter "CAN Protocol". None of them is
 //! confirmed on hardware.
 //!
-//! - Every frame has eight bytes, and values are little endian. Positions, velocities and torques are
+//! - Every frame has eight bytes, but the one that clears errors has one. Values are little endian. Positions, velocities and torques are
 //!   those of the rotor.
 //! - No command is answered. The drive sends its state by itself: a heartbeat every 100 ms and the
 //!   estimates of its encoder every 10 ms from the factory; torques, temperatures and supply where it is

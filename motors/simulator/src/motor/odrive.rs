@@ -16,6 +16,7 @@
 //!   fault.
 //! - A new position applies to the stored inputs, which keep their numbers. It lasts until the power is
 //!   lost, unless the drive stores it, and only within half a turn of the output.
+//! - Bytes that a command leaves out are zeros, as of clients that end a frame after its value.
 //! - It has no watchdog.
 
 use super::axis::{ControlMode, Controller, Input, NEVER};
@@ -58,7 +59,8 @@ const SYSTEM_LEVEL: u32 = 1 << 1;
 impl Motor {
     /// Executes a command. Returns no answer.
     pub(super) fn odrive(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
-        let bytes = *frame.payload().first_chunk::<8>()?;
+        let mut bytes = [0; 8];
+        frame.payload().iter().zip(&mut bytes).for_each(|(from, to)| *to = *from);
         let [low, high] = [[0, 1, 2, 3], [4, 5, 6, 7]].map(|at| u32::from_le_bytes(at.map(|at| bytes[at])));
         let [first, second] = [low, high].map(|bits| f64::from(f32::from_bits(bits)));
         match frame.id().raw() & 0x1F {

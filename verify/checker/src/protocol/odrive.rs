@@ -82,16 +82,18 @@ fn command_of(frame: &Frame, node: u8) -> Option<u8> {
     is_of_node.then_some((raw & 0x1F) as u8)
 }
 
-/// Returns the command and both halves of the payload.
+/// Returns the command and both halves of the payload, filled with zeros.
 ///
 /// # Panics
 ///
-/// When the frame has not the form of every command of this protocol.
+/// When the frame has not the form and the length of this command.
 fn parts(frame: &Frame) -> (u8, [u8; 4], [u8; 4]) {
     assert!(!frame.id().is_extended() && frame.is_classic(), "I1: {frame:?} has another form");
-    let bytes: [u8; 8] = frame.payload().try_into().expect("every command has eight bytes");
-    let [a, b, c, d, e, f, g, h] = bytes;
-    ((frame.id().raw() & 0x1F) as u8, [a, b, c, d], [e, f, g, h])
+    let command = (frame.id().raw() & 0x1F) as u8;
+    let length = if command == 0x18 { 1 } else { 8 };
+    assert_eq!(frame.payload().len(), length, "I1: {frame:?} has another length");
+    let byte = |at| frame.payload().get(at).copied().unwrap_or(0);
+    (command, [0, 1, 2, 3].map(byte), [4, 5, 6, 7].map(byte))
 }
 
 #[cfg(test)]
@@ -107,9 +109,10 @@ mod tests {
         Frame::new(FrameId::new(id).unwrap(), payload).unwrap()
     }
 
-    /// Returns a frame to node 5 with these bytes.
+    /// Returns a frame to node 5 with the first of these bytes.
     fn command(command: u16, bytes: u64) -> Frame {
-        frame(0x0A0 | command, &bytes.to_be_bytes())
+        let length = if command == 0x18 { 1 } else { 8 };
+        frame(0x0A0 | command, &bytes.to_be_bytes()[..length])
     }
 
     /// 0.25 is 0x3E800000, -2.0 is 0xC0000000, 1.5 is 0x3FC00000 (IEEE 754), low byte first.
@@ -171,7 +174,9 @@ mod tests {
             let forbidden = std::panic::catch_unwind(|| AXIS.check(&command(number, bytes)));
             assert!(forbidden.is_err(), "{number:#x} {bytes:016X}");
         }
-        assert!(std::panic::catch_unwind(|| AXIS.check(&frame(0x0B8, &[0]))).is_err(), "one byte");
+        for other in [frame(0x0B8, &[0; 8]), frame(0x0A7, &[1, 0, 0, 0])] {
+            assert!(std::panic::catch_unwind(|| AXIS.check(&other)).is_err(), "{other:?}: another length");
+        }
     }
 
     #[test]

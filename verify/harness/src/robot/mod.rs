@@ -50,7 +50,7 @@ pub struct Sent {
     pub frame: Frame,
     /// Id of the motor; 0x7FF of a request to a register.
     pub id: u16,
-    /// Payload.
+    /// Payload, filled with zeros.
     pub bytes: [u8; 8],
     /// Meaning of the frame; of one with an id of 11 bits, in MIT.
     pub meaning: Meaning,
@@ -207,7 +207,8 @@ impl Robot {
             let motor =
                 motor.or_else(|| self.settings.motors.iter().find(|motor| is_register && named(motor)));
             let motor = motor.expect("frames go to motors of the bus");
-            let bytes = frame.payload().try_into().expect("every command has eight bytes");
+            let mut bytes = [0; 8];
+            bytes[..frame.payload().len()].copy_from_slice(frame.payload());
             let meaning = match motor.protocol.name() {
                 "robstride" | "cansimple" | "myactuator" | "odrive" => ranges::protocol(motor).order(&frame),
                 _ => Meaning::of(bytes, &ranges::ranges(motor)),
@@ -405,6 +406,12 @@ impl Robot {
     /// Brings the first group from any stopped state to `Active`; the owner holds the joints.
     pub fn activate(&mut self) -> Vec<JointSetpoint> {
         self.steps(10);
+        // A motor may report only every 100 ms that it is there.
+        let mut cycles = (self.settings.cycle.rate_hz * 0.2) as usize;
+        while cycles > 0 && self.misses_motor() {
+            self.step();
+            cycles -= 1;
+        }
         if self.group().lease == 0 {
             self.claim().expect("the group is free");
         }
@@ -419,6 +426,11 @@ impl Robot {
         assert_eq!(self.phase(), Phase::Active, "{:?}", self.cause());
         self.take_sent();
         joints
+    }
+
+    fn misses_motor(&mut self) -> bool {
+        let motors = self.settings.groups[0].motors.clone();
+        motors.into_iter().any(|motor| self.mode(motor) == MotorMode::Offline)
     }
 
     /// Injects the fault that `line` names, as `motord-sim` does.
