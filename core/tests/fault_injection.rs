@@ -4,8 +4,8 @@
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
 //! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol, and
-//! in a quarter one of SteadyWin's hips has a CANSimple driver, and in another quarter MyActuator's
-//! motors, which need no enable, are in the place of some knees.
+//! in a quarter one of SteadyWin's hips has a CANSimple driver, in another quarter MyActuator's motors,
+//! which need no enable, replace some knees, and in every eighth an ODrive replaces a knee.
 //! One has native motors among them; half of these seeds put three on a serial line at a fifth of
 //! the rate. In every fourth seed the cycle polls for the last replies.
 //! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
@@ -111,6 +111,15 @@ const fn has_node(seed: u64) -> bool {
 /// A knee that needs no enable.
 const NO_ENABLE: &str = "id = 3\nprotocol = \"myactuator\"\nmodel = \"X8-20\"\ntorque-end-nm = 24";
 
+/// A knee that no frame asks for its state.
+const UNASKED: &str =
+    "id = 3\nprotocol = \"odrive\"\nmodel = \"ODrive-S1\"\ngear-ratio = 8\npeak-torque-nm = 12";
+
+/// Returns `true` when an ODrive is the first RS00 knee of this seed's mixed robot.
+const fn has_odrive(seed: u64) -> bool {
+    is_mixed(seed) && seed % 8 == 3
+}
+
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
 /// be armed again.
@@ -128,6 +137,10 @@ fn mixed_settings(seed: u64) -> Settings {
         joints(&["knee"]).concat(),
     );
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
+    let text = match has_odrive(seed) {
+        true => text.replacen(&(knee("mit") + "00\""), UNASKED, 1),
+        false => text,
+    };
     let text = match seed % 4 {
         1 | 3 => LATER_REPLIES.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
         2 => text.replace(&(knee("mit") + "00\""), NO_ENABLE),

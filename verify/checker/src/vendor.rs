@@ -71,6 +71,15 @@ pub const VENDORS: &[Vendor] = &[
         over_voltage: "fault 0x08",
         over_current: "fault 0x10",
     },
+    // ODrive's drives speak no MIT. The simulator numbers their faults as SteadyWin's.
+    Vendor {
+        name: "odrive",
+        models: "ODrive-",
+        reply_offset: Some(0x100),
+        reply: ReplyFormat { id_mask: 0xFF, length: 8, report: None, registers: false },
+        over_voltage: "fault 0x02",
+        over_current: "fault 0x40",
+    },
 ];
 
 impl Vendor {

@@ -28,8 +28,9 @@ impl ReceivedCommand {
             | Meaning::GetFault
             | Meaning::ClearFault
             | Meaning::GetIndicator
-            | Meaning::GetRegister
-            | Meaning::Mode => (false, false, true),
+            | Meaning::GetRegister => (false, false, true),
+            // The input that it puts into effect was judged when it was sent.
+            Meaning::Mode => (true, false, true),
             Meaning::Start | Meaning::SetZero | Meaning::Other(_) => (false, false, false),
             Meaning::Control { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
             Meaning::Position(_) => (true, true, false),
