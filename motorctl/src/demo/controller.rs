@@ -77,6 +77,10 @@ struct Controller {
     swings: Vec<Swing>,
     /// Position of each joint of the group before the start, rad.
     origins: Vec<f32>,
+    /// Sequence of the newest message.
+    sequence: u64,
+    /// Sequence of the first message with a measured position for each joint; 0 before.
+    standing: u64,
     /// Reused in every cycle, to avoid an allocation.
     setpoints: Vec<Setpoint>,
     /// The tracking error of every joint of the robot.
@@ -94,6 +98,8 @@ impl Controller {
         let swings: Vec<Swing> = claim.joints().iter().map(|&joint| Swing::of(&joints[joint].name)).collect();
         Ok(Self {
             origins: vec![0.0; swings.len()],
+            sequence: 0,
+            standing: 0,
             setpoints: Vec::with_capacity(swings.len()),
             tracking: vec![Tracking::default(); joints.len()],
             swings,
@@ -156,15 +162,17 @@ impl Controller {
         state.group(self.claim.index())?.phase
     }
 
-    /// Returns true when every joint of the group is valid and the daemon has received setpoints.
+    /// Returns true when the daemon has received setpoints that hold every joint where it is.
     fn is_ready(&self, state: &State) -> bool {
         let group = state.group(self.claim.index());
-        let mut joints = self.claim.joints().iter().map(|&joint| state.joint(joint));
-        group.is_some_and(|group| group.sequence > 0)
-            && joints.all(|joint| joint.is_some_and(|joint| joint.valid))
+        self.standing > 0 && group.is_some_and(|group| group.sequence >= self.standing)
     }
 
     fn measure_origins(&mut self, state: &State) {
+        let mut joints = self.claim.joints().iter().map(|&joint| state.joint(joint));
+        if self.standing == 0 && joints.all(|joint| joint.is_some_and(|joint| joint.valid)) {
+            self.standing = self.sequence + 1;
+        }
         for (origin, &joint) in self.origins.iter_mut().zip(self.claim.joints()) {
             *origin = state.joint(joint).and_then(|joint| joint.position()).unwrap_or(*origin);
         }
@@ -176,7 +184,9 @@ impl Controller {
             let (distance, velocity) = swing.at(time);
             Setpoint::impedance(origin + distance as f32, velocity as f32, KP, KD, 0.0)
         }));
-        Ok(self.claim.send(&self.setpoints)?)
+        self.claim.send(&self.setpoints)?;
+        self.sequence += 1;
+        Ok(())
     }
 
     /// Compares the measured positions of a cycle with the commands of the same cycle.
