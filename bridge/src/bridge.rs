@@ -1,0 +1,156 @@
+//! The commands: `check`, and `run`, which starts and ends the threads.
+
+use crate::config::{Config, ConfigError, Range};
+use crate::group::{Group, GroupLink};
+use crate::motor::Motor;
+use crate::ros2::{self, Network, NetworkError};
+use crate::shared::Shared;
+use crate::stop::{self, StopDesk};
+use motord_client::Client;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Limit on requests of services that wait for the motor thread.
+const REQUESTS_MAX: usize = 16;
+/// Interval of attempts to connect, and of checks whether a thread has ended.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// The reason why the program ends with an error.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum BridgeError {
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// The configuration does not fit the robot, or something cannot be started.
+    #[error("{0}")]
+    Start(String),
+    #[error(transparent)]
+    Client(#[from] motord_client::Error),
+    /// The bridge ended by itself.
+    #[error("{0}")]
+    Ended(String),
+}
+
+impl BridgeError {
+    /// Returns the exit status, after `sysexits.h`.
+    pub(crate) fn exit_status(&self) -> u8 {
+        match self {
+            Self::Config(ConfigError::Read { .. }) => 66,
+            Self::Config(_) | Self::Network(_) => 78,
+            Self::Client(error) => error.exit_status(),
+            Self::Start(_) => 69,
+            Self::Ended(_) => 75,
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<(Config, Network), BridgeError> {
+    let config = Config::read(path)?;
+    let network = Network::of(&config.ros2, |name| std::env::var(name).ok())?;
+    Ok((config, network))
+}
+
+/// Checks the configuration, and prints what `run` would use.
+pub(crate) fn check(path: &Path) -> Result<(), BridgeError> {
+    let (config, network) = read(path)?;
+    for warning in &network.warnings {
+        log::warn!("{warning}");
+    }
+    println!("{}: good", path.display());
+    println!("{}", summary(&config, &network));
+    Ok(())
+}
+
+fn summary(config: &Config, network: &Network) -> String {
+    let range = match network.range {
+        Range::Localhost => "127.0.0.1",
+        Range::Subnet => "every interface",
+    };
+    let commands = if config.ros2.commands { "commands accepted" } else { "commands off" };
+    format!("instance {}, DDS domain {} on {range}, {commands}", config.robot.instance, network.domain)
+}
+
+/// Runs the bridge until a signal.
+pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
+    let (config, network) = read(path)?;
+    for warning in &network.warnings {
+        log::warn!("{warning}");
+    }
+    let ends = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&ends))
+            .map_err(|error| BridgeError::Start(format!("cannot handle signals: {error}")))?;
+    }
+    let Some(client) = connect(&config.robot.instance, &ends)? else { return Ok(()) };
+    let shared = Arc::new(share(&client, &config, ends)?);
+    log::info!("{}", summary(&config, &network));
+    let (sender, requests) = sync_channel(REQUESTS_MAX);
+    let cycles = ros2::cycles_between_states(&config.ros2, shared.robot.rate_hz);
+    let motor = Motor::new(client, Arc::clone(&shared), requests, config.commands.timeout(), cycles);
+    let desk = Arc::new(StopDesk::default());
+    let stop = {
+        let (instance, desk, ends) =
+            (config.robot.instance.clone(), Arc::clone(&desk), Arc::clone(&shared.ends));
+        spawn("stop", move || stop::run(&instance, &desk, &ends))?
+    };
+    let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
+    let motor = spawn("motor", move || motor.run())?;
+    while !shared.ends() {
+        std::thread::sleep(RETRY);
+        if node.has_ended() || motor.is_finished() || stop.is_finished() {
+            shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
+        }
+    }
+    // The motor thread releases the groups first.
+    let _panicked = motor.join();
+    let _panicked = stop.join();
+    node.join();
+    shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, BridgeError> {
+    let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
+    thread.map_err(|error| BridgeError::Start(format!("cannot start the thread {name}: {error}")))
+}
+
+/// Connects to the daemon, and waits for it. `None` after a signal.
+fn connect(instance: &str, ends: &AtomicBool) -> Result<Option<Client>, BridgeError> {
+    let mut is_reported = false;
+    while !ends.load(Ordering::Relaxed) {
+        match Client::connect(instance) {
+            Ok(client) => return Ok(Some(client)),
+            Err(error) if !error.is_transient() => return Err(error.into()),
+            Err(error) if !is_reported => {
+                log::warn!("{error}; waiting for it");
+                is_reported = true;
+            }
+            Err(_) => {}
+        }
+        std::thread::sleep(RETRY);
+    }
+    Ok(None)
+}
+
+/// Creates the shared values for the robot of `client`.
+fn share(client: &Client, config: &Config, ends: Arc<AtomicBool>) -> Result<Shared, BridgeError> {
+    let robot = client.description();
+    let groups = Group::all(&robot);
+    if let Some(unknown) = config.group.keys().find(|name| !groups.iter().any(|group| group.name == **name)) {
+        let known: Vec<_> = groups.iter().map(|group| group.name.as_str()).collect();
+        let known = known.join(", ");
+        return Err(BridgeError::Start(format!(
+            "[group.{unknown}]: the robot has no such group; there are {known}"
+        )));
+    }
+    let links = groups.into_iter().map(|group| {
+        let gains = config.group.get(&group.name);
+        GroupLink::new(group, gains)
+    });
+    let links = links.collect::<Result<_, _>>().map_err(BridgeError::Start)?;
+    Ok(Shared::new(robot, links, ends))
+}

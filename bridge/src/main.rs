@@ -1,0 +1,81 @@
+//! `motord-bridge`: a robot of motord in ROS 2. A client of motord like any other, in one process.
+//!
+//! ```text
+//!  motord ◀─ shared memory ─▶ motor ──newest state──▶ ros2-publish ─▶ DDS
+//!                             motor ◀─newest command─ ros2-receive ◀─ DDS
+//!  motord ◀── stop socket ──  stop  ◀───requests───── ros2-stop    ◀─ DDS
+//! ```
+//!
+//! The thread `motor` owns the client and the claims, and touches no network. A peer that floods,
+//! freezes or dies delays neither it nor the stop.
+
+mod bridge;
+mod claim_gate;
+mod command;
+mod config;
+mod group;
+mod held;
+mod logger;
+mod motor;
+mod rate_limit;
+mod refusal;
+mod ros2;
+mod shared;
+mod slot;
+mod stop;
+mod trajectory;
+
+use bridge::{check, run};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Examples in the help.
+const EXAMPLES: &str = "\
+Examples:
+  motord-bridge check --config bridge.toml       check a configuration without starting anything
+  motord-bridge run --config bridge.toml         publish the states of the robot, and offer its stop
+  ROS_DOMAIN_ID=7 motord-bridge run              in another domain, with /etc/motord/bridge.toml
+
+The bridge accepts commands only with `commands = true` in [ros2] of its configuration.";
+
+/// Brings a robot of motord into ROS 2, over DDS, without an installation of ROS.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs the bridge until SIGTERM or SIGINT. Waits for motord if it is not running.
+    #[command(after_help = EXAMPLES)]
+    Run {
+        /// The configuration.
+        #[arg(long, default_value = config::DEFAULT_FILE)]
+        config: PathBuf,
+    },
+    /// Checks the configuration and the variables of ROS 2, and prints what `run` would use.
+    #[command(after_help = EXAMPLES)]
+    Check {
+        /// The configuration.
+        #[arg(long, default_value = config::DEFAULT_FILE)]
+        config: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    logger::start();
+    let outcome = match Arguments::parse().command {
+        Command::Run { config } => run(&config),
+        Command::Check { config } => check(&config),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("motord-bridge: {error}");
+            error.exit_status().into()
+        }
+    }
+}

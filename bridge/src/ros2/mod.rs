@@ -1,0 +1,250 @@
+//! The node of ROS 2: topics and services over DDS, in threads of their own.
+
+mod bounded;
+mod diagnostics;
+mod messages;
+mod network;
+mod publish;
+mod service;
+mod subscribe;
+
+pub(crate) use network::{Network, NetworkError};
+pub(crate) use publish::cycles_between_states;
+
+use crate::config::{Config, Range};
+use crate::motor::{Operation, Request};
+use crate::shared::Shared;
+use crate::stop::StopDesk;
+use async_executor::LocalExecutor;
+use futures_lite::{StreamExt, future, pin};
+use messages::Empty;
+use publish::States;
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::dds::{Context, Node, Subscription};
+use ros2_client::qos::{History, QosProfile, WhenFull};
+use ros2_client::{Name, NodeName, NodeOptions};
+use service::{MAPPINGS, TriggerServer};
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::thread::JoinHandle;
+use std::time::Duration;
+use subscribe::{Inbox, hexadecimal, subscription};
+
+/// Name of the node.
+const NODE: &str = "motord_bridge";
+/// Interval at which a thread checks whether the bridge ends.
+const POLL: Duration = Duration::from_millis(100);
+/// The services of each group.
+const OPERATIONS: [(&str, Operation); 5] = [
+    ("claim", Operation::Claim),
+    ("release", Operation::Release),
+    ("enable", Operation::Enable),
+    ("disable", Operation::Disable),
+    ("reset", Operation::Reset),
+];
+
+/// The node, and its threads. Dropping the node leaves the graph.
+pub(crate) struct Ros2Node {
+    _node: Node,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// Returns the part of a topic's name for `name`: ROS 2 permits letters, digits and single underscores.
+fn topic_part(name: &str) -> String {
+    let mut part = String::new();
+    for letter in name.chars() {
+        let letter = if letter.is_ascii_alphanumeric() { letter } else { '_' };
+        if letter != '_' || !part.ends_with('_') {
+            part.push(letter);
+        }
+    }
+    if part.starts_with(|letter: char| letter.is_ascii_digit()) { format!("_{part}") } else { part }
+}
+
+/// Returns the part of a topic's name for each group.
+fn group_topics(shared: &Shared) -> Result<Vec<String>, String> {
+    let mut topics: Vec<String> = Vec::new();
+    for link in &shared.groups {
+        let topic = topic_part(&link.group.name);
+        if topics.contains(&topic) {
+            return Err(format!(
+                "two groups have the topic /motord/{topic}: rename one in the configuration of motord"
+            ));
+        }
+        topics.push(topic);
+    }
+    Ok(topics)
+}
+
+fn open(network: &Network) -> Result<Node, String> {
+    let mut participant = DomainParticipantBuilder::new(network.domain);
+    if network.range == Range::Localhost {
+        participant = participant.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+    }
+    let participant = participant.build();
+    let participant =
+        participant.map_err(|error| format!("cannot open DDS domain {}: {error:?}", network.domain))?;
+    let context =
+        Context::from_domain_participant(participant).map_err(|error| format!("cannot open DDS: {error}"))?;
+    // No parameters: a value that a peer may set is a command.
+    let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+    let name = NodeName::new("/", NODE).map_err(|error| format!("{error:?}"))?;
+    context.new_node(name, options).map_err(|error| format!("cannot create the node {NODE}: {error:?}"))
+}
+
+/// Creates the node with its topics and services, and starts its threads.
+pub(crate) fn start(
+    config: &Config,
+    network: &Network,
+    shared: &Arc<Shared>,
+    desk: &Arc<StopDesk>,
+    requests: SyncSender<Request>,
+) -> Result<Ros2Node, String> {
+    let mut node = open(network)?;
+    let topics = group_topics(shared)?;
+    let mut threads = vec![start_stop(&mut node, shared, desk)?];
+    if config.ros2.commands {
+        threads.push(start_receive(&mut node, config, shared, &topics, requests)?);
+    }
+    let states = States::new(&mut node, &config.ros2, shared, &topics)?;
+    let publishing = Arc::clone(shared);
+    threads.push(spawn("ros2-publish", move || states.run(&publishing))?);
+    Ok(Ros2Node { _node: node, threads })
+}
+
+impl Ros2Node {
+    /// Returns `true` if a thread has ended: it panicked, or the bridge ends.
+    pub(crate) fn has_ended(&self) -> bool {
+        self.threads.iter().any(JoinHandle::is_finished)
+    }
+
+    /// Waits for the threads.
+    pub(crate) fn join(self) {
+        for thread in self.threads {
+            // A panic has printed itself.
+            let _panicked = thread.join();
+        }
+    }
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, String> {
+    let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
+    thread.map_err(|error| format!("cannot start the thread {name}: {error}"))
+}
+
+/// Runs the tasks of `executor` until the bridge ends.
+fn run_until_end(executor: &LocalExecutor, shared: &Shared) {
+    let (wake, woken) = async_channel::bounded::<()>(1);
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            while !shared.ends() {
+                std::thread::sleep(POLL);
+            }
+            drop(wake);
+        });
+        let _closed = future::block_on(executor.run(woken.recv()));
+    });
+}
+
+/// The stop has a thread of its own: no flood of commands delays it.
+fn start_stop(node: &mut Node, shared: &Arc<Shared>, desk: &Arc<StopDesk>) -> Result<JoinHandle<()>, String> {
+    let base = QosProfile::subscription_default().history(History::KeepLast { depth: 10 });
+    let mut topics: Vec<Subscription<Empty>> = Vec::new();
+    // A reliable subscription does not match a best-effort publisher.
+    for qos in [base.clone().reliability_reliable(WhenFull::Fail), base.reliability_best_effort()] {
+        topics.push(subscription(node, "/motord/stop", &qos)?);
+    }
+    let name = Name::new("/motord", "stop").map_err(|error| format!("{error:?}"))?;
+    let mut servers = Vec::new();
+    for mapping in MAPPINGS {
+        servers.push(TriggerServer::new(node, &name, mapping)?);
+    }
+    let (shared, desk) = (Arc::clone(shared), Arc::clone(desk));
+    spawn("ros2-stop", move || {
+        let executor = LocalExecutor::new();
+        for topic in topics {
+            executor.spawn(stop_by_topic(topic, Arc::clone(&desk))).detach();
+        }
+        for server in servers {
+            let desk = Arc::clone(&desk);
+            let stop = async move { server.serve(|| service::stop(&desk, "the service /motord/stop")).await };
+            executor.spawn(stop).detach();
+        }
+        run_until_end(&executor, &shared);
+    })
+}
+
+/// Any message stops the robot, also one that cannot be decoded.
+async fn stop_by_topic(topic: Subscription<Empty>, desk: Arc<StopDesk>) {
+    let messages = topic.async_stream();
+    pin!(messages);
+    while let Some(message) = messages.next().await {
+        let writer = message.map(|(_, info)| hexadecimal(&info.publisher_gid().to_bytes16()));
+        let writer = writer.unwrap_or_else(|_| "unknown".to_owned());
+        drop(desk.request(format!("the topic /motord/stop, writer {writer}")));
+        future::yield_now().await;
+    }
+}
+
+fn start_receive(
+    node: &mut Node,
+    config: &Config,
+    shared: &Arc<Shared>,
+    topics: &[String],
+    requests: SyncSender<Request>,
+) -> Result<JoinHandle<()>, String> {
+    let mut groups = Vec::new();
+    for (index, topic) in topics.iter().enumerate() {
+        let inbox = (Arc::clone(&shared.groups[index]), Arc::clone(shared), config.commands.clone());
+        let inbox = Inbox::new(inbox.0, inbox.1, inbox.2);
+        let commands = (inbox.subscribe(node, topic)?, inbox.subscribe(node, topic)?);
+        let arrays = (inbox.subscribe(node, topic)?, inbox.subscribe(node, topic)?);
+        let mut servers = Vec::new();
+        for (service, operation) in OPERATIONS {
+            for mapping in MAPPINGS {
+                let name =
+                    Name::new(&format!("/motord/{topic}"), service).map_err(|error| format!("{error:?}"))?;
+                servers.push((operation, TriggerServer::new(node, &name, mapping)?));
+            }
+        }
+        groups.push((index, inbox, commands, arrays, servers));
+    }
+    let shared = Arc::clone(shared);
+    spawn("ros2-receive", move || {
+        let executor = LocalExecutor::new();
+        for (index, inbox, commands, arrays, servers) in groups {
+            let inbox = std::rc::Rc::new(inbox);
+            let [first, second, third, fourth] = [(); 4].map(|()| std::rc::Rc::clone(&inbox));
+            executor
+                .spawn(async move { first.receive::<messages::ImpedanceCommand>(commands.0).await })
+                .detach();
+            executor.spawn(async move { second.receive::<messages::JointState>(commands.1).await }).detach();
+            executor
+                .spawn(async move { third.receive::<messages::Float64MultiArray>(arrays.0).await })
+                .detach();
+            executor
+                .spawn(async move { fourth.receive::<messages::JointTrajectory>(arrays.1).await })
+                .detach();
+            for (operation, server) in servers {
+                let requests = requests.clone();
+                let serve =
+                    async move { server.serve(|| service::request(&requests, index, operation)).await };
+                executor.spawn(serve).detach();
+            }
+        }
+        run_until_end(&executor, &shared);
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_group_name_is_a_topic() {
+        let parts = ["legs", "left-arm", "a--b", "2nd", "ärm.1"].map(topic_part);
+        assert_eq!(parts, ["legs", "left_arm", "a_b", "_2nd", "_rm_1"]);
+        assert!(parts.iter().all(|part| Name::new(&format!("/motord/{part}"), "state").is_ok()));
+    }
+}

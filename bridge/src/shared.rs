@@ -1,0 +1,65 @@
+//! What all threads of the bridge share.
+
+use crate::group::GroupLink;
+use crate::slot::Slot;
+use motord_client::{RobotDescription, State};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// The newest states.
+#[derive(Debug, Clone)]
+pub(crate) struct Snapshot {
+    pub(crate) state: State,
+    pub(crate) robot: Arc<RobotDescription>,
+}
+
+/// What the motor thread reports.
+#[derive(Debug)]
+pub(crate) enum Report {
+    State(Snapshot),
+    /// No state arrives, for this reason.
+    Down(String),
+}
+
+/// The shared values. No lock in them is held during a call of the network or of the daemon.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// The robot as it was when the bridge connected.
+    pub(crate) robot: Arc<RobotDescription>,
+    /// The groups, in the order of the description.
+    pub(crate) groups: Vec<Arc<GroupLink>>,
+    /// For the thread that publishes.
+    pub(crate) report: Slot<Report>,
+    /// For the rules of trajectories, which begin at the present positions.
+    pub(crate) latest: Slot<State>,
+    /// Set by a signal, too.
+    pub(crate) ends: Arc<AtomicBool>,
+    failure: OnceLock<String>,
+}
+
+impl Shared {
+    pub(crate) fn new(
+        robot: Arc<RobotDescription>,
+        groups: Vec<Arc<GroupLink>>,
+        ends: Arc<AtomicBool>,
+    ) -> Self {
+        let (report, latest, failure) = (Slot::default(), Slot::default(), OnceLock::new());
+        Self { robot, groups, report, latest, ends, failure }
+    }
+
+    /// Returns `true` once the bridge has to end.
+    pub(crate) fn ends(&self) -> bool {
+        self.ends.load(Ordering::Relaxed)
+    }
+
+    /// Ends the bridge for `reason`.
+    pub(crate) fn fail(&self, reason: String) {
+        let _another_reason = self.failure.set(reason);
+        self.ends.store(true, Ordering::Relaxed);
+    }
+
+    /// Returns the reason of the end; `None` after a signal.
+    pub(crate) fn failure(&self) -> Option<&str> {
+        self.failure.get().map(String::as_str)
+    }
+}
