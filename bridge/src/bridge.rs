@@ -102,14 +102,16 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let motor = spawn("motor", move || motor.run())?;
     while !shared.ends() {
         std::thread::sleep(RETRY);
-        if node.has_ended() || motor.is_finished() || stop.is_finished() {
+        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished();
+        // After a signal the threads end by themselves.
+        if has_ended && !shared.ends() {
             shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
         }
     }
     // The motor thread releases the groups first.
     let _panicked = motor.join();
     let _panicked = stop.join();
-    node.join();
+    node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
 }
 

@@ -1,4 +1,4 @@
-//! The log on standard error, which systemd keeps: lines of the bridge, and warnings of its
+//! The log on standard error, which systemd keeps: lines of the bridge, and errors of its
 //! libraries, a few a second.
 
 use crate::rate_limit::RateLimit;
@@ -7,7 +7,7 @@ use std::io::Write;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Peers can provoke warnings of the DDS library with each packet.
+/// Peers can provoke errors of the DDS library with each packet.
 static LIBRARIES: Mutex<RateLimit> = Mutex::new(RateLimit::new(5, Duration::from_secs(1)));
 
 struct Logger;
@@ -25,7 +25,7 @@ fn is_ours(metadata: &Metadata) -> bool {
 
 impl Log for Logger {
     fn enabled(&self, metadata: &Metadata) -> bool {
-        metadata.level() <= if is_ours(metadata) { Level::Info } else { Level::Warn }
+        metadata.level() <= if is_ours(metadata) { Level::Info } else { Level::Error }
     }
 
     fn log(&self, record: &Record) {

@@ -119,12 +119,14 @@ impl Ros2Node {
         self.threads.iter().any(JoinHandle::is_finished)
     }
 
-    /// Waits for the threads.
-    pub(crate) fn join(self) {
+    /// Waits for the threads, and leaves the graph.
+    pub(crate) fn leave(self) {
         for thread in self.threads {
             // A panic has printed itself.
             let _panicked = thread.join();
         }
+        // The DDS library reports its own end as an error.
+        log::set_max_level(log::LevelFilter::Off);
     }
 }
 
