@@ -1,7 +1,8 @@
 //! The commands: `check`, and `run`, which starts and ends the threads.
 
 use crate::config::{Config, ConfigError, Range};
-use crate::group::{Group, GroupLink};
+use crate::group::Group;
+use crate::link::GroupLink;
 use crate::motor::Motor;
 use crate::ros2::{self, Network, NetworkError};
 use crate::shared::Shared;

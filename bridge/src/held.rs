@@ -1,4 +1,4 @@
-//! A claimed group: what the bridge sends in each cycle.
+//! A claimed group: the messages that the bridge sends in each cycle.
 //!
 //! ```text
 //!                  command in force           no command in force
@@ -7,8 +7,8 @@
 //! ```
 
 use crate::command::{Command, Target};
-use crate::group::GroupLink;
-use crate::motor::Answer;
+use crate::link::GroupLink;
+use crate::request::Answer;
 use motord_client::{Claim, Error, Phase, Setpoint, State};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 /// Time between two setpoints at rest. The daemon ends a claim after a second without one.
 const REST_PERIOD: Duration = Duration::from_millis(100);
 
-/// What to send in a cycle.
+/// The message of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Step {
     /// The setpoints of the command.
@@ -71,7 +71,7 @@ impl Held {
         self.accept(link);
         let in_force = self.command.as_ref().is_some_and(|command| command.is_in_force(now, timeout));
         match step(runs, in_force, self.is_disabled) {
-            Step::Command => self.send(now, link),
+            Step::Command => self.send(now),
             Step::Disable => self.end_for_silence(link),
             Step::Rest => self.rest(now),
             Step::Nothing => {}
@@ -86,7 +86,7 @@ impl Held {
         }
     }
 
-    fn send(&mut self, now: Instant, link: &GroupLink) {
+    fn send(&mut self, now: Instant) {
         let Some(command) = &self.command else { return };
         let since = now.saturating_duration_since(command.arrived);
         let (horizon, sent) = match &command.target {
@@ -103,14 +103,14 @@ impl Held {
             Err(setpoints) => claim.send(setpoints),
         });
         self.is_sent = true;
-        self.log_stop(outcome.err(), link);
+        self.log_stop(outcome.err());
     }
 
     /// The setpoints of a stopped group are sent nevertheless, and keep the claim.
-    fn log_stop(&mut self, error: Option<Error>, link: &GroupLink) {
+    fn log_stop(&mut self, error: Option<Error>) {
         let stop = error.map(|error| error.to_string());
         if let Some(stop) = stop.as_ref().filter(|stop| self.logged.as_ref() != Some(stop)) {
-            log::warn!("group {}: {stop}", link.group.name);
+            log::warn!("{stop}");
         }
         self.logged = stop;
     }
@@ -148,7 +148,7 @@ impl Held {
                 "no command for group {name} within the last {timeout} ms: send commands first"
             ));
         }
-        self.send(now, link);
+        self.send(now);
         self.claim.enable().map_err(|error| error.to_string())?;
         Ok(format!("group {name} is starting"))
     }

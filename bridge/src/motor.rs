@@ -1,8 +1,9 @@
 //! The thread that owns the client and the claims. It touches no network.
 
-use crate::group::GroupLink;
 use crate::held::Held;
+use crate::link::GroupLink;
 use crate::rate_limit::RateLimit;
+use crate::request::{Answer, Operation, Request};
 use crate::shared::{Report, Shared, Snapshot};
 use motord_client::{Client, Error, RobotDescription, State};
 use std::sync::Arc;
@@ -11,28 +12,6 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for a state: requests are answered at least this often.
 const WAIT: Duration = Duration::from_millis(100);
-
-/// What a service requests.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Operation {
-    Claim,
-    Release,
-    Enable,
-    Disable,
-    Reset,
-}
-
-/// The outcome, as a sentence for the caller.
-pub(crate) type Answer = Result<String, String>;
-
-/// A request of a service.
-#[derive(Debug)]
-pub(crate) struct Request {
-    /// Index of the group in the description.
-    pub(crate) group: usize,
-    pub(crate) operation: Operation,
-    pub(crate) answer: async_channel::Sender<Answer>,
-}
 
 /// The thread's values.
 pub(crate) struct Motor {

@@ -19,7 +19,7 @@ macro_rules! refusals {
                 match self { $(Self::$variant => $name,)+ }
             }
 
-            /// Returns what is wrong, and what to do.
+            /// Returns the mistake and its remedy.
             pub(crate) const fn sentence(self) -> &'static str {
                 match self { $(Self::$variant => $sentence,)+ }
             }
@@ -54,7 +54,7 @@ refusals! {
     PositionUnknown "position-unknown" "A joint has not reported its position, where a trajectory begins."
 }
 
-/// What happened to the commands of a group.
+/// Counts of the commands of a group.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
     /// Commands that counted.
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_refusal_has_name_and_counter_of_its_own() {
+    fn each_refusal_has_its_name_and_counter() {
         let counters = Counters::default();
         for (count, refusal) in Refusal::ALL.iter().enumerate() {
             (0..=count).for_each(|_| counters.refuse(*refusal));

@@ -1,6 +1,6 @@
-//! What all threads of the bridge share.
+//! The values that all threads of the bridge share.
 
-use crate::group::GroupLink;
+use crate::link::GroupLink;
 use crate::slot::Slot;
 use motord_client::{RobotDescription, State};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +13,7 @@ pub(crate) struct Snapshot {
     pub(crate) robot: Arc<RobotDescription>,
 }
 
-/// What the motor thread reports.
+/// A report of the motor thread.
 #[derive(Debug)]
 pub(crate) enum Report {
     State(Snapshot),

@@ -1,7 +1,8 @@
 //! A trajectory: its rules, and its setpoints at a time.
 
-use crate::command::{self, Gains, Rules, Stamped};
+use crate::group::Group;
 use crate::refusal::Refusal;
+use crate::rules::{self, Gains, Rules, Stamped};
 use motord_client::Setpoint;
 use std::time::Duration;
 
@@ -57,9 +58,9 @@ impl Trajectory {
         present: &[Option<f32>],
         rules: &Rules,
     ) -> Result<Self, Refusal> {
-        command::check_stamp(incoming.stamp, incoming.sent_ns, rules)?;
-        let slots = command::slots(Some(incoming.names), rules.group)?;
-        let (kp, kd) = command::gains(Gains::Configured, &slots, rules)?;
+        rules::check_stamp(incoming.stamp, incoming.sent_ns, rules)?;
+        let slots = rules::slots(Some(incoming.names), rules.group)?;
+        let (kp, kd) = rules::gains(Gains::Configured, &slots, rules)?;
         if incoming.points.is_empty() {
             return Err(Refusal::NoPoints);
         }
@@ -93,7 +94,7 @@ impl Trajectory {
     }
 
     /// Returns `true` if a position is outside the limits of its joint. The daemon clamps it.
-    pub(crate) fn exceeds_limits(&self, group: &crate::group::Group) -> bool {
+    pub(crate) fn exceeds_limits(&self, group: &Group) -> bool {
         let is_outside = |point: &Point| {
             point.position.iter().zip(&group.joints).any(|(position, joint)| !joint.limits.allow(*position))
         };
@@ -118,12 +119,12 @@ impl Trajectory {
 impl Point {
     fn check(incoming: &IncomingPoint, slots: &[usize]) -> Result<Self, Refusal> {
         let count = slots.len();
-        let position = command::values(incoming.position, count, Refusal::PositionLength)?;
+        let position = rules::values(incoming.position, count, Refusal::PositionLength)?;
         let velocity = match incoming.velocity.is_empty() {
             true => None,
-            false => Some(command::values(incoming.velocity, count, Refusal::VelocityLength)?),
+            false => Some(rules::values(incoming.velocity, count, Refusal::VelocityLength)?),
         };
-        let effort = command::values_or_zeros(incoming.effort, count, Refusal::EffortLength)?;
+        let effort = rules::values_or_zeros(incoming.effort, count, Refusal::EffortLength)?;
         let (sec, nanosec) = incoming.time;
         let sec = u64::try_from(sec).map_err(|_| Refusal::Times)?;
         if nanosec >= 1_000_000_000 {
@@ -184,8 +185,8 @@ fn between(from: &Point, to: &Point, joint: usize, time: Duration) -> (f32, f32,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command::tests::{NOW, NOW_NS, group, names, rules};
     use crate::config::Commands;
+    use crate::fixtures::{NOW, NOW_NS, group, names, rules};
     use crate::group::JointGains;
 
     const fn point<'a>(position: &'a [f64], velocity: &'a [f64], time: (i32, u32)) -> IncomingPoint<'a> {

@@ -15,12 +15,12 @@ import signal
 import sys
 import threading
 import time
+import traceback
 
 import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray
 from motord_msgs.msg import GroupState, ImpedanceCommand
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Empty, Float64MultiArray
@@ -41,9 +41,7 @@ class Peer:
         self.counts = {}
         for type_, topic in [(JointState, "/joint_states"), (GroupState, f"{GROUP}/state"), (DiagnosticArray, "/diagnostics")]:
             self.subscribe(type_, topic, 10)
-        executor = SingleThreadedExecutor()
-        executor.add_node(self.node)
-        threading.Thread(target=executor.spin, daemon=True).start()
+        threading.Thread(target=rclpy.spin, args=[self.node], daemon=True).start()
         self.wait(lambda: "/joint_states" in self.newest and f"{GROUP}/state" in self.newest, 20, "states")
 
     def subscribe(self, type_, topic, qos):
@@ -356,24 +354,52 @@ def stops(peer, count):
         peer.wait(lambda: peer.group().cause == "emergency-stop", 5, "stop")
         return time.monotonic() - begun
 
-    ways = {"reliable topic": lambda: by_topic(reliable), "best-effort topic": lambda: by_topic(lossy),
-        "service": lambda: peer.call("/motord/stop")[1]}
+    client = peer.node.create_client(Trigger, "/motord/stop")
+    assert client.wait_for_service(10)
+    time.sleep(1)
+
+    def by_service():
+        begun = time.monotonic()
+        future = client.call_async(Trigger.Request())
+        peer.wait(lambda: peer.group().cause == "emergency-stop", 5, "stop")
+        stopped = time.monotonic() - begun
+        peer.wait(future.done, 5, "receipt of the stop")
+        assert future.result().success, future.result().message
+        receipts.append((time.monotonic() - begun) * 1e3)
+        return stopped
+
+    receipts = []
+    ways = {"reliable topic": lambda: by_topic(reliable), "best-effort topic": lambda: by_topic(lossy), "service": by_service}
     for name, way in ways.items():
         latencies = []
         for _ in range(int(count)):
             driver = Driver(peer)
             driver.start()
             latencies.append(way() * 1e3)
-            peer.wait(lambda: peer.group().cause == "emergency-stop", 2, "cause")
             driver.stop()
             peer.reset()
             peer.node.destroy_publisher(driver.publisher)
-        latencies.sort()
-        print(f"stop by {name}: median {latencies[len(latencies) // 2]:.1f} ms, largest {latencies[-1]:.1f} ms of {count}")
+        print(f"stop by {name}: {summary(latencies)}")
+    print(f"receipt of the service: {summary(receipts)}")
+
+
+def summary(latencies):
+    latencies.sort()
+    return f"median {latencies[len(latencies) // 2]:.1f} ms, largest {latencies[-1]:.1f} ms of {len(latencies)}"
+
+
+def main():
+    try:
+        MODES[sys.argv[1]](Peer(), *sys.argv[2:])
+        status = 0
+    except Exception:
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Without the clean-up of rclpy, which waits for its threads.
+    os._exit(status)
 
 
 MODES = {"states": states, "graph": graph, "drive": drive, "forms": forms, "bad": bad, "signal": send_signal, "stops": stops}
-MODES[sys.argv[1]](Peer(), *sys.argv[2:])
-sys.stdout.flush()
-# Without the clean-up of rclpy, which waits for its threads.
-os._exit(0)
+main()

@@ -1,9 +1,9 @@
 //! `/diagnostics`: the daemon, the groups with their refused commands, the buses and the motors.
 
-use crate::group::GroupLink;
+use crate::link::GroupLink;
 use crate::refusal::Refusal;
 use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, KeyValue};
-use crate::ros2::publish::header;
+use crate::ros2::stamp::header;
 use crate::shared::{Report, Shared, Snapshot};
 use motord_client::{Bus, BusCondition, Cause, Fault, Group, Joint, MotorMode};
 use std::sync::atomic::Ordering;

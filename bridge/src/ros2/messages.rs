@@ -1,7 +1,7 @@
 //! The messages of ROS 2 that the bridge exchanges, with the fields of their definitions.
 
-use crate::command::Stamp;
 use crate::ros2::bounded::Bounded;
+use crate::rules::Stamp;
 use ros2_client::{Message, MessageTypeName};
 use serde::{Deserialize, Serialize};
 

@@ -3,21 +3,24 @@
 mod bounded;
 mod diagnostics;
 mod messages;
+mod names;
 mod network;
 mod publish;
 mod service;
+mod stamp;
 mod subscribe;
 
 pub(crate) use network::{Network, NetworkError};
 pub(crate) use publish::cycles_between_states;
 
 use crate::config::{Config, Range};
-use crate::motor::{Operation, Request};
+use crate::request::{Operation, Request};
 use crate::shared::Shared;
 use crate::stop::StopDesk;
-use async_executor::LocalExecutor;
 use futures_lite::{StreamExt, future, pin};
-use messages::Empty;
+use futures_util::stream::FuturesUnordered;
+use messages::{Empty, Float64MultiArray, ImpedanceCommand, JointState, JointTrajectory};
+use names::group_topics;
 use publish::States;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::dds::{Context, Node, Subscription};
@@ -25,6 +28,8 @@ use ros2_client::qos::{History, QosProfile, WhenFull};
 use ros2_client::{Name, NodeName, NodeOptions};
 use service::{MAPPINGS, TriggerServer};
 use std::net::{IpAddr, Ipv4Addr};
+use std::pin::Pin;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
@@ -48,33 +53,6 @@ const OPERATIONS: [(&str, Operation); 5] = [
 pub(crate) struct Ros2Node {
     _node: Node,
     threads: Vec<JoinHandle<()>>,
-}
-
-/// Returns the part of a topic's name for `name`: ROS 2 permits letters, digits and single underscores.
-fn topic_part(name: &str) -> String {
-    let mut part = String::new();
-    for letter in name.chars() {
-        let letter = if letter.is_ascii_alphanumeric() { letter } else { '_' };
-        if letter != '_' || !part.ends_with('_') {
-            part.push(letter);
-        }
-    }
-    if part.starts_with(|letter: char| letter.is_ascii_digit()) { format!("_{part}") } else { part }
-}
-
-/// Returns the part of a topic's name for each group.
-fn group_topics(shared: &Shared) -> Result<Vec<String>, String> {
-    let mut topics: Vec<String> = Vec::new();
-    for link in &shared.groups {
-        let topic = topic_part(&link.group.name);
-        if topics.contains(&topic) {
-            return Err(format!(
-                "two groups have the topic /motord/{topic}: rename one in the configuration of motord"
-            ));
-        }
-        topics.push(topic);
-    }
-    Ok(topics)
 }
 
 fn open(network: &Network) -> Result<Node, String> {
@@ -135,17 +113,24 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<(
     thread.map_err(|error| format!("cannot start the thread {name}: {error}"))
 }
 
-/// Runs the tasks of `executor` until the bridge ends.
-fn run_until_end(executor: &LocalExecutor, shared: &Shared) {
+/// The tasks of a thread. Each yields after a message, and one that is woken does not poll the others.
+type Tasks = FuturesUnordered<Pin<Box<dyn Future<Output = ()>>>>;
+
+/// Runs `tasks` until the bridge ends.
+fn run_until_end(tasks: Tasks, shared: &Shared) {
     let (wake, woken) = async_channel::bounded::<()>(1);
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            while !shared.ends() {
+            // A task that panics closes the channel.
+            while !shared.ends() && !wake.is_closed() {
                 std::thread::sleep(POLL);
             }
             drop(wake);
         });
-        let _closed = future::block_on(executor.run(woken.recv()));
+        let ended = async move {
+            let _closed = woken.recv().await;
+        };
+        future::block_on(future::or(ended, tasks.collect()));
     });
 }
 
@@ -164,16 +149,16 @@ fn start_stop(node: &mut Node, shared: &Arc<Shared>, desk: &Arc<StopDesk>) -> Re
     }
     let (shared, desk) = (Arc::clone(shared), Arc::clone(desk));
     spawn("ros2-stop", move || {
-        let executor = LocalExecutor::new();
+        let tasks = Tasks::new();
         for topic in topics {
-            executor.spawn(stop_by_topic(topic, Arc::clone(&desk))).detach();
+            tasks.push(Box::pin(stop_by_topic(topic, Arc::clone(&desk))));
         }
         for server in servers {
             let desk = Arc::clone(&desk);
             let stop = async move { server.serve(|| service::stop(&desk, "the service /motord/stop")).await };
-            executor.spawn(stop).detach();
+            tasks.push(Box::pin(stop));
         }
-        run_until_end(&executor, &shared);
+        run_until_end(tasks, &shared);
     })
 }
 
@@ -198,55 +183,43 @@ fn start_receive(
 ) -> Result<JoinHandle<()>, String> {
     let mut groups = Vec::new();
     for (index, topic) in topics.iter().enumerate() {
-        let inbox = (Arc::clone(&shared.groups[index]), Arc::clone(shared), config.commands.clone());
-        let inbox = Inbox::new(inbox.0, inbox.1, inbox.2);
-        let commands = (inbox.subscribe(node, topic)?, inbox.subscribe(node, topic)?);
-        let arrays = (inbox.subscribe(node, topic)?, inbox.subscribe(node, topic)?);
-        let mut servers = Vec::new();
-        for (service, operation) in OPERATIONS {
-            for mapping in MAPPINGS {
-                let name =
-                    Name::new(&format!("/motord/{topic}"), service).map_err(|error| format!("{error:?}"))?;
-                servers.push((operation, TriggerServer::new(node, &name, mapping)?));
-            }
-        }
-        groups.push((index, inbox, commands, arrays, servers));
+        let inbox =
+            Inbox::new(Arc::clone(&shared.groups[index]), Arc::clone(shared), config.commands.clone());
+        let impedance = inbox.subscribe::<ImpedanceCommand>(node, topic)?;
+        let joints = inbox.subscribe::<JointState>(node, topic)?;
+        let positions = inbox.subscribe::<Float64MultiArray>(node, topic)?;
+        let trajectories = inbox.subscribe::<JointTrajectory>(node, topic)?;
+        let servers = operations(node, topic)?;
+        groups.push((index, inbox, (impedance, joints, positions, trajectories), servers));
     }
     let shared = Arc::clone(shared);
     spawn("ros2-receive", move || {
-        let executor = LocalExecutor::new();
-        for (index, inbox, commands, arrays, servers) in groups {
-            let inbox = std::rc::Rc::new(inbox);
-            let [first, second, third, fourth] = [(); 4].map(|()| std::rc::Rc::clone(&inbox));
-            executor
-                .spawn(async move { first.receive::<messages::ImpedanceCommand>(commands.0).await })
-                .detach();
-            executor.spawn(async move { second.receive::<messages::JointState>(commands.1).await }).detach();
-            executor
-                .spawn(async move { third.receive::<messages::Float64MultiArray>(arrays.0).await })
-                .detach();
-            executor
-                .spawn(async move { fourth.receive::<messages::JointTrajectory>(arrays.1).await })
-                .detach();
+        let tasks = Tasks::new();
+        for (index, inbox, (impedance, joints, positions, trajectories), servers) in groups {
+            let inbox = Rc::new(inbox);
+            tasks.push(Box::pin(Rc::clone(&inbox).receive(impedance)));
+            tasks.push(Box::pin(Rc::clone(&inbox).receive(joints)));
+            tasks.push(Box::pin(Rc::clone(&inbox).receive(positions)));
+            tasks.push(Box::pin(inbox.receive(trajectories)));
             for (operation, server) in servers {
                 let requests = requests.clone();
                 let serve =
                     async move { server.serve(|| service::request(&requests, index, operation)).await };
-                executor.spawn(serve).detach();
+                tasks.push(Box::pin(serve));
             }
         }
-        run_until_end(&executor, &shared);
+        run_until_end(tasks, &shared);
     })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn any_group_name_is_a_topic() {
-        let parts = ["legs", "left-arm", "a--b", "2nd", "ärm.1"].map(topic_part);
-        assert_eq!(parts, ["legs", "left_arm", "a_b", "_2nd", "_rm_1"]);
-        assert!(parts.iter().all(|part| Name::new(&format!("/motord/{part}"), "state").is_ok()));
+/// Creates the services of a group.
+fn operations(node: &mut Node, topic: &str) -> Result<Vec<(Operation, TriggerServer)>, String> {
+    let mut servers = Vec::new();
+    for (service, operation) in OPERATIONS {
+        let name = Name::new(&format!("/motord/{topic}"), service).map_err(|error| format!("{error:?}"))?;
+        for mapping in MAPPINGS {
+            servers.push((operation, TriggerServer::new(node, &name, mapping)?));
+        }
     }
+    Ok(servers)
 }

@@ -7,7 +7,7 @@ use crate::config::{DOMAIN_MAX, Range, Ros2};
 pub(crate) struct Network {
     pub(crate) domain: u16,
     pub(crate) range: Range,
-    /// What of ROS 2's variables the bridge does not do.
+    /// Variables of ROS 2 that the bridge does not honour.
     pub(crate) warnings: Vec<String>,
 }
 

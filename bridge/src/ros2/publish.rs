@@ -3,16 +3,16 @@
 use crate::config::Ros2;
 use crate::ros2::bounded::Bounded;
 use crate::ros2::diagnostics;
-use crate::ros2::messages::{
-    DiagnosticArray, GroupState, Header, Imu, JointState, Quaternion, Text, Time, Typed, Vector3,
-};
+use crate::ros2::messages::{DiagnosticArray, GroupState, Imu, JointState, Quaternion, Text, Typed, Vector3};
+use crate::ros2::names::topic_part;
+use crate::ros2::stamp::header;
 use crate::shared::{Report, Shared, Snapshot};
 use motord_client::{Joint, State};
 use ros2_client::dds::{Node, Publisher};
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::{Message, Name};
 use serde::Serialize;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// Longest wait for a state; diagnostics are published without one, too.
 const WAIT: Duration = Duration::from_millis(100);
@@ -96,7 +96,7 @@ impl States {
         let robot = &shared.robot;
         let imu_topic = |index: usize| match robot.imus.len() {
             1 => "/imu/data".to_owned(),
-            _ => format!("/imu/{}/data", super::topic_part(&robot.imus[index].name)),
+            _ => format!("/imu/{}/data", topic_part(&robot.imus[index].name)),
         };
         let imus = (0..robot.imus.len()).map(|index| publisher(node, &imu_topic(index), &qos));
         let imus = imus.collect::<Result<_, _>>()?;
@@ -182,18 +182,6 @@ fn description(node: &mut Node, ros2: &Ros2) -> Result<Option<Publisher<Text>>, 
     let publisher = publisher::<Text>(node, "/robot_description", &latched)?;
     publisher.publish(Text { data }).map_err(|error| format!("/robot_description: {error}"))?;
     Ok(Some(publisher))
-}
-
-/// Returns ns since 1970.
-pub(crate) fn wall_ns() -> u64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// Returns a header whose stamp is `age` ago.
-pub(crate) fn header(age: Duration, frame_id: &str) -> Header {
-    let age_ns = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
-    Header { stamp: Time::of_ns(wall_ns().saturating_sub(age_ns)), frame_id: frame_id.to_owned() }
 }
 
 /// The joints that have reported a position.
@@ -282,14 +270,5 @@ mod tests {
         assert!(!(0..100).any(|cycle| pace.is_due(cycle)));
         let ros2 = Ros2 { joint_states_hz: 0.0, imu_hz: 0.0, group_states_hz: 250.0, ..Ros2::default() };
         assert_eq!(cycles_between_states(&ros2, 1000.0), 4);
-    }
-
-    #[test]
-    fn stamp_is_that_of_the_state() {
-        let before = wall_ns();
-        let stamp = header(Duration::from_secs(5), "").stamp;
-        let after = wall_ns();
-        let stamp_ns = stamp.sec as u64 * 1_000_000_000 + u64::from(stamp.nanosec);
-        assert!((before..=after).contains(&(stamp_ns + 5_000_000_000)));
     }
 }

@@ -4,7 +4,7 @@
 //! (Cyclone) by a header in the payload. Both use the same topics, so a server for each mapping
 //! reads each request, and ignores those of the other mapping.
 
-use crate::motor::{Answer, Operation, Request};
+use crate::request::{Answer, Operation, Request};
 use crate::ros2::messages::TriggerResponse;
 use crate::stop::StopDesk;
 use ros2_client::dds::{Node, Server, ServiceMapping};

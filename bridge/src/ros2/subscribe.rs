@@ -1,13 +1,15 @@
 //! The commands: four forms, which become one [`Command`] by the rules.
 
 use crate::claim_gate::{Binding, Writer};
-use crate::command::{Command, Gains, Incoming, Rules, Setpoints, Stamped, Target, check};
+use crate::command::{Command, Target};
 use crate::config::Commands;
-use crate::group::GroupLink;
+use crate::link::GroupLink;
 use crate::rate_limit::RateLimit;
 use crate::refusal::Refusal;
 use crate::ros2::messages::{Float64MultiArray, ImpedanceCommand, JointState, JointTrajectory, Typed};
-use crate::ros2::publish::wall_ns;
+use crate::ros2::stamp::wall_ns;
+use crate::rules::{Gains, Rules, Stamped};
+use crate::setpoints::{Incoming, Setpoints, check};
 use crate::shared::Shared;
 use crate::trajectory::{IncomingPoint, IncomingTrajectory, Trajectory};
 use futures_lite::{StreamExt, pin};
@@ -16,6 +18,7 @@ use ros2_client::qos::{History, QosProfile};
 use ros2_client::{Message, MessageInfo, Name};
 use serde::de::DeserializeOwned;
 use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -25,7 +28,7 @@ pub(crate) trait Form: Typed + Message + DeserializeOwned + 'static {
     /// Last part of the topic.
     const TOPIC: &'static str;
 
-    /// Returns what the message makes the group do, by the rules.
+    /// Returns the motion that the message requests, by the rules.
     fn target(&self, sent_ns: Option<u64>, rules: &Rules, present: &[Option<f32>])
     -> Result<Target, Refusal>;
 }
@@ -140,7 +143,7 @@ impl Inbox {
     }
 
     /// Takes commands of one form. Yields after each.
-    pub(crate) async fn receive<F: Form>(&self, subscription: Subscription<F>) {
+    pub(crate) async fn receive<F: Form>(self: Rc<Self>, subscription: Subscription<F>) {
         let messages = subscription.async_stream();
         pin!(messages);
         while let Some(message) = messages.next().await {
