@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 /// Longest wait for a state; diagnostics are published without one, too.
 const WAIT: Duration = Duration::from_millis(100);
 
+/// Longest time between two diagnostics.
+const DIAGNOSTICS_PERIOD_MAX: Duration = Duration::from_secs(3600);
+
 /// Every `cycles`th cycle, on the grid of the daemon's cycles.
 #[derive(Debug, Clone, Copy)]
 struct Pace {
@@ -123,7 +126,8 @@ impl States {
         let (mut joints, mut imus) = (pace(self.ros2.joint_states_hz), pace(self.ros2.imu_hz));
         let mut groups = pace(self.ros2.group_states_hz);
         let diagnostics_hz = self.ros2.diagnostics_hz;
-        let period = (diagnostics_hz > 0.0).then(|| Duration::from_secs_f64(1.0 / diagnostics_hz));
+        let period = Duration::try_from_secs_f64(1.0 / diagnostics_hz).unwrap_or(Duration::MAX);
+        let period = (diagnostics_hz > 0.0).then(|| period.min(DIAGNOSTICS_PERIOD_MAX));
         let mut next = Instant::now();
         while !shared.ends() {
             let report = shared.report.wait(WAIT);
