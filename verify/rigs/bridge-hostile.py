@@ -1,7 +1,7 @@
-"""Damaged DDS packets for test-bridge-ros2: `bridge-hostile.py SEED COUNT`.
+"""Damaged DDS packets for test-bridge-ros2: `bridge-hostile.py SEED COUNT PORT...`.
 
-Records packets of DDS on the loopback for 3 s, and sends COUNT of them to the ports of the first participants of domain 0, each with
-some bytes changed and some cut off; and packets of random bytes.
+Records packets of DDS on the loopback for 3 s, and sends COUNT of them to these ports, each with some bytes changed and some cut off;
+and packets of random bytes.
 """
 
 import os
@@ -10,8 +10,6 @@ import socket
 import sys
 import time
 
-# Of RTPS: multicast and unicast, discovery and data, of the first four participants.
-PORTS = [7400, 7401, *range(7410, 7418)]
 ETH_P_ALL = 3
 
 
@@ -41,19 +39,20 @@ def damaged(packets):
 
 def main():
     random.seed(int(sys.argv[1]))
-    count = int(sys.argv[2])
+    count, ports = int(sys.argv[2]), [int(port) for port in sys.argv[3:]]
+    assert ports, "no ports"
     packets = record()
     assert len(packets) > 100, f"{len(packets)} packets of DDS"
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     for number in range(count):
         try:
-            sender.sendto(damaged(packets), ("127.0.0.1", random.choice(PORTS)))
+            sender.sendto(damaged(packets), ("127.0.0.1", random.choice(ports)))
         except OSError:
             # A port without a listener refuses.
             pass
         if number % 100 == 99:
             time.sleep(0.005)
-    print(f"{count} damaged packets, made of {len(packets)}")
+    print(f"{count} damaged packets, made of {len(packets)}, to {ports}")
 
 
 main()

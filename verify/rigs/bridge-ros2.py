@@ -5,6 +5,7 @@ graph             node, topics, types and services
 drive SECONDS     claims the group legs, enables it, and moves each joint; prints its tracking error
 forms             the same by each form of a command
 bad               bad commands of each kind, while the group holds its position
+settle            leaves the group at rest, without a cause or a claim
 signal PID NAME   sends the signal NAME to the process PID, and waits for the stop of the group
 stops COUNT       emergency stops by topic and service, their latencies, and a reset after each
 """
@@ -403,5 +404,5 @@ def main():
     os._exit(status)
 
 
-MODES = {"states": states, "graph": graph, "drive": drive, "forms": forms, "bad": bad, "signal": send_signal, "stops": stops}
+MODES = {"states": states, "graph": graph, "drive": drive, "forms": forms, "bad": bad, "settle": Peer.reset, "signal": send_signal, "stops": stops}
 main()
