@@ -58,7 +58,8 @@ pub(crate) struct Ros2 {
     pub(crate) domain_id: Option<u16>,
     /// `None`: `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, or localhost.
     pub(crate) discovery_range: Option<Range>,
-    /// Publish states reliably. Otherwise best effort, which reliable subscriptions do not match.
+    /// Publish states reliably. Otherwise best effort, which reliable subscriptions do not match. A
+    /// lost reliable state delays those after it.
     pub(crate) reliable_states: bool,
     /// Messages per second, 0 for none. At most one per cycle.
     pub(crate) joint_states_hz: f64,
@@ -80,7 +81,7 @@ impl Default for Ros2 {
             commands: false,
             domain_id: None,
             discovery_range: None,
-            reliable_states: true,
+            reliable_states: false,
             joint_states_hz: 100.0,
             imu_hz: 100.0,
             group_states_hz: 50.0,

@@ -56,6 +56,7 @@ class Response(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
 
 GUID = 0x1234_5678_9ABC_DEF0
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(100))
+NEWEST = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(100))
 participant = DomainParticipant(0)
 
 
@@ -82,7 +83,7 @@ class Client:
 
 
 def states(length):
-    reader = DataReader(participant, Topic(participant, "rt/joint_states", JointState, qos=RELIABLE), qos=RELIABLE)
+    reader = DataReader(participant, Topic(participant, "rt/joint_states", JointState, qos=NEWEST), qos=NEWEST)
     times, end = set(), None
     for sample in reader.take_iter(timeout=duration(seconds=5)):
         if not sample.sample_info.valid_data:

@@ -40,8 +40,9 @@ class Peer:
         self.node = rclpy.create_node(f"peer_{os.getpid()}")
         self.newest, self.times = {}, {}
         self.counts = {}
-        for type_, topic in [(JointState, "/joint_states"), (GroupState, f"{GROUP}/state"), (DiagnosticArray, "/diagnostics")]:
-            self.subscribe(type_, topic, 10)
+        self.subscribe(JointState, "/joint_states", qos_profile_sensor_data)
+        self.subscribe(GroupState, f"{GROUP}/state", qos_profile_sensor_data)
+        self.subscribe(DiagnosticArray, "/diagnostics", 10)
         threading.Thread(target=rclpy.spin, args=[self.node], daemon=True).start()
         self.wait(lambda: "/joint_states" in self.newest and f"{GROUP}/state" in self.newest, 20, "states")
 
@@ -172,11 +173,9 @@ class Driver:
 
 def states(peer):
     peer.subscribe(Imu, "/imu/data", qos_profile_sensor_data)
-    peer.subscribe(JointState, "/joint_states", qos_profile_sensor_data)
     time.sleep(0.5)
     peer.times.clear()
     time.sleep(10.2)
-    # Two subscriptions: each state arrives twice.
     times = sorted(set(peer.times["/joint_states"]))
     expected = round((times[-1] - times[0]) * 100) + 1
     print(f"/joint_states: {len(times)} of {expected} at 100 Hz; IMU {len(peer.times['/imu/data'])}")
@@ -189,7 +188,8 @@ def states(peer):
 
 
 def graph(peer):
-    assert ("motord_bridge", "/") in peer.node.get_node_names_and_namespaces()
+    peer.wait(lambda: ("motord_bridge", "/") in peer.node.get_node_names_and_namespaces(), 10, "node in the graph")
+    peer.wait(lambda: peer.node.count_publishers("/robot_description"), 10, "robot description in the graph")
     topics = dict(peer.node.get_topic_names_and_types())
     for topic, type_ in {
         "/joint_states": "sensor_msgs/msg/JointState",
