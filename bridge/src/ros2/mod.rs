@@ -53,6 +53,16 @@ const OPERATIONS: [(&str, Operation); 5] = [
 pub(crate) struct Ros2Node {
     _node: Node,
     threads: Vec<JoinHandle<()>>,
+    /// Threads of the DDS library when the node was created.
+    dds_threads: usize,
+}
+
+/// Returns the number of threads of the DDS library. They end when the process continues after
+/// SIGSTOP, and the library reports that to no caller.
+fn dds_threads() -> usize {
+    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0 };
+    let name = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("comm")).ok();
+    tasks.flatten().filter_map(name).filter(|name| name.starts_with("RustDDS")).count()
 }
 
 fn open(network: &Network) -> Result<Node, String> {
@@ -88,13 +98,14 @@ pub(crate) fn start(
     let states = States::new(&mut node, &config.ros2, shared, &topics)?;
     let publishing = Arc::clone(shared);
     threads.push(spawn("ros2-publish", move || states.run(&publishing))?);
-    Ok(Ros2Node { _node: node, threads })
+    Ok(Ros2Node { _node: node, threads, dds_threads: dds_threads() })
 }
 
 impl Ros2Node {
-    /// Returns `true` if a thread has ended: it panicked, or the bridge ends.
+    /// Returns `true` if a thread has ended, also one of the DDS library: it panicked, or the bridge
+    /// ends.
     pub(crate) fn has_ended(&self) -> bool {
-        self.threads.iter().any(JoinHandle::is_finished)
+        self.threads.iter().any(JoinHandle::is_finished) || dds_threads() < self.dds_threads
     }
 
     /// Waits for the threads, and leaves the graph.
