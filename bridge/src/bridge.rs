@@ -7,6 +7,7 @@ use crate::motor::Motor;
 use crate::ros2::{self, Network, NetworkError};
 use crate::shared::Shared;
 use crate::stop::{self, StopDesk};
+use crate::web::{self, Page};
 use motord_client::Client;
 use std::path::Path;
 use std::sync::Arc;
@@ -50,20 +51,22 @@ impl BridgeError {
     }
 }
 
-fn read(path: &Path) -> Result<(Config, Network), BridgeError> {
+fn read(path: &Path) -> Result<(Config, Network, Option<Page>), BridgeError> {
     let config = Config::read(path)?;
     let network = Network::of(&config.ros2, |name| std::env::var(name).ok())?;
-    Ok((config, network))
+    let page = web::prepare(&config.web).map_err(ConfigError::Web)?;
+    Ok((config, network, page))
 }
 
 /// Checks the configuration, and prints what `run` would use.
 pub(crate) fn check(path: &Path) -> Result<(), BridgeError> {
-    let (config, network) = read(path)?;
+    let (config, network, page) = read(path)?;
     for warning in &network.warnings {
         log::warn!("{warning}");
     }
     println!("{}: good", path.display());
     println!("{}", summary(&config, &network));
+    println!("page: {}", page.map_or_else(|| "off".to_owned(), |page| page.link()));
     Ok(())
 }
 
@@ -78,7 +81,7 @@ fn summary(config: &Config, network: &Network) -> String {
 
 /// Runs the bridge until a signal.
 pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
-    let (config, network) = read(path)?;
+    let (config, network, page) = read(path)?;
     for warning in &network.warnings {
         log::warn!("{warning}");
     }
@@ -92,6 +95,8 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     log::info!("{}", summary(&config, &network));
     let (sender, requests) = sync_channel(REQUESTS_MAX);
     let cycles = ros2::cycles_between_states(&config.ros2, shared.robot.rate_hz);
+    let of_page = page.as_ref().map_or(cycles, |_| web::cycles_between_states(shared.robot.rate_hz));
+    let cycles = cycles.min(of_page);
     let motor = Motor::new(client, Arc::clone(&shared), requests, config.commands.timeout(), cycles);
     let desk = Arc::new(StopDesk::default());
     let stop = {
@@ -99,11 +104,13 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
             (config.robot.instance.clone(), Arc::clone(&desk), Arc::clone(&shared.ends));
         spawn("stop", move || stop::run(&instance, &desk, &ends))?
     };
+    let page = page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?;
     let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
     let motor = spawn("motor", move || motor.run())?;
     while !shared.ends() {
         std::thread::sleep(RETRY);
-        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished();
+        let page_has_ended = page.as_ref().is_some_and(JoinHandle::is_finished);
+        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || page_has_ended;
         // After a signal the threads end by themselves.
         if has_ended && !shared.ends() {
             shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
@@ -112,6 +119,7 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     // The motor thread releases the groups first.
     let _panicked = motor.join();
     let _panicked = stop.join();
+    let _panicked = page.map(JoinHandle::join);
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
 }

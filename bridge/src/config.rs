@@ -1,5 +1,6 @@
 //! The configuration file: what the bridge publishes, and whether it accepts commands.
 
+use crate::web::settings::Web;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 use std::collections::BTreeMap;
@@ -20,6 +21,7 @@ pub(crate) struct Config {
     pub(crate) robot: Robot,
     pub(crate) ros2: Ros2,
     pub(crate) commands: Commands,
+    pub(crate) web: Web,
     /// By the name of the group.
     pub(crate) group: BTreeMap<String, Gains>,
 }
@@ -201,6 +203,9 @@ pub(crate) enum ConfigError {
     Syntax { path: PathBuf, error: toml::de::Error },
     #[error("{key} is {value}; it must be {allowed}")]
     Value { key: String, value: String, allowed: String },
+    /// The page cannot be served in this way.
+    #[error("{0}")]
+    Web(String),
 }
 
 impl Config {
@@ -226,6 +231,7 @@ impl Config {
         within("commands.max-ahead-ms", commands.max_ahead_ms, 0.0, 1000.0)?;
         within("commands.trajectory-step-rad", commands.trajectory_step_rad, 0.0, 1.0)?;
         within("commands.trajectory-max-s", commands.trajectory_max_s, 0.1, 60.0)?;
+        self.web.check().map_err(ConfigError::Web)?;
         for (name, gains) in &self.group {
             for (key, numbers) in [("kp", &gains.kp), ("kd", &gains.kd)] {
                 if !numbers.are_gains() {

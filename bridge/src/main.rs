@@ -4,6 +4,8 @@
 //!  motord ◀─ shared memory ─▶ motor ──newest state──▶ ros2-publish ─▶ DDS
 //!                             motor ◀─newest command─ ros2-receive ◀─ DDS
 //!  motord ◀── stop socket ──  stop  ◀───requests───── ros2-stop    ◀─ DDS
+//!                             motor ──newest state──▶ web          ─▶ HTTP
+//!                             stop  ◀───requests───── web          ◀─ HTTP
 //! ```
 //!
 //! The thread `motor` owns the client and the claims, and touches no network. A peer that floods,
@@ -30,6 +32,7 @@ mod shared;
 mod slot;
 mod stop;
 mod trajectory;
+mod web;
 
 use bridge::{check, run};
 use clap::{Parser, Subcommand};

@@ -77,7 +77,7 @@ impl Motor {
         }
         self.shared.latest.offer(state.clone());
         let robot = Arc::clone(&self.shared.robot);
-        self.shared.report.offer(Report::State(Snapshot { state, robot }));
+        self.report(Report::State(Snapshot { state, robot }));
     }
 
     fn restarted(&mut self) {
@@ -95,7 +95,12 @@ impl Motor {
         if let Some(_suppressed) = self.failures.permit(Instant::now()) {
             log::warn!("{error}");
         }
-        self.shared.report.offer(Report::Down(error.to_string()));
+        self.report(Report::Down(error.to_string()));
+    }
+
+    fn report(&self, report: Report) {
+        self.shared.page.offer(report.clone());
+        self.shared.report.offer(report);
     }
 
     /// Closes the gate before the claim is released: no command outlives it.

@@ -14,7 +14,7 @@ pub(crate) struct Snapshot {
 }
 
 /// A report of the motor thread.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum Report {
     State(Snapshot),
     /// No state arrives, for this reason.
@@ -30,6 +30,8 @@ pub(crate) struct Shared {
     pub(crate) groups: Vec<Arc<GroupLink>>,
     /// For the thread that publishes.
     pub(crate) report: Slot<Report>,
+    /// For the page.
+    pub(crate) page: Slot<Report>,
     /// For the rules of trajectories, which begin at the present positions.
     pub(crate) latest: Slot<State>,
     /// Set by a signal, too.
@@ -44,7 +46,7 @@ impl Shared {
         ends: Arc<AtomicBool>,
     ) -> Self {
         let (report, latest, failure) = (Slot::default(), Slot::default(), OnceLock::new());
-        Self { robot, groups, report, latest, ends, failure }
+        Self { robot, groups, report, page: Slot::default(), latest, ends, failure }
     }
 
     /// Returns `true` once the bridge has to end.

@@ -1,0 +1,147 @@
+//! The server on loopback, with raw requests.
+
+use super::*;
+use crate::stop::StopDesk;
+use crate::web::report::tests::shared;
+use crate::web::settings::Web;
+use crate::web::token::Tokens;
+use std::io::{Read, Write};
+use std::net::TcpStream as Peer;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+const SECRET: &str = "0123456789abcdef";
+
+/// A server, and a thread that answers stops.
+struct Running {
+    address: SocketAddr,
+    ends: [Arc<AtomicBool>; 2],
+    threads: Vec<std::thread::JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(needs_token: bool) -> Self {
+        let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
+        let stops = Arc::new(AtomicBool::new(false));
+        let ends = [Arc::clone(&shared.ends), Arc::clone(&stops)];
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+        let address = listener.local_addr().unwrap();
+        let web = Web { port: address.port(), ..Web::default() };
+        let tokens = needs_token.then(|| Tokens::parse(&format!("anna {SECRET}")).unwrap());
+        let stopping = Arc::clone(&desk);
+        let serve = move || {
+            let server = Rc::new(Server::new(Guard::new(&web, tokens), desk));
+            tokio::task::LocalSet::new().block_on(&runtime, run(&server, &listener, None, &shared));
+        };
+        let stop = move || {
+            // No motord runs this instance: each stop is unconfirmed.
+            crate::stop::run("no-such-robot", &stopping, &stops);
+        };
+        Self { address, ends, threads: vec![std::thread::spawn(serve), std::thread::spawn(stop)] }
+    }
+
+    fn open(&self) -> Peer {
+        let peer = Peer::connect(self.address).unwrap();
+        peer.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        peer
+    }
+
+    /// Sends `bytes`, and returns the answer.
+    fn send(&self, bytes: &[u8]) -> String {
+        let mut peer = self.open();
+        // The server may close before it has read everything.
+        let _closed = peer.write_all(bytes);
+        let mut answer = Vec::new();
+        let _reset = peer.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    fn request(&self, line: &str, fields: &str) -> String {
+        self.send(format!("{line} HTTP/1.1\r\nHost: {}\r\n{fields}\r\n", self.address).as_bytes())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.ends.iter().for_each(|ends| ends.store(true, Ordering::Relaxed));
+        for thread in self.threads.drain(..) {
+            assert!(thread.join().is_ok());
+        }
+    }
+}
+
+fn status(answer: &str) -> &str {
+    answer.get(9..12).unwrap_or("none")
+}
+
+#[test]
+fn page_and_state_are_served_with_protection() {
+    let server = Running::start(false);
+    let page = server.request("GET /", "");
+    assert!(page.starts_with("HTTP/1.1 200") && page.ends_with("</html>\n"));
+    assert!(page.contains("content-security-policy: default-src 'none'") && page.contains("nosniff"));
+    let state = server.request("GET /api/state", "");
+    assert!(state.starts_with("HTTP/1.1 200") && state.contains("x-frame-options: DENY"), "{state}");
+    assert!(!state.contains("access-control"), "{state}");
+}
+
+#[test]
+fn stop_answers_401_then_403_then_receipt() {
+    let server = Running::start(true);
+    assert_eq!(status(&server.request("POST /api/stop", "")), "401");
+    let bearer = format!("Authorization: Bearer {SECRET}\r\n");
+    let foreign = format!("{bearer}Origin: http://evil.example\r\n");
+    assert_eq!(status(&server.request("POST /api/stop", &foreign)), "403");
+    let host = format!("POST /api/stop HTTP/1.1\r\nHost: evil.example\r\n{bearer}\r\n");
+    assert_eq!(status(&server.send(host.as_bytes())), "403");
+    let answer = server.request("POST /api/stop", &bearer);
+    assert_eq!(status(&answer), "502", "{answer}");
+    assert!(answer.contains("\"confirmed\":false") && answer.contains("no-such-robot"), "{answer}");
+}
+
+#[test]
+fn damaged_requests_are_refused_within_bounds() {
+    let server = Running::start(false);
+    assert_eq!(status(&server.send(b"\x16\x03\x01\x02\x00\x01\r\n\r\n")), "400");
+    let long = [&b"GET /"[..], &[b'a'; 4 * HEAD_MAX]].concat();
+    assert!(["414", "431", "none"].contains(&status(&server.send(&long))));
+    let fields = "A: b\r\n".repeat(FIELDS_MAX + 1);
+    assert_eq!(status(&server.request("GET /", &fields)), "431");
+    assert_eq!(status(&server.request("POST /api/stop", "Content-Length: 5000\r\n")), "413");
+    assert_eq!(status(&server.request("GET /", "")), "200");
+}
+
+#[test]
+fn silent_connections_keep_nobody_out() {
+    let server = Running::start(false);
+    let silent: Vec<_> = (0..3 * CONNECTIONS_MAX).map(|_| server.open()).collect();
+    assert_eq!(status(&server.request("GET /api/state", "")), "200");
+    drop(silent);
+}
+
+#[test]
+fn slow_head_is_ended() {
+    let server = Running::start(false);
+    let mut slow = server.open();
+    slow.write_all(b"GET / HTTP/1.1\r\nHo").unwrap();
+    let mut rest = Vec::new();
+    // Ends by the server, long before the timeout of this reader.
+    slow.read_to_end(&mut rest).unwrap();
+    assert!(status(&String::from_utf8_lossy(&rest)) != "200");
+}
+
+#[test]
+fn number_of_streams_is_bounded() {
+    let server = Running::start(false);
+    let open = || {
+        let mut peer = server.open();
+        write!(peer, "GET /api/events HTTP/1.1\r\nHost: {}\r\n\r\n", server.address).unwrap();
+        let mut begin = [0; 12];
+        peer.read_exact(&mut begin).unwrap();
+        (peer, String::from_utf8_lossy(&begin).into_owned())
+    };
+    let streams: Vec<_> = (0..STREAMS_MAX).map(|_| open()).collect();
+    assert!(streams.iter().all(|(_, begin)| begin == "HTTP/1.1 200"));
+    assert_eq!(open().1, "HTTP/1.1 503");
+    assert_eq!(status(&server.request("POST /api/stop", "")), "502", "the stop still works");
+}
