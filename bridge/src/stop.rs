@@ -158,12 +158,8 @@ impl StopDesk {
                 false => log::error!("emergency stop by {source}: {} ({after:.1} ms)", receipt.message),
             }
             if index == 0 {
-                let last = LastStop {
-                    source: source.clone(),
-                    others,
-                    receipt: receipt.clone(),
-                    at: Instant::now(),
-                };
+                let last =
+                    LastStop { source: source.clone(), others, receipt: receipt.clone(), at: Instant::now() };
                 *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(last);
             }
             // A source that has gone needs no receipt.

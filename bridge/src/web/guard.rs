@@ -5,7 +5,9 @@
 
 use crate::web::settings::Web;
 use crate::web::token::Tokens;
-use hyper::header::{AUTHORIZATION, CONTENT_LENGTH, HOST, HeaderName, HeaderValue, ORIGIN, TRANSFER_ENCODING};
+use hyper::header::{
+    AUTHORIZATION, CONTENT_LENGTH, HOST, HeaderName, HeaderValue, ORIGIN, TRANSFER_ENCODING,
+};
 use hyper::http::request::Parts;
 use hyper::http::uri::Authority;
 use hyper::{HeaderMap, Method, StatusCode};
@@ -223,7 +225,8 @@ fn route(head: &Parts) -> Result<Route, Denial> {
 }
 
 fn check_body(headers: &HeaderMap) -> Result<(), Denial> {
-    let length = headers.get(CONTENT_LENGTH).map(|length| length.to_str().ok().and_then(|text| text.parse().ok()));
+    let length =
+        headers.get(CONTENT_LENGTH).map(|length| length.to_str().ok().and_then(|text| text.parse().ok()));
     match length {
         _ if headers.contains_key(TRANSFER_ENCODING) => Err(Denial::BodyTooLarge),
         Some(length) if length.is_none_or(|length: u64| length > BODY_MAX) => Err(Denial::BodyTooLarge),
@@ -271,9 +274,15 @@ mod tests {
         for host in ["localhost:8642", "127.0.0.1:8642", "[::1]:8642", "LOCALHOST:8642"] {
             assert!(of_host(&local, host).is_ok(), "{host}");
         }
-        for host in
-            ["localhost", "localhost:80", "127.0.0.1:8643", "evil.example:8642", "", "a@localhost:8642", "::1"]
-        {
+        for host in [
+            "localhost",
+            "localhost:80",
+            "127.0.0.1:8643",
+            "evil.example:8642",
+            "",
+            "a@localhost:8642",
+            "::1",
+        ] {
             assert_eq!(of_host(&local, host), Err(Denial::Host), "{host}");
         }
     }
@@ -327,7 +336,8 @@ mod tests {
     #[test]
     fn cross_site_request_without_origin_is_refused() {
         let local = guard("");
-        let with = |line, site| outcome(&local, line, &[("host", "localhost:8642"), ("sec-fetch-site", site)]);
+        let with =
+            |line, site| outcome(&local, line, &[("host", "localhost:8642"), ("sec-fetch-site", site)]);
         assert_eq!(with("GET /api/state", "cross-site"), Err(Denial::Origin));
         assert_eq!(with("GET /api/events", "same-site"), Err(Denial::Origin));
         assert!(with("GET /api/state", "same-origin").is_ok());

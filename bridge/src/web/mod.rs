@@ -67,7 +67,11 @@ impl Page {
 }
 
 /// Listens, and starts the thread.
-pub(crate) fn start(page: Page, shared: &Arc<Shared>, desk: &Arc<StopDesk>) -> Result<JoinHandle<()>, String> {
+pub(crate) fn start(
+    page: Page,
+    shared: &Arc<Shared>,
+    desk: &Arc<StopDesk>,
+) -> Result<JoinHandle<()>, String> {
     let runtime = Builder::new_current_thread().enable_io().enable_time().build();
     let runtime = runtime.map_err(|error| format!("cannot start the page: {error}"))?;
     let listener = {

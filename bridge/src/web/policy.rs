@@ -22,7 +22,8 @@ pub(crate) fn content_security_policy() -> String {
 
 /// Returns the source expression of the element `tag`.
 fn source(page: &str, tag: &str) -> String {
-    let text = page.split_once(&format!("<{tag}>")).and_then(|(_, rest)| rest.split_once(&format!("</{tag}>")));
+    let text =
+        page.split_once(&format!("<{tag}>")).and_then(|(_, rest)| rest.split_once(&format!("</{tag}>")));
     let text = text.map_or("", |(text, _)| text);
     format!("'sha256-{}'", base64(digest(&SHA256, text.as_bytes()).as_ref()))
 }

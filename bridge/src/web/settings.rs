@@ -90,7 +90,8 @@ impl Web {
         if self.names.len() > NAMES_MAX {
             return Err(format!("web.names has {} names; at most {NAMES_MAX} are allowed", self.names.len()));
         }
-        let is_name = |name: &&String| !name.contains('@') && name.parse::<hyper::http::uri::Authority>().is_ok();
+        let is_name =
+            |name: &&String| !name.contains('@') && name.parse::<hyper::http::uri::Authority>().is_ok();
         match self.names.iter().find(|name| !is_name(name)) {
             Some(name) => Err(format!(
                 "web.names: {name:?} is no host; write \"robot.local\", \"192.168.1.5\" or \"robot.local:8443\""

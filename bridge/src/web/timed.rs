@@ -63,21 +63,40 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Timed<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+    use std::future::poll_fn;
+
+    /// A peer that takes bytes only while it is willing.
+    struct Peer {
+        is_willing: bool,
+    }
+
+    impl AsyncWrite for Peer {
+        fn poll_write(self: Pin<&mut Self>, _: &mut Context, bytes: &[u8]) -> Poll<io::Result<usize>> {
+            if self.is_willing { Poll::Ready(Ok(bytes.len())) } else { Poll::Pending }
+        }
+
+        fn poll_flush(self: Pin<&mut Self>, _: &mut Context) -> Poll<io::Result<()>> {
+            Poll::Pending
+        }
+
+        fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context) -> Poll<io::Result<()>> {
+            Poll::Pending
+        }
+    }
 
     #[test]
     fn peer_that_takes_nothing_ends_the_write() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         runtime.block_on(async {
-            let (server, mut peer) = duplex(4);
-            let mut server = Timed::new(server, Duration::from_millis(10));
-            server.write_all(b"four").await.unwrap();
-            let late = server.write_all(b"more").await.unwrap_err();
-            assert_eq!(late.kind(), io::ErrorKind::TimedOut);
-            let mut taken = [0; 4];
-            peer.read_exact(&mut taken).await.unwrap();
-            server.deadline = None;
-            server.write_all(b"last").await.unwrap();
+            let mut stream = Timed::new(Peer { is_willing: true }, Duration::from_millis(10));
+            let written = poll_fn(|context| Pin::new(&mut stream).poll_write(context, b"four")).await;
+            assert_eq!((written.unwrap(), stream.deadline.is_some()), (4, false));
+            stream.stream.is_willing = false;
+            let late = poll_fn(|context| Pin::new(&mut stream).poll_write(context, b"four")).await;
+            assert_eq!(late.unwrap_err().kind(), io::ErrorKind::TimedOut);
+            stream.deadline = None;
+            let late = poll_fn(|context| Pin::new(&mut stream).poll_flush(context)).await;
+            assert_eq!(late.unwrap_err().kind(), io::ErrorKind::TimedOut);
         });
     }
 }

@@ -25,9 +25,7 @@ pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, St
     }
     let secret = PrivateKeyDer::from_pem_slice(&read_secret(key, FILE_MAX)?)
         .map_err(|error| format!("{}: no private key in PEM: {error}", key.display()))?;
-    let unfit = |error: Error| {
-        format!("{} does not fit {}: {error}", key.display(), certificate.display())
-    };
+    let unfit = |error: Error| format!("{} does not fit {}: {error}", key.display(), certificate.display());
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .map_err(unfit)?

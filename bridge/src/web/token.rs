@@ -51,7 +51,9 @@ impl Tokens {
                     "line {number}: a name has at most {NAME_MAX} letters, digits, dots, dashes and underscores"
                 ));
             }
-            if !(TOKEN_MIN..=TOKEN_MAX).contains(&secret.len()) || !secret.bytes().all(|byte| byte.is_ascii_graphic()) {
+            if !(TOKEN_MIN..=TOKEN_MAX).contains(&secret.len())
+                || !secret.bytes().all(|byte| byte.is_ascii_graphic())
+            {
                 return Err(format!(
                     "line {number}: a token has {TOKEN_MIN} to {TOKEN_MAX} ASCII characters; \
                      `openssl rand -hex 16` prints one"

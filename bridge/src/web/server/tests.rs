@@ -23,7 +23,8 @@ impl Running {
         let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
         let stops = Arc::new(AtomicBool::new(false));
         let ends = [Arc::clone(&shared.ends), Arc::clone(&stops)];
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap();
         let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
         let address = listener.local_addr().unwrap();
         let web = Web { port: address.port(), ..Web::default() };
