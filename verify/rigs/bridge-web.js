@@ -7,6 +7,9 @@
 const assert = require("node:assert");
 const { chromium } = require("playwright-core");
 
+// Longest wait for the browser on a busy machine, ms.
+const WAIT = 180000;
+
 // Returns texts whose contrast with their background is below 4.5, and buttons below 44 px.
 function findFaults() {
   const numbers = (color) => (color.match(/[\d.]+/g) || []).map(Number);
@@ -50,11 +53,12 @@ const isLive = () => !document.body.classList.contains("dead") && document.getEl
 async function open(browser, url, options) {
   const context = await browser.newContext(options);
   const page = await context.newPage();
+  page.setDefaultTimeout(WAIT);
   const errors = [];
   page.on("pageerror", (error) => errors.push(String(error)));
   page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
   await page.goto(url);
-  await page.waitForFunction(isLive, null, { timeout: 60000 });
+  await page.waitForFunction(isLive);
   return { context, page, errors };
 }
 
@@ -93,8 +97,8 @@ async function stop(browser, url, way) {
     await page.keyboard.press("Enter");
   }
   const receipt = page.getByRole("alert");
-  await page.waitForFunction(() => /Stopped\. 12 of 12/.test(document.getElementById("receipt").textContent), null, { timeout: 20000 });
-  await page.waitForFunction(() => /emergency stop.*By the page/i.test(document.getElementById("groups").textContent), null, { timeout: 20000 });
+  await page.waitForFunction(() => /Stopped\. 12 of 12/.test(document.getElementById("receipt").textContent));
+  await page.waitForFunction(() => /emergency stop.*By the page/i.test(document.getElementById("groups").textContent));
   assert.doesNotMatch(await phase(), /^active/);
   console.log(`  ${way}: ${await receipt.textContent()} ${await page.locator("#groups .bad").first().textContent()}`);
   assert.deepStrictEqual(errors, []);
