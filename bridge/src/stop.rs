@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn gone_callers_leave_room_for_living_ones() {
+    fn gone_callers_keep_no_living_one_out() {
         let desk = StopDesk::default();
         for number in 0..10 * RECEIPTS_MAX {
             drop(desk.request(number.to_string()));

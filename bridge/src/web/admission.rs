@@ -50,7 +50,7 @@ impl<E> Connections<E> {
 
     /// Makes room for a connection, with `end` for the oldest one without a request. Returns
     /// `false` if there is none.
-    pub(crate) fn make_room(&mut self, end: impl FnOnce(E)) -> bool {
+    pub(crate) fn make_space(&mut self, end: impl FnOnce(E)) -> bool {
         self.open.retain(|(stage, _)| stage.get() != Stage::Ended);
         if self.open.len() < self.most {
             return true;
@@ -73,11 +73,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn silent_connection_makes_room_and_busy_one_stays() {
+    fn silent_connection_is_replaced_and_busy_one_stays() {
         let mut connections = Connections::new(3);
         let mut all = Vec::new();
         for number in 0..3 {
-            assert!(connections.make_room(|_| unreachable!()));
+            assert!(connections.make_space(|_| unreachable!()));
             connections.add(|progress| {
                 all.push(progress);
                 number
@@ -85,7 +85,7 @@ mod tests {
         }
         all[0].set(Stage::Streaming);
         let mut ended = None;
-        assert!(connections.make_room(|number| ended = Some(number)));
+        assert!(connections.make_space(|number| ended = Some(number)));
         assert_eq!(ended, Some(1), "the oldest that is silent");
         connections.add(|progress| {
             all.push(progress);
@@ -93,9 +93,9 @@ mod tests {
         });
         all[2].set(Stage::Answering);
         all[3].set(Stage::Answering);
-        assert!(!connections.make_room(|_| unreachable!()));
+        assert!(!connections.make_space(|_| unreachable!()));
         assert_eq!(all[2].stage(), Stage::Answering);
         drop(all.pop());
-        assert!(connections.make_room(|_| unreachable!()), "an ended one leaves its room");
+        assert!(connections.make_space(|_| unreachable!()), "an ended one leaves its room");
     }
 }

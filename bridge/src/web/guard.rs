@@ -15,12 +15,12 @@ use std::net::IpAddr;
 
 /// Limit on a request's body, which is not read.
 const BODY_MAX: u64 = 1024;
-/// What a browser says of the page that sends a request.
+/// The relation of the page that sends a request to this site, by the browser.
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 /// The address that a reverse proxy names.
 const FORWARDED_FOR: HeaderName = HeaderName::from_static("x-forwarded-for");
 
-/// What a request asks for.
+/// The target of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Route {
     Page,

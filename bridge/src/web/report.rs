@@ -232,7 +232,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn reason_without_states_is_told() {
+    fn reason_without_states_is_reported() {
         let mut newest = Newest::default();
         newest.update(Report::Down("motord is \"gone\"".to_owned()));
         assert_eq!(parsed(&newest, None)["down"], "motord is \"gone\"");

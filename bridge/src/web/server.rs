@@ -48,7 +48,7 @@ const PERIOD: Duration = Duration::from_millis(100);
 /// Pause after a connection that could not be accepted.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// What all connections share.
+/// The values that all connections share.
 pub(crate) struct Server {
     guard: Guard,
     desk: Arc<StopDesk>,
@@ -76,7 +76,7 @@ async fn accept(server: &Rc<Server>, listener: &TcpListener, tls: Option<&TlsAcc
     let mut connections = Connections::new(CONNECTIONS_MAX);
     loop {
         match listener.accept().await {
-            Ok((stream, peer)) if connections.make_room(|task: AbortHandle| task.abort()) => {
+            Ok((stream, peer)) if connections.make_space(|task: AbortHandle| task.abort()) => {
                 let (server, tls) = (Rc::clone(server), tls.cloned());
                 let serve = |progress| {
                     spawn_local(async move { server.serve(stream, peer, tls, progress).await }).abort_handle()
