@@ -117,7 +117,7 @@ async function dies(browser, url, signal, pid) {
     }, 50);
     window.told = new Promise((resolve) => {
       const body = document.body;
-      new MutationObserver(() => body.classList.contains("dead") && resolve(performance.now() - arrived + (state.age_ms > 700 ? state.age_ms : 0)))
+      new MutationObserver(() => body.classList.contains("dead") && resolve(performance.now() - arrived + state.age_ms))
         .observe(body, { attributes: true });
     });
   });
