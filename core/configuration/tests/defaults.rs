@@ -47,7 +47,7 @@ fn defaults(protocol: MotorProtocol, model: &str) -> Settings {
 }
 
 fn has_defaults(protocol: MotorProtocol, profile: &Profile) -> bool {
-    (protocol.family().is_spoken_by)(profile) && !protocol.family().needs_torque_end
+    protocol.family().is_spoken_by(profile) && !protocol.family().needs_torque_end
 }
 
 #[test]

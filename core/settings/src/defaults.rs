@@ -153,7 +153,7 @@ impl MotorSettings {
         let (profile, model) = Profile::of_model(model)?;
         let family = protocol.family();
         let [least, largest] = (family.ids)(profile);
-        let is_spoken = (family.is_spoken_by)(profile) && !family.needs_torque_end;
+        let is_spoken = family.is_spoken_by(profile) && !family.needs_torque_end;
         let may_be = (least..=largest).contains(&id) && is_spoken;
         let of_protocol = family.ends.map(|ends| Scales::of(&ends));
         let scales = of_protocol.or_else(|| model.scales().ok()).filter(|_| may_be)?;

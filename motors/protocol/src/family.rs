@@ -22,8 +22,6 @@ pub struct Family {
     pub has_durations: bool,
     /// Its motors report configuration items, and a request for one is harmless to them.
     pub has_items: bool,
-    /// Returns whether the motors of a vendor speak it.
-    pub is_spoken_by: fn(&Profile) -> bool,
     /// The values of the largest codes, where they are the same for every model. `None`: a model has
     /// its own.
     pub ends: Option<Ends>,
@@ -63,6 +61,41 @@ pub struct Family {
 }
 
 impl Family {
+    /// The facts that most families share: motors on CAN, with codes, which only answer. A family states
+    /// its name, its abilities, how it is found, and each fact that differs.
+    pub(crate) const COMMON: Self = Self {
+        name: "",
+        answers_on_line: None,
+        has_codes: true,
+        has_durations: false,
+        has_items: false,
+        ends: None,
+        needs_torque_end: false,
+        reports_rotor: false,
+        ids: |profile| [1, profile.ids.largest],
+        factory_bitrate: None,
+        capabilities: |_, scales| Capabilities::of_impedances(scales),
+        default_host_id: |profile, id| profile.ids.reply_id(id),
+        #[cfg(feature = "commissioning")]
+        reported: |_| crate::reported::ReportedProtocol::OtherMit,
+        #[cfg(feature = "commissioning")]
+        question: crate::reported::Question::Both,
+        #[cfg(feature = "drive")]
+        frame_lengths: |_| [motord_bus::arithmetic::FrameLength::classic(8); 2],
+        #[cfg(feature = "drive")]
+        addresses: crate::drive::Addresses::by_id,
+        #[cfg(feature = "drive")]
+        confirms_stop: None,
+        #[cfg(feature = "drive")]
+        reports: &[],
+    };
+
+    /// Returns whether the motors of a vendor speak it.
+    #[must_use]
+    pub fn is_spoken_by(&self, profile: &Profile) -> bool {
+        profile.speaks(self.name)
+    }
+
     /// Returns the values of the largest codes of a motor of this model. `None` where the torque code is
     /// SteadyWin's current.
     #[must_use]

@@ -6,7 +6,9 @@ mod nodes;
 
 #[cfg(feature = "drive")]
 use motord_bus::{Frame, FrameId};
-use motord_protocol::cansimple::{AxisState, Command, ENDS, Errors, Heartbeat, Id, NODE_MAX, Reply};
+use motord_protocol::cansimple::{
+    AxisState, Command, ENDS, Errors, Heartbeat, Id, NODE_MAX, Reply, ReportedState,
+};
 use motord_protocol::mit::{ControlCodes, Impedance};
 use motord_protocol::{Faults, Scales};
 use nodes::{Row, faults};
@@ -55,7 +57,12 @@ fn commands_are_those_of_the_sources() {
 
 fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
     let is_running = row.kind[1] == "running";
-    assert_eq!((heartbeat.is_running(), heartbeat.is_idle()), (is_running, !is_running), "{}", row.line);
+    assert_eq!(
+        (heartbeat.state.is_running(), heartbeat.state.is_idle()),
+        (is_running, !is_running),
+        "{}",
+        row.line
+    );
     let flag = row.kind.get(2).map_or("-", String::as_str);
     let flags = (heartbeat.motor_failed, heartbeat.encoder_failed);
     assert_eq!(flags, (flag == "motor", flag == "encoder"), "{}", row.line);
@@ -140,7 +147,7 @@ fn value_that_is_not_finite_has_no_frame() {
 fn motor_errors_name_the_failure_of_the_axis() {
     let heartbeat = |axis_errors| Heartbeat {
         axis_errors,
-        state: 1,
+        state: ReportedState(1),
         motor_failed: axis_errors != 0,
         encoder_failed: false,
     };

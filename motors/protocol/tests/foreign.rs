@@ -240,7 +240,7 @@ fn read_gim(row: &Row) -> Vec<f32> {
 fn read_odrive(row: &Row) -> Vec<f32> {
     use odrive::Reply;
     match Reply::decode(cansimple::Id::of(row.id), &row.payload) {
-        Some(Reply::Heartbeat(heartbeat)) => vec![heartbeat.errors as f32, heartbeat.state.into()],
+        Some(Reply::Heartbeat(heartbeat)) => vec![heartbeat.errors as f32, heartbeat.state.0.into()],
         Some(Reply::Estimates(estimates)) => vec![estimates.position, estimates.velocity],
         Some(Reply::Torque(torque)) => vec![torque],
         Some(Reply::Temperature(celsius)) => vec![celsius],

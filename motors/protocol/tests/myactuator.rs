@@ -103,19 +103,19 @@ fn answers_are_read_as_in_the_sources() {
 /// V4.2, status 1. Bit 8, too much speed, has no name.
 #[test]
 fn errors_of_status_are_faults() {
-    for (errors, faults) in [
-        (0x0000, Faults::NONE),
-        (0x0002, Faults::OVERLOAD),
-        (0x0004, Faults::UNDER_VOLTAGE),
-        (0x0008, Faults::OVER_VOLTAGE),
-        (0x0010, Faults::OVER_CURRENT),
-        (0x0040, Faults::OVERLOAD),
-        (0x0080, Faults::ENCODER),
-        (0x0100, Faults::of_unknown_code(8)),
-        (0x1000, Faults::MOTOR_OVER_TEMPERATURE),
-        (0x2000, Faults::ENCODER),
-        (0x1004, Faults::MOTOR_OVER_TEMPERATURE.and(Faults::UNDER_VOLTAGE)),
-        (0x8000, Faults::of_unknown_code(15)),
+    for (faults, errors) in [
+        (Faults::NONE, 0x0000),
+        (Faults::OVERLOAD, 0x0002),
+        (Faults::UNDER_VOLTAGE, 0x0004),
+        (Faults::OVER_VOLTAGE, 0x0008),
+        (Faults::OVER_CURRENT, 0x0010),
+        (Faults::OVERLOAD, 0x0040),
+        (Faults::ENCODER, 0x0080),
+        (Faults::of_unknown_code(8), 0x0100),
+        (Faults::MOTOR_OVER_TEMPERATURE, 0x1000),
+        (Faults::ENCODER, 0x2000),
+        (Faults::MOTOR_OVER_TEMPERATURE.and(Faults::UNDER_VOLTAGE), 0x1004),
+        (Faults::of_unknown_code(15), 0x8000),
     ] {
         let [low, high] = u16::to_le_bytes(errors);
         let payload = [0x9A, 25, 0, 1, 0xE0, 1, low, high];

@@ -53,7 +53,7 @@ fn named(row: &Row) -> Faults {
 
 fn check_heartbeat(row: &Row, heartbeat: Heartbeat) {
     let state = row.kind[1].as_str();
-    let is = (heartbeat.is_running(), heartbeat.is_idle());
+    let is = (heartbeat.state.is_running(), heartbeat.state.is_idle());
     assert_eq!(is, (state == "running", state == "idle"), "{}", row.line);
     assert_eq!(faults(heartbeat.errors), named(row), "{}", row.line);
 }

@@ -166,7 +166,7 @@ fn address(
                 Wrong::OnlyOverCan { bus: settings.name.clone(), protocol: protocol.name() },
             );
         }
-        if !(protocol.family().is_spoken_by)(profile) {
+        if !protocol.family().is_spoken_by(profile) {
             let (motors, protocol) = (profile.motors, protocol.name());
             let spoken = profile.protocols.first().unwrap_or(&"mit");
             findings.error(keys.protocol.at, Wrong::NotSpoken { motors, protocol, spoken });

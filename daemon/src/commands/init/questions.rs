@@ -64,7 +64,7 @@ fn ask_model(default: String) -> Result<String, InitError> {
 fn ask_protocol(default: MotorProtocol, model: &str) -> Result<MotorProtocol, InitError> {
     let profile = Profile::of_model(model).map(|(profile, _)| profile);
     let is_spoken =
-        |protocol: &MotorProtocol| profile.is_some_and(|profile| (protocol.family().is_spoken_by)(profile));
+        |protocol: &MotorProtocol| profile.is_some_and(|profile| protocol.family().is_spoken_by(profile));
     let spoken = FAMILIES.iter().filter(|(_, protocol)| is_spoken(protocol));
     let names = &spoken.map(|(name, _)| *name).collect::<Vec<_>>()[..];
     let [_, _, ..] = names else { return Ok(Default::default()) };

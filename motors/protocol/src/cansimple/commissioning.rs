@@ -1,8 +1,8 @@
 //! Transactions with a driver in the CANSimple dialect.
 
 use super::Errors;
-use super::frame::{AxisState, Command, Estimates, Heartbeat, Id, Reply};
-use crate::link::{ATTEMPTS, Error, Link, LinkEvent, repeat};
+use super::frame::{AxisState, Command, Estimates, Heartbeat, Id, Reply, ReportedState};
+use crate::link::{ATTEMPTS, Asked, Error, Link, LinkEvent, repeat};
 use crate::mit::{ControlCodes, Impedance};
 use crate::{Faults, Scales, StateCodes};
 use motord_bus::{Duration, Frame, FrameId};
@@ -147,7 +147,7 @@ impl<'l> Axis<'l> {
     ///
     /// [`Error::Silent`] when no heartbeat reports that the axis is idle.
     pub fn stop(&mut self) -> Result<(), Error> {
-        self.enter(AxisState::Idle, Heartbeat::is_idle, "axis state idle")
+        self.enter(AxisState::Idle, ReportedState::is_idle, "axis state idle")
     }
 
     /// Enables the axis with a neutral impedance, and confirms it by a heartbeat.
@@ -159,17 +159,17 @@ impl<'l> Axis<'l> {
         self.send(Command::SetMode)?;
         let neutral = self.codes(&Impedance::default(), scales)?;
         self.send(Command::Control(neutral))?;
-        self.enter(AxisState::ClosedLoop, Heartbeat::is_running, "axis state closed loop")
+        self.enter(AxisState::ClosedLoop, ReportedState::is_running, "axis state closed loop")
     }
 
     fn enter(
         &mut self,
         state: AxisState,
-        is_entered: impl Fn(&Heartbeat) -> bool,
+        is_entered: impl Fn(ReportedState) -> bool,
         request: &'static str,
     ) -> Result<(), Error> {
         let send = |axis: &mut Self| axis.send(Command::SetState(state));
-        let has_entered = |axis: &mut Self| Ok(axis.heartbeat()?.is_some_and(|beat| is_entered(&beat)));
+        let has_entered = |axis: &mut Self| Ok(axis.heartbeat()?.is_some_and(|beat| is_entered(beat.state)));
         if confirm(self, send, has_entered)? { Ok(()) } else { Err(self.silent(request)) }
     }
 
@@ -244,23 +244,14 @@ impl<'l> Axis<'l> {
     }
 
     /// Sends a command that may be repeated, until `read` returns a value.
-    fn repeat<T>(
-        &mut self,
-        command: Command,
-        mut read: impl FnMut(Reply) -> Option<T>,
-    ) -> Result<Option<T>, Error> {
-        repeat(|| self.ask(command, self.link.timeout(), &mut read))
+    fn repeat<T>(&mut self, command: Command, read: impl Fn(Reply) -> Option<T>) -> Asked<T> {
+        repeat(|| self.ask(command, self.link.timeout(), &read))
     }
 
     /// Sends `command`, and passes the frames of the driver to `read` until it returns a value.
-    fn ask<T>(
-        &mut self,
-        command: Command,
-        timeout: Duration,
-        mut read: impl FnMut(Reply) -> Option<T>,
-    ) -> Result<Option<T>, Error> {
+    fn ask<T>(&mut self, command: Command, time: Duration, read: impl Fn(Reply) -> Option<T>) -> Asked<T> {
         let (node, frame) = (self.node, frame(command.encode(self.node)));
-        self.link.ask_node(&frame, timeout, |event| reply(&event, node).and_then(&mut read))
+        self.link.ask_node(&frame, time, |event| reply(&event, node).and_then(&read))
     }
 }
 

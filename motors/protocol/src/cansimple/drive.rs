@@ -135,7 +135,7 @@ impl CanSimpleDialect {
 
     /// Returns the next command to a motor that is to stop.
     fn stopping(&mut self) -> frame::Command {
-        let is_idle = self.heartbeat.is_some_and(|beat| beat.is_idle());
+        let is_idle = self.heartbeat.is_some_and(|beat| beat.state.is_idle());
         match self.next_step() {
             step if step == 0 || !is_idle && step % 2 == 0 => frame::Command::SetState(AxisState::Idle),
             // The count would stay odd.
@@ -160,7 +160,7 @@ impl CanSimpleDialect {
     }
 
     fn is_running(&self) -> bool {
-        self.heartbeat.is_some_and(|beat| beat.is_running())
+        self.heartbeat.is_some_and(|beat| beat.state.is_running())
     }
 
     /// Returns the command for an impedance. `None` where a value is not finite.
@@ -283,7 +283,7 @@ impl CanSimpleDialect {
     /// heartbeat after the start.
     #[inline]
     fn runs(&self) -> Option<bool> {
-        let may_run = || self.heartbeat.is_none_or(|beat| !beat.is_idle());
+        let may_run = || self.heartbeat.is_none_or(|beat| !beat.state.is_idle());
         Some(if self.is_started { self.is_running() } else { may_run() })
     }
 
@@ -331,19 +331,14 @@ impl Dialect for CanSimpleDialect {
     #[inline]
     fn encode(&mut self, command: &Command, frame: &mut Frame) -> Option<Question> {
         // Nearly all commands are setpoints.
-        match command {
-            Command::Control(setpoint) => {
-                self.is_started = true;
-                self.write_control(&self.transmission.to_motor(&setpoint.values), frame)
-            }
-            _ => {
-                let question = self.encode_other(command, frame);
-                if let Some(feedback) = &mut self.feedback {
-                    feedback.forget();
-                }
-                question
-            }
+        if let Command::Control(setpoint) = command {
+            self.is_started = true;
+            let wanted = self.transmission.to_motor(&setpoint.values);
+            return self.write_control(&wanted, frame);
         }
+        let question = self.encode_other(command, frame);
+        self.feedback.iter_mut().for_each(Feedback::forget);
+        question
     }
 
     #[inline]
@@ -360,9 +355,8 @@ impl Dialect for CanSimpleDialect {
 
     #[inline]
     fn accept_state(&mut self, arrived: Arrived<'_>) -> Option<(Measured<JointSide>, Status)> {
-        let reply = self.decode(arrived).filter(|reply| self.answers(reply))?;
-        let values = self.values(&reply)?;
-        Some(self.state(values))
+        let answer = self.decode(arrived).filter(|reply| self.answers(reply));
+        answer.and_then(|reply| self.values(&reply)).map(|values| self.state(values))
     }
 
     fn accept(&mut self, arrived: Arrived<'_>, question: Question, latency: Duration) -> Reported {

@@ -16,13 +16,7 @@ use motord_bus::{Frame, FrameId, IdFilter, IdSet};
 /// CANSimple with impedance control, over CAN.
 pub const FAMILY: Family = Family {
     name: "cansimple",
-    answers_on_line: None,
-    has_codes: true,
-    has_durations: false,
-    has_items: false,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: Some(ENDS),
-    needs_torque_end: false,
     reports_rotor: true,
     ids: |_| [0, NODE_MAX],
     factory_bitrate: Some(500_000),
@@ -33,14 +27,13 @@ pub const FAMILY: Family = Family {
     #[cfg(feature = "commissioning")]
     question: crate::reported::Question::Node,
     #[cfg(feature = "drive")]
-    // The answer to an impedance has 6 bytes, that to the poll of a stopped motor 8.
-    frame_lengths: |_| [FrameLength::classic(8); 2],
-    #[cfg(feature = "drive")]
     addresses,
     #[cfg(feature = "drive")]
     confirms_stop: Some(is_idle),
     #[cfg(feature = "drive")]
     reports: &REPORTS,
+    // The answer to an impedance has 6 bytes, that to the poll of a stopped motor the common 8.
+    ..Family::COMMON
 };
 
 /// Rates from the factory. Other reports are off.
@@ -96,5 +89,5 @@ fn addresses(node: u8, _: FrameId) -> Addresses {
 #[cfg(feature = "drive")]
 fn is_idle(frame: &Frame) -> bool {
     let reply = Reply::decode(Id::of(frame.id().raw()), frame.payload());
-    matches!(reply, Some(Reply::Heartbeat(heartbeat)) if heartbeat.is_idle())
+    matches!(reply, Some(Reply::Heartbeat(heartbeat)) if heartbeat.state.is_idle())
 }

@@ -62,15 +62,21 @@ pub enum AxisState {
     ClosedLoop = 8,
 }
 
-impl AxisState {
-    /// Returns whether a heartbeat with this `state` is of an axis that follows commands.
-    pub(crate) const fn is_closed_loop(state: u8) -> bool {
-        state == Self::ClosedLoop as u8
+/// The state of the axis in a heartbeat: 1 idle, 8 closed loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReportedState(pub u8);
+
+impl ReportedState {
+    /// Returns whether the axis follows commands.
+    #[must_use]
+    pub const fn is_running(self) -> bool {
+        self.0 == AxisState::ClosedLoop as u8
     }
 
-    /// Returns whether a heartbeat with this `state` is of a disabled axis. A driver that boots reports 0.
-    pub(crate) const fn is_idle(state: u8) -> bool {
-        state <= Self::Idle as u8
+    /// Returns whether the axis is disabled. A driver that boots reports 0.
+    #[must_use]
+    pub const fn is_idle(self) -> bool {
+        self.0 <= AxisState::Idle as u8
     }
 }
 
@@ -141,26 +147,12 @@ pub(crate) const fn words([low, high]: [u32; 2]) -> [u8; BYTES] {
 pub struct Heartbeat {
     /// Errors of the axis, as bits.
     pub axis_errors: u32,
-    /// The state of the axis: 1 idle, 8 closed loop.
-    pub state: u8,
+    /// The state of the axis.
+    pub state: ReportedState,
     /// The motor has an error.
     pub motor_failed: bool,
     /// The encoder has an error.
     pub encoder_failed: bool,
-}
-
-impl Heartbeat {
-    /// Returns whether the axis follows commands.
-    #[must_use]
-    pub const fn is_running(&self) -> bool {
-        AxisState::is_closed_loop(self.state)
-    }
-
-    /// Returns whether the axis is disabled. A driver that boots reports 0.
-    #[must_use]
-    pub const fn is_idle(&self) -> bool {
-        AxisState::is_idle(self.state)
-    }
 }
 
 /// The estimates of the encoder, at the rotor.
@@ -216,7 +208,7 @@ impl Reply {
         match id.command {
             number::HEARTBEAT => Some(Self::Heartbeat(Heartbeat {
                 axis_errors: u32::from_le_bytes([a, b, c, d]),
-                state,
+                state: ReportedState(state),
                 motor_failed: motor != 0,
                 encoder_failed: encoder != 0,
             })),

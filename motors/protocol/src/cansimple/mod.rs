@@ -26,7 +26,7 @@ pub(crate) mod frame;
 pub use drive::CanSimpleDialect;
 pub use family::FAMILY;
 pub use faults::Errors;
-pub use frame::{AxisState, Command, Estimates, Heartbeat, Id, Reply};
+pub use frame::{AxisState, Command, Estimates, Heartbeat, Id, Reply, ReportedState};
 
 use crate::scale::Ends;
 

@@ -4,8 +4,6 @@ use super::{INDICATORS, Indicator, repeats};
 use crate::family::Family;
 use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
-#[cfg(feature = "drive")]
-use motord_bus::arithmetic::FrameLength;
 
 /// SteadyWin's GIM protocol, over CAN, RS485 or RS232. Frames have 8 bytes (GIM document, table 2).
 pub const FAMILY: Family = Family {
@@ -14,26 +12,10 @@ pub const FAMILY: Family = Family {
     has_codes: false,
     has_durations: true,
     has_items: true,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
-    ends: None,
-    needs_torque_end: false,
-    reports_rotor: false,
-    ids: |profile| [1, profile.ids.largest],
-    factory_bitrate: None,
     capabilities,
-    default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported: |_| crate::reported::ReportedProtocol::Gim,
-    #[cfg(feature = "commissioning")]
-    question: crate::reported::Question::Both,
-    #[cfg(feature = "drive")]
-    frame_lengths: |_| [FrameLength::classic(8); 2],
-    #[cfg(feature = "drive")]
-    addresses: crate::drive::Addresses::by_id,
-    #[cfg(feature = "drive")]
-    confirms_stop: None,
-    #[cfg(feature = "drive")]
-    reports: &[],
+    ..Family::COMMON
 };
 
 /// Source: GIM document 3.2.12 (a stop is answered by a separate message).

@@ -62,12 +62,15 @@ pub(crate) const ATTEMPTS: usize = 3;
 /// Most reads that empty a receive buffer before a request.
 const DRAINS_MAX: usize = 64;
 
+/// The value that a reader found in the frames after a request; `None` where there is none.
+pub(crate) type Asked<T> = Result<Option<T>, Error>;
+
 /// Repeats a transaction until it returns a value, [`ATTEMPTS`] times at most.
 ///
 /// # Errors
 ///
 /// Those of the transaction.
-pub(crate) fn repeat<T>(mut transact: impl FnMut() -> Result<Option<T>, Error>) -> Result<Option<T>, Error> {
+pub(crate) fn repeat<T>(mut transact: impl FnMut() -> Asked<T>) -> Asked<T> {
     for _ in 0..ATTEMPTS {
         let found = transact()?;
         if found.is_some() {

@@ -12,30 +12,12 @@ use motord_bus::arithmetic::FrameLength;
 /// MIT over CAN.
 pub const FAMILY: Family = Family {
     name: "mit",
-    answers_on_line: None,
-    has_codes: true,
-    has_durations: false,
-    has_items: false,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
-    ends: None,
-    needs_torque_end: false,
-    reports_rotor: false,
-    ids: |profile| [1, profile.ids.largest],
-    factory_bitrate: None,
     capabilities,
-    default_host_id: |profile, id| profile.ids.reply_id(id),
     #[cfg(feature = "commissioning")]
     reported,
-    #[cfg(feature = "commissioning")]
-    question: crate::reported::Question::Both,
     #[cfg(feature = "drive")]
     frame_lengths: |profile| [8, profile.reply.lengths[0] as u32].map(FrameLength::classic),
-    #[cfg(feature = "drive")]
-    addresses: crate::drive::Addresses::by_id,
-    #[cfg(feature = "drive")]
-    confirms_stop: None,
-    #[cfg(feature = "drive")]
-    reports: &[],
+    ..Family::COMMON
 };
 
 /// Answers of SteadyWin have six bytes.

@@ -294,9 +294,7 @@ impl Dialect for MyActuatorDialect {
             }
             _ => {
                 let question = self.encode_other(command, frame);
-                if let Some(feedback) = &mut self.feedback {
-                    feedback.forget();
-                }
+                self.feedback.iter_mut().for_each(Feedback::forget);
                 question
             }
         }

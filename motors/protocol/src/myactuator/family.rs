@@ -9,23 +9,13 @@ use crate::family::Family;
 use crate::profile::{Capabilities, Profile, SupplyReport};
 use crate::scale::Scales;
 #[cfg(feature = "drive")]
-use motord_bus::arithmetic::FrameLength;
-#[cfg(feature = "drive")]
 use motord_bus::{Frame, FrameId, IdFilter, IdSet};
 
 /// MyActuator's protocol, over CAN.
 pub const FAMILY: Family = Family {
     name: "myactuator",
-    answers_on_line: None,
-    has_codes: true,
-    has_durations: false,
-    has_items: false,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
-    ends: None,
     needs_torque_end: true,
-    reports_rotor: false,
     ids: |_| [1, super::MOTORS_MAX],
-    factory_bitrate: None,
     capabilities,
     default_host_id: |_, id| base::STATE + u16::from(id),
     #[cfg(feature = "commissioning")]
@@ -33,13 +23,10 @@ pub const FAMILY: Family = Family {
     #[cfg(feature = "commissioning")]
     question: crate::reported::Question::MotorStatus,
     #[cfg(feature = "drive")]
-    frame_lengths: |_| [FrameLength::classic(8); 2],
-    #[cfg(feature = "drive")]
     addresses,
     #[cfg(feature = "drive")]
     confirms_stop: Some(is_stop),
-    #[cfg(feature = "drive")]
-    reports: &[],
+    ..Family::COMMON
 };
 
 /// No state confirms a stop: only the answer to it does.

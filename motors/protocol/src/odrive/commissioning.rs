@@ -66,7 +66,7 @@ impl<'l> Odrive<'l> {
     /// [`Error::Silent`] when no heartbeat reports that the axis is idle.
     pub fn stop(&mut self) -> Result<(), Error> {
         let send = |drive: &mut Self| drive.send(Command::SetState(AxisState::Idle));
-        let is_idle = |drive: &mut Self| Ok(drive.heartbeat()?.is_some_and(|beat| beat.is_idle()));
+        let is_idle = |drive: &mut Self| Ok(drive.heartbeat()?.is_some_and(|beat| beat.state.is_idle()));
         if confirm(self, send, is_idle)? { Ok(()) } else { Err(self.silent("axis state idle")) }
     }
 

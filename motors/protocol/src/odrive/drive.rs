@@ -96,7 +96,7 @@ impl ODriveDialect {
     }
 
     fn is_running(&self) -> bool {
-        self.heartbeat.is_some_and(|(beat, _)| beat.is_running())
+        self.heartbeat.is_some_and(|(beat, _)| beat.state.is_running())
     }
 
     /// Returns the next command to a motor that is to start. A heartbeat from before the start does not
@@ -190,10 +190,10 @@ impl ODriveDialect {
         let is_young = |reported: Instant| at.since(reported) <= REPORT_AGE_MAX;
         let beat = self.heartbeat.filter(|(_, reported)| is_young(*reported)).map(|(beat, _)| beat);
         if self.progress.step == 0 {
-            return beat.is_none_or(|beat| !beat.is_idle());
+            return beat.is_none_or(|beat| !beat.state.is_idle());
         }
         let has_torque = self.torque.is_some_and(|(_, reported)| is_young(reported));
-        beat.is_some_and(|beat| beat.is_running()) && has_torque
+        beat.is_some_and(|beat| beat.state.is_running()) && has_torque
     }
 }
 
@@ -269,6 +269,7 @@ mod tests {
     use crate::drive::{Impedance, JointSide};
     use crate::execution_time::ExecutionTime;
     use crate::profile::Profile;
+    use motord_bus::FrameId;
 
     /// A drive that keeps every input, and sends a heartbeat after each command.
     #[derive(Debug, Default)]

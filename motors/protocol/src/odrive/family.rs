@@ -2,10 +2,6 @@
 
 use super::NODE_MAX;
 #[cfg(feature = "drive")]
-use super::Reply;
-#[cfg(feature = "drive")]
-use crate::cansimple::Id;
-#[cfg(feature = "drive")]
 use crate::drive::{Addresses, UnpromptedFrame};
 use crate::family::Family;
 use crate::profile::{Capabilities, Profile, SupplyReport};
@@ -13,37 +9,25 @@ use crate::scale::Scales;
 #[cfg(feature = "drive")]
 use motord_bus::arithmetic::FrameLength;
 #[cfg(feature = "drive")]
-use motord_bus::{Frame, FrameId, IdFilter, IdSet};
+use motord_bus::{FrameId, IdFilter, IdSet};
 
 /// ODrive's CANSimple of firmware 0.6, over CAN.
 pub const FAMILY: Family = Family {
     name: "odrive",
-    answers_on_line: None,
     has_codes: false,
-    has_durations: false,
-    has_items: false,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
     ends: None,
-    needs_torque_end: false,
-    reports_rotor: true,
     ids: |_| [0, NODE_MAX],
     factory_bitrate: Some(250_000),
     capabilities,
     // That of CANSimple, because a scan reports both alike.
     default_host_id: |_, node| u16::from(node) << 5 | 0x08,
-    #[cfg(feature = "commissioning")]
-    reported: |_| crate::reported::ReportedProtocol::CanSimple,
-    #[cfg(feature = "commissioning")]
-    question: crate::reported::Question::Node,
-    // A drive that is set up for the cycle sends its estimates once in each turn.
-    #[cfg(feature = "drive")]
-    frame_lengths: |_| [FrameLength::classic(8); 2],
     #[cfg(feature = "drive")]
     addresses,
     #[cfg(feature = "drive")]
-    confirms_stop: Some(is_idle),
-    #[cfg(feature = "drive")]
     reports: &REPORTS,
+    // The answers to a scan, and the heartbeat of an idle axis. A drive that is set up for the cycle sends
+    // its estimates once in each turn.
+    ..crate::cansimple::FAMILY
 };
 
 /// Beside the estimates: heartbeat, torques and supply, as docs/motors.md sets them up.
@@ -96,11 +80,4 @@ fn addresses(node: u8, _: FrameId) -> Addresses {
         node: Some(masked((0, NODE_MASK))),
         shared: &[],
     }
-}
-
-/// Returns whether a frame is a heartbeat of an idle axis.
-#[cfg(feature = "drive")]
-fn is_idle(frame: &Frame) -> bool {
-    let reply = Reply::decode(Id::of(frame.id().raw()), frame.payload());
-    matches!(reply, Some(Reply::Heartbeat(heartbeat)) if heartbeat.is_idle())
 }

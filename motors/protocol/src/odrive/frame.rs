@@ -1,9 +1,8 @@
 //! The frames: commands to a drive, and what it sends by itself.
 
-pub use crate::cansimple::AxisState;
-use crate::cansimple::Estimates;
-use crate::cansimple::Id;
 use crate::cansimple::frame::{word, words};
+pub use crate::cansimple::{AxisState, ReportedState};
+use crate::cansimple::{Estimates, Id};
 use crate::fault::Faults;
 #[cfg(any(feature = "drive", feature = "commissioning"))]
 use motord_bus::{Frame, FrameId};
@@ -105,22 +104,8 @@ impl Command {
 pub struct Heartbeat {
     /// Its active errors, as bits.
     pub errors: u32,
-    /// Its state: 1 idle, 8 closed loop.
-    pub state: u8,
-}
-
-impl Heartbeat {
-    /// Returns whether the axis follows its inputs.
-    #[must_use]
-    pub const fn is_running(&self) -> bool {
-        AxisState::is_closed_loop(self.state)
-    }
-
-    /// Returns whether the axis is disabled. A drive that boots reports 0.
-    #[must_use]
-    pub const fn is_idle(&self) -> bool {
-        AxisState::is_idle(self.state)
-    }
+    /// Its state.
+    pub state: ReportedState,
 }
 
 /// A frame that a drive sends by itself.
@@ -154,7 +139,8 @@ impl Reply {
         let [first, second] = [[a, b, c, d], [e, f, g, h]].map(f32::from_le_bytes);
         match id.command {
             number::HEARTBEAT => {
-                Some(Self::Heartbeat(Heartbeat { errors: u32::from_le_bytes([a, b, c, d]), state: e }))
+                let errors = u32::from_le_bytes([a, b, c, d]);
+                Some(Self::Heartbeat(Heartbeat { errors, state: ReportedState(e) }))
             }
             number::TEMPERATURES => Some(Self::Temperature(second)),
             number::ESTIMATES if first.is_finite() && second.is_finite() => {

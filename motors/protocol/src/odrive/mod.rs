@@ -24,7 +24,7 @@ mod frame;
 #[cfg(feature = "drive")]
 pub use drive::ODriveDialect;
 pub use family::FAMILY;
-pub use frame::{AxisState, Command, ControlMode, Heartbeat, Reply, faults};
+pub use frame::{AxisState, Command, ControlMode, Heartbeat, Reply, ReportedState, faults};
 
 /// Largest node id. 63 addresses a drive without one.
 pub const NODE_MAX: u8 = 62;

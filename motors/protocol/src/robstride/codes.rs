@@ -37,9 +37,11 @@ impl WideScales {
     }
 }
 
-/// The codes of a control frame. The torque is in the id, the others are the payload.
+/// The codes of a control frame: the torque in its id, then those of its payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ControlCodes {
+    /// Torque, see [`WideScales::torque`].
+    pub torque: u16,
     /// Position, see [`WideScales::position`].
     pub position: u16,
     /// Velocity, see [`WideScales::velocity`].
@@ -48,8 +50,6 @@ pub struct ControlCodes {
     pub kp: u16,
     /// Damping, see [`WideScales::kd`].
     pub kd: u16,
-    /// Torque, see [`WideScales::torque`].
-    pub torque: u16,
 }
 
 impl ControlCodes {
@@ -58,11 +58,11 @@ impl ControlCodes {
     #[must_use]
     pub fn nearest([position, velocity, kp, kd, torque]: [f32; 5], scales: &WideScales) -> Option<Self> {
         Some(Self {
+            torque: scales.torque.encode(torque.into())?,
             position: scales.position.encode(position.into())?,
             velocity: scales.velocity.encode(velocity.into())?,
             kp: scales.kp.encode(kp.into())?,
             kd: scales.kd.encode(kd.into())?,
-            torque: scales.torque.encode(torque.into())?,
         })
     }
 

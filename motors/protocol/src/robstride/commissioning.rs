@@ -4,7 +4,7 @@ use super::family::HOST_ID;
 use super::frame::{Command, Feedback, Id, Reply, faults_of_report};
 use super::{ControlCodes, WideScales, parameter};
 use crate::Faults;
-use crate::link::{Error, Link, LinkEvent, repeat};
+use crate::link::{Asked, Error, Link, LinkEvent, repeat};
 use motord_bus::{Duration, Frame, FrameId};
 
 /// Time for which a motor may be silent while it writes its memory. No source gives one.
@@ -205,24 +205,15 @@ impl<'l> Private<'l> {
     }
 
     /// Sends a command that may be repeated, until `read` returns a value.
-    fn repeat<T>(
-        &mut self,
-        command: Command,
-        mut read: impl FnMut(Reply) -> Option<T>,
-    ) -> Result<Option<T>, Error> {
-        repeat(|| self.ask(command, self.link.timeout(), &mut read))
+    fn repeat<T>(&mut self, command: Command, read: impl Fn(Reply) -> Option<T>) -> Asked<T> {
+        repeat(|| self.ask(command, self.link.timeout(), &read))
     }
 
     /// Sends `command`, and passes the frames of the motor to `read` until it returns a value.
-    fn ask<T>(
-        &mut self,
-        command: Command,
-        timeout: Duration,
-        mut read: impl FnMut(Reply) -> Option<T>,
-    ) -> Result<Option<T>, Error> {
+    fn ask<T>(&mut self, command: Command, time: Duration, read: impl Fn(Reply) -> Option<T>) -> Asked<T> {
         let id = self.id;
-        self.link.ask_frame(&self.frame(command), timeout, |event| match event {
-            LinkEvent::Frame(frame) => reply(&frame, id).and_then(&mut read),
+        self.link.ask_frame(&self.frame(command), time, |event| match event {
+            LinkEvent::Frame(frame) => reply(&frame, id).and_then(&read),
             LinkEvent::NotRead | LinkEvent::Collision => None,
         })
     }

@@ -16,16 +16,6 @@ pub const HOST_ID: u8 = 0xFD;
 /// RobStride's private protocol, over CAN with ids of 29 bits.
 pub const FAMILY: Family = Family {
     name: "robstride",
-    answers_on_line: None,
-    has_codes: true,
-    has_durations: false,
-    has_items: false,
-    is_spoken_by: |profile| profile.speaks(FAMILY.name),
-    ends: None,
-    needs_torque_end: false,
-    reports_rotor: false,
-    ids: |profile| [1, profile.ids.largest],
-    factory_bitrate: None,
     capabilities,
     default_host_id: |_, _| HOST_ID.into(),
     #[cfg(feature = "commissioning")]
@@ -36,10 +26,7 @@ pub const FAMILY: Family = Family {
     frame_lengths: |_| [FrameLength { width: IdWidth::Extended, format: Format::Classic, bytes: 8 }; 2],
     #[cfg(feature = "drive")]
     addresses,
-    #[cfg(feature = "drive")]
-    confirms_stop: None,
-    #[cfg(feature = "drive")]
-    reports: &[],
+    ..Family::COMMON
 };
 
 /// Bits of an id: its receiver, and in a reply also its sender.
