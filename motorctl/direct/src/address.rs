@@ -1,19 +1,15 @@
 //! `motorctl id` and `motorctl protocol`: the address of a motor.
 
-mod node;
-mod private;
-mod rmd;
-mod values;
+mod one_id;
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::memory::{outcome_of, text};
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
 use motord_protocol::commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
 use motord_protocol::gim::{ConfigurationItem, Value};
-use values::{Address, Wanted};
+use one_id::{Address, OneId, Wanted};
 
 /// Names of the items of the address.
 pub(crate) const CAN_ID: &str = "can-id";
@@ -68,13 +64,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     let has_others = arguments.set_host_id.is_some() || arguments.set_bitrate.is_some();
     let address = Wanted { id: arguments.set_id, protocol: arguments.set_protocol, has_others };
     match session.protocol {
-        Protocol::RobStride => {
-            return private::run(&mut session, &address, arguments.confirm, arguments.json);
-        }
-        Protocol::CanSimple => return node::run(&mut session, &address, arguments.confirm, arguments.json),
-        Protocol::MyActuator => return rmd::run(&mut session, &address, arguments.confirm, arguments.json),
         Protocol::ODrive => return Err(session.unfit(ODRIVE)),
-        Protocol::Gim | Protocol::Mit => {}
+        protocol => {
+            if let Some(family) = one_id(protocol) {
+                return family.run(&mut session, &address, arguments.confirm, arguments.json);
+            }
+        }
     }
     let mut session = session.require_gim()?;
     if !matches!(arguments.set_protocol, None | Some(Protocol::Mit | Protocol::Gim)) {
@@ -95,8 +90,8 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
         return print_line(&format!("{}: speaks this protocol already", session.name()));
     }
     match (session.protocol, to) {
-        (Protocol::RobStride, Protocol::Mit) => return private::change_to_mit(&mut session, confirm),
-        (Protocol::Mit, Protocol::RobStride) => return private::change_from_mit(&mut session, confirm),
+        (Protocol::RobStride, Protocol::Mit) => return one_id::change_to_mit(&mut session, confirm),
+        (Protocol::Mit, Protocol::RobStride) => return one_id::change_from_mit(&mut session, confirm),
         (Protocol::Mit, Protocol::Gim) => {
             let reason = "a motor in MIT mode cannot be changed over CAN: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
             return Err(session.unfit(reason));
@@ -118,12 +113,20 @@ const ODRIVE: &str = "the address of an ODrive is set with odrivetool: odrv0.axi
 ///
 /// Another motor has the id, the motor does not keep it, or its address has other parts.
 pub(crate) fn change_id(session: &mut Session, id: u8) -> Result<(), DirectFailure> {
-    match session.protocol {
-        Protocol::RobStride => private::change_id(session, id),
-        Protocol::CanSimple => node::change_id(session, id),
-        Protocol::MyActuator => rmd::change_id(session, id),
-        Protocol::ODrive => Err(session.unfit(ODRIVE)),
-        Protocol::Gim | Protocol::Mit => Err(session.unfit("its address also has a host id")),
+    match one_id(session.protocol) {
+        Some(family) => (family.change)(session, id),
+        None if session.protocol == Protocol::ODrive => Err(session.unfit(ODRIVE)),
+        None => Err(session.unfit("its address also has a host id")),
+    }
+}
+
+/// Returns the address of the motors with this protocol, where it is one id that motorctl sets.
+const fn one_id(protocol: Protocol) -> Option<&'static OneId> {
+    match protocol {
+        Protocol::CanSimple => Some(&one_id::NODE),
+        Protocol::RobStride => Some(&one_id::PRIVATE),
+        Protocol::MyActuator => Some(&one_id::RMD),
+        Protocol::Gim | Protocol::Mit | Protocol::ODrive => None,
     }
 }
 

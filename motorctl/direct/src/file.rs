@@ -1,10 +1,9 @@
 //! `motorctl config dump|diff|apply|reset`: the configuration of a motor as a file.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Session, Target};
 use motord_configuration::Wrong;
 use motord_protocol::commissioning::{

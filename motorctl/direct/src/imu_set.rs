@@ -1,8 +1,8 @@
 //! `motorctl imu set`: rate, baud rate, node and bit rate of an IMU, written to the device.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::imu_values::{Set, Values};
+use crate::output::Confirm;
 use crate::output::print_line;
 use crate::{imu_sdo, imu_serial};
 use motord_terminal::{Interrupt, json};

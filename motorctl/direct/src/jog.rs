@@ -1,10 +1,9 @@
 //! `motorctl jog`: a joint moves slowly while a key is held.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::guard::StopOnDrop;
 use crate::motion::{Jogged, PERIOD, ranged};
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Protocol, Target};
 use motord_terminal::Interrupt;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};

@@ -4,7 +4,6 @@
 #![forbid(unsafe_code)]
 
 mod address;
-mod confirm;
 mod failure;
 mod file;
 mod find;
@@ -29,10 +28,10 @@ mod status;
 mod target;
 mod zero;
 
-pub use confirm::Confirm;
 pub use failure::DirectFailure;
 pub use imu::{ImuFind, find as find_imus};
 pub use imu_set::{ImuSet, run as set_imu};
+pub use output::Confirm;
 pub use status::{Indicators, NamedFault, clear_fault, print_faults};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};

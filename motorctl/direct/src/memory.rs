@@ -1,8 +1,7 @@
 //! `motorctl parameter` and `motorctl config get|set|list`: single stored items of a motor.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Target, number};
 use motord_protocol::commissioning::{Apply, Change, Confirmation, Error, MotorRefusal, Native, check_value};
 use motord_protocol::gim::{

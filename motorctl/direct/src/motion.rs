@@ -4,16 +4,14 @@
 //! the motor may stop by itself when this process dies; no document promises that. The command
 //! stops the motor at the end, at Ctrl-C, beyond a bound and after an error.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::guard::{Stop, StopOnDrop};
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::Scales;
 use motord_protocol::commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
-use motord_protocol::mit::Feedback;
-use motord_protocol::mit::{self, Impedance};
+use motord_protocol::mit::{self, Feedback, Impedance};
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 

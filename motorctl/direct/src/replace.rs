@@ -9,16 +9,14 @@
 
 mod candidate;
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::file::{self, FACTORY_ID};
 use crate::find::frame_id;
 use crate::memory::text;
 use crate::motor::{self, Health};
-use crate::output::print_line;
-use crate::setup;
+use crate::output::{Confirm, print_line};
 use crate::target::{DEFAULT_CONFIG, OpenLine, Protocol, Session};
-use crate::zero;
+use crate::{setup, zero};
 use motord_bus::FrameId;
 use motord_configuration as config;
 use motord_configuration::lock::Lock;

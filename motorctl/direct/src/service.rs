@@ -1,8 +1,7 @@
 //! `motorctl calibrate` and `motorctl firmware-mode`.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Target, parse_id};
 use motord_protocol::commissioning::CALIBRATION_MAX;
 use motord_protocol::gim::Calibration;

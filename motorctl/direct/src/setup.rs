@@ -1,9 +1,8 @@
 //! `motorctl setup`: compares the motors with their configuration, and writes the lock file.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::memory::outcome_of;
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, Verdict, end_findings, end_lines, findings};

@@ -1,10 +1,9 @@
 //! `motorctl version`, `fault` and `indicator` on the bus.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
 use crate::memory::expected_one_of;
 use crate::motor;
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::Faults;
 use motord_protocol::commissioning::Error;

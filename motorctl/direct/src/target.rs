@@ -179,6 +179,22 @@ impl Session {
     }
 }
 
+/// Returns a simulated motor for the bus of an arm: a Damiao in MIT, or a SteadyWin in its native protocol.
+#[cfg(test)]
+pub(crate) fn arm_motor(name: &str, id: u16, is_damiao: bool) -> motord_simulator::MotorSettings {
+    use motord_simulator::Dialect;
+    motord_simulator::MotorSettings {
+        name: name.into(),
+        id,
+        host_id: if is_damiao { 0x10 + id } else { 0x100 + id },
+        dialect: if is_damiao { Dialect::Mit } else { Dialect::Gim },
+        vendor: if is_damiao { "damiao" } else { "steadywin" },
+        ends: is_damiao.then_some([12.5, 30.0, 10.0]),
+        initial_position: 0.1 * f64::from(id),
+        ..motord_simulator::MotorSettings::default()
+    }
+}
+
 /// Opens and locks the bus `name`.
 ///
 /// # Errors

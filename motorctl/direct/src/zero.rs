@@ -1,8 +1,7 @@
 //! `motorctl zero --bus`: sets the zero of a motor without a daemon.
 
-use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
-use crate::output::print_line;
+use crate::output::{Confirm, print_line};
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
 use std::f64::consts::TAU;

@@ -2,6 +2,7 @@
 
 use super::dialog::{Input, Line};
 use super::*;
+use crate::target::arm_motor;
 use motord_bus::{Monotonic, clock};
 use motord_protocol::commissioning::Link;
 use motord_simulator::{
@@ -111,19 +112,8 @@ impl Robot {
     /// Four motors with ids 1 to 4 in the configuration, changed by `change` in the simulation.
     fn new(test: &str, bitrate: u32, change: impl Fn(Simulated) -> Simulated) -> Self {
         let motors = (1..).zip(JOINTS).map(|(id, (name, model))| {
-            let is_damiao = model.starts_with("DM");
-            change(Simulated {
-                name: name.into(),
-                id,
-                host_id: if is_damiao { 0x10 + id } else { 0x100 + id },
-                dialect: if is_damiao { Dialect::Mit } else { Dialect::Gim },
-                vendor: if is_damiao { "damiao" } else { "steadywin" },
-                ends: is_damiao.then_some([12.5, 30.0, 10.0]),
-                viscous_friction: 0.5,
-                coulomb_friction: 0.1,
-                initial_position: 0.1 * f64::from(id),
-                ..Simulated::default()
-            })
+            let motor = arm_motor(name, id, model.starts_with("DM"));
+            change(Simulated { viscous_friction: 0.5, coulomb_friction: 0.1, ..motor })
         });
         let bus = SimulatedBus::new(BusSettings { bitrate, ..BusSettings::default() }, motors.collect(), 7);
         let folder = std::env::temp_dir().join(format!("motord-guide-{test}-{}", std::process::id()));

@@ -1,9 +1,10 @@
 //! Replacements on simulated buses.
 
 use super::*;
+use crate::target::arm_motor;
 use motord_bus::VirtualClock;
 use motord_protocol::commissioning::Link;
-use motord_simulator::{BusSettings, Dialect, MotorSettings as Simulated, SharedBus, SimulatedBus};
+use motord_simulator::{BusSettings, MotorSettings as Simulated, SharedBus, SimulatedBus};
 use std::fs;
 
 const NAMES: [&str; 4] = ["hip", "thigh", "elbow", "wrist"];
@@ -25,20 +26,10 @@ impl Drop for Robot {
 impl Robot {
     /// The motors of the joints in `new` come from the factory; those in `off` have no power.
     fn new(test: &str, new: &[&str], off: &[&str]) -> Self {
-        let motors = (1..).zip(NAMES).map(|(id, name)| {
-            let is_damiao = id > 2;
-            Simulated {
-                name: name.into(),
-                id,
-                host_id: if is_damiao { 0x10 + id } else { 0x100 + id },
-                dialect: if is_damiao { Dialect::Mit } else { Dialect::Gim },
-                vendor: if is_damiao { "damiao" } else { "steadywin" },
-                ends: is_damiao.then_some([12.5, 30.0, 10.0]),
-                initial_position: 0.1 * f64::from(id),
-                is_new: new.contains(&name),
-                has_power: !off.contains(&name),
-                ..Simulated::default()
-            }
+        let motors = (1..).zip(NAMES).map(|(id, name)| Simulated {
+            is_new: new.contains(&name),
+            has_power: !off.contains(&name),
+            ..arm_motor(name, id, id > 2)
         });
         let bus = SimulatedBus::new(BusSettings::default(), motors.collect(), 7);
         let folder = std::env::temp_dir().join(format!("motord-replace-{test}-{}", std::process::id()));
