@@ -152,9 +152,8 @@ impl Claim {
         py: Python<'_>,
         call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
     ) -> PyResult<T> {
-        let client = &self.client;
         self.with(|owned| {
-            let called = without_lock(py, || call(client, &mut owned.claim))?;
+            let called = without_lock(py, || call(&self.client, &mut owned.claim))?;
             owned.renew(Duration::ZERO);
             called.map_err(|error| raised(&error))
         })
@@ -166,9 +165,8 @@ impl Claim {
         py: Python<'_>,
         call: impl Send + FnOnce(&Client, &mut ClientClaim) -> Result<T, Error>,
     ) -> PyResult<T> {
-        let client = &self.client;
         self.with(|owned| {
-            without_lock(py, || call(client, &mut owned.claim))?.map_err(|error| raised(&error))
+            without_lock(py, || call(&self.client, &mut owned.claim))?.map_err(|error| raised(&error))
         })
     }
 }

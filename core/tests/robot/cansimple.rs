@@ -8,7 +8,7 @@ use motord_core::drive::safe_frames;
 use motord_harness::robot::{self, Meaning, Robot};
 use motord_protocol::Faults;
 use motord_settings::plan::BusPlan;
-use motord_shared::{Cause, MotorMode, Operation, Phase};
+use motord_shared::{Cause, MotorMode, Operation};
 
 /// Index of the motor with a CANSimple driver.
 const KNEE: usize = 1;
@@ -62,11 +62,7 @@ fn node_is_enabled_after_mode_and_neutral() {
     let mut robot = leg();
     robot.steps(500);
     robot.take_sent();
-    robot.claim().unwrap();
-    let joints = robot.hold(40.0, 1.0);
-    robot.follow(&joints);
-    robot.operate(Operation::Enable).unwrap();
-    (0..200).for_each(|_| robot.follow(&joints));
+    family::enable(&mut robot);
     let sent = robot.take_sent_to(NODE.into());
     let commands = sent.iter().map(|sent| (sent.frame.id().raw() & 0x1F, sent.bytes[0]));
     let begin = commands.skip_while(|(command, _)| *command == 0x03);
@@ -81,18 +77,8 @@ fn node_is_enabled_after_mode_and_neutral() {
 #[test]
 fn stop_damps_then_disables_node() {
     let mut robot = leg();
-    let joints = robot.activate();
-    robot.follow(&joints);
-    robot.take_sent();
-    robot.steps(25);
-    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
-    robot.step();
-    let sent = robot.take_sent_to(NODE.into());
-    assert!(sent.last().unwrap().meaning.is_damping(), "{sent:?}");
-    robot.steps(3000);
-    assert_eq!((robot.phase(), robot.mode(KNEE)), (Phase::Disarmed, MotorMode::Idle));
-    assert!(robot.take_sent_to(NODE.into()).iter().any(|sent| sent.meaning == Meaning::Stop));
-    assert_eq!(robot.truth(KNEE).mode(), motord_simulator::Mode::Stopped);
+    let sent = family::check_stop(&mut robot, KNEE, NODE.into());
+    assert!(sent.iter().any(|sent| sent.meaning == Meaning::Stop));
     robot.steps(1000);
     let sent = robot.take_sent_to(NODE.into());
     assert!(sent.iter().all(|sent| sent.meaning != Meaning::Stop), "it has reported that it is idle");
@@ -192,16 +178,8 @@ fn estimates_beyond_any_number_are_not_used() {
 fn unprompted_frames_change_nothing() {
     let running = [0, 0, 0, 0, 8, 0, 0, 0x80];
     for (command, payload) in [(0x01, running), (0x09, [0; 8]), (0x03, [0; 8])] {
-        let mut robot = leg();
-        let joints = robot.activate();
-        for _ in 0..1000 {
-            deliver(&mut robot, command, &payload);
-            robot.follow(&joints);
-        }
-        assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "command {command}");
-        let (joint, bus) = (robot.joint(KNEE), robot.bus(0));
-        assert_eq!((joint.fault, joint.late, joint.missed), (0, 0, 0), "command {command}");
-        assert_eq!((bus.malformed, bus.duplicate, bus.unexpected_id), (0, 0, 0), "command {command}");
+        let what = format!("command {command}");
+        family::check_unprompted(&mut leg(), KNEE, &what, |robot| deliver(robot, command, &payload));
     }
 }
 
@@ -239,9 +217,7 @@ fn hostile_frames_of_node_move_nothing() {
             (0..5).for_each(|_| robot.follow(&joints));
         }
     }
-    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
-    assert_eq!(robot.joint(KNEE).fault, 0);
-    assert!((robot.joint(KNEE).position - joints[KNEE].position).abs() < 0.05);
+    family::check_unmoved(&mut robot, KNEE, &joints);
 }
 
 /// Commands and replies have 135 bits at most, and the reply of the MIT motor, with six bytes, 115; 110 frames a second of 135 bits.

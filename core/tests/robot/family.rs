@@ -3,9 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_bus::FrameId;
-use motord_harness::robot::{self, Robot};
+use motord_harness::robot::{self, Robot, Sent};
 use motord_settings::settings::Settings;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
+use motord_simulator::Mode;
 
 /// A protocol, a model that speaks it, and a torque limit, N·m.
 pub(crate) type Family = [&'static str; 3];
@@ -68,6 +69,31 @@ pub(crate) fn check_wave(robot: &mut Robot, joint: usize, error_max: f32) {
     }
 }
 
+/// Enables the joints at rest, and follows them for 200 cycles.
+pub(crate) fn enable(robot: &mut Robot) {
+    robot.claim().unwrap();
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).unwrap();
+    (0..200).for_each(|_| robot.follow(&joints));
+}
+
+/// A motor with this id whose setpoints end is damped, then disabled. Returns what it was sent since.
+pub(crate) fn check_stop(robot: &mut Robot, joint: usize, id: u16) -> Vec<Sent> {
+    let joints = robot.activate();
+    robot.follow(&joints);
+    robot.take_sent();
+    robot.steps(25);
+    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
+    robot.step();
+    let sent = robot.take_sent_to(id);
+    assert!(sent.last().unwrap().meaning.is_damping(), "{sent:?}");
+    robot.steps(3000);
+    assert_eq!((robot.phase(), robot.mode(joint)), (Phase::Disarmed, MotorMode::Idle));
+    assert_eq!(robot.truth(joint).mode(), Mode::Stopped);
+    robot.take_sent_to(id)
+}
+
 /// A motor of a stopped group reports `fault`, is cleared by an operator, and runs again.
 pub(crate) fn check_clearing(robot: &mut Robot, joint: usize, fault: u32) {
     robot.steps(3000);
@@ -109,6 +135,37 @@ pub(crate) fn check_unwrapping(text: &str, joint: usize) {
     assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
     let (reported, truth) = (f64::from(robot.joint(joint).position), 0.2 - robot.truth(joint).position());
     assert!((reported - truth).abs() < 0.05, "{reported} {truth}");
+}
+
+/// Active joints are not disturbed by the frames that `deliver` sends before each cycle.
+pub(crate) fn check_unprompted(robot: &mut Robot, joint: usize, what: &str, deliver: impl Fn(&mut Robot)) {
+    let joints = robot.activate();
+    for _ in 0..1000 {
+        deliver(robot);
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "{what}");
+    let (joint, bus) = (robot.joint(joint), robot.bus(0));
+    assert_eq!((joint.fault, joint.late, joint.missed), (0, 0, 0), "{what}");
+    assert_eq!((bus.malformed, bus.duplicate, bus.unexpected_id), (0, 0, 0), "{what}");
+}
+
+/// Hostile frames neither stopped the robot nor moved the joint, nor raised a fault.
+pub(crate) fn check_unmoved(robot: &mut Robot, joint: usize, joints: &[JointSetpoint]) {
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
+    assert_eq!(robot.joint(joint).fault, 0);
+    assert!((robot.joint(joint).position - joints[joint].position).abs() < 0.05);
+}
+
+/// Joints at rest without power stay there after it returned.
+pub(crate) fn check_rest<const N: usize>(robot: &mut Robot) {
+    let before: [f64; N] = core::array::from_fn(|joint| robot.truth(joint).position());
+    robot.disturb("can ok");
+    robot.steps(2000);
+    for (joint, before) in before.into_iter().enumerate() {
+        let moved = robot.truth(joint).position() - before;
+        assert!(moved.abs() < 1e-3, "joint {joint} moved by {moved} rad");
+    }
 }
 
 /// A second motor with the ids of this one, which sends such frames, stops the group.

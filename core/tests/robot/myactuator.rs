@@ -100,11 +100,7 @@ fn start_asks_status_then_sends_neutral() {
     let mut robot = leg();
     robot.steps(100);
     robot.take_sent();
-    robot.claim().unwrap();
-    let joints = robot.hold(40.0, 1.0);
-    robot.follow(&joints);
-    robot.operate(Operation::Enable).unwrap();
-    (0..200).for_each(|_| robot.follow(&joints));
+    family::enable(&mut robot);
     let sent = robot.take_sent_to(ID);
     let first = sent.iter().position(|sent| sent.frame.id().raw() == 0x405).unwrap();
     assert_eq!(sent[first - 1].bytes, [0x9A, 0, 0, 0, 0, 0, 0, 0]);
@@ -129,18 +125,8 @@ fn motor_with_error_gets_no_impedance() {
 #[test]
 fn stop_damps_then_switches_off() {
     let mut robot = leg();
-    let joints = robot.activate();
-    robot.follow(&joints);
-    robot.take_sent();
-    robot.steps(25);
-    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
-    robot.step();
-    let sent = robot.take_sent_to(ID);
-    assert!(sent.last().unwrap().meaning.is_damping(), "{sent:?}");
-    robot.steps(3000);
-    assert_eq!((robot.phase(), robot.mode(KNEE)), (Phase::Disarmed, MotorMode::Idle));
-    assert!(robot.take_sent_to(ID).iter().any(|sent| sent.meaning == Meaning::Stop));
-    assert_eq!(robot.truth(KNEE).mode(), Mode::Stopped);
+    let sent = family::check_stop(&mut robot, KNEE, ID);
+    assert!(sent.iter().any(|sent| sent.meaning == Meaning::Stop));
 }
 
 /// The frames of the dead man's switch and of `safe-stop`. Damping of 2 N·m·s/rad is 1638 of 4095, 0x666.
@@ -172,13 +158,7 @@ fn errors_stop_group_and_are_cleared() {
         robot.disturb(&format!("knee fault {number}"));
         robot.follow_until(&joints, 250, |robot| robot.cause().is_some());
         assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorFault), KNEE as u32));
-        robot.steps(3000);
-        assert_eq!((robot.joint(KNEE).fault, robot.mode(KNEE)), (fault.0, MotorMode::Fault), "{number}");
-        robot.operate_joint(Operation::ClearFault, KNEE).unwrap();
-        robot.steps(10);
-        assert_eq!((robot.joint(KNEE).fault, robot.mode(KNEE)), (0, MotorMode::Idle), "{number}");
-        robot.operate(Operation::Reset).unwrap();
-        robot.activate();
+        family::check_clearing(&mut robot, KNEE, fault.0);
     }
 }
 
@@ -198,16 +178,8 @@ fn unasked_status_with_error_stops_group() {
 fn unprompted_frames_change_nothing() {
     let [status, angle] = [[0x9A, 25, 0, 1, 0xE0, 1, 0, 0], [0x92, 0, 0, 0, 0x10, 0x27, 0, 0]];
     for payload in [status, angle, [0xB2, 0, 0, 0, 1, 2, 3, 4]] {
-        let mut robot = leg();
-        let joints = robot.activate();
-        for _ in 0..1000 {
-            deliver(&mut robot, 0x245, &payload);
-            robot.follow(&joints);
-        }
-        assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None), "{payload:?}");
-        let (joint, bus) = (robot.joint(KNEE), robot.bus(0));
-        assert_eq!((joint.fault, joint.late, joint.missed), (0, 0, 0), "{payload:?}");
-        assert_eq!((bus.malformed, bus.duplicate, bus.unexpected_id), (0, 0, 0), "{payload:?}");
+        let what = format!("{payload:?}");
+        family::check_unprompted(&mut leg(), KNEE, &what, |robot| deliver(robot, 0x245, &payload));
     }
 }
 
@@ -259,9 +231,7 @@ fn hostile_frames_move_nothing() {
             }
         }
     }
-    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
-    assert_eq!(robot.joint(KNEE).fault, 0);
-    assert!((robot.joint(KNEE).position - joints[KNEE].position).abs() < 0.05);
+    family::check_unmoved(&mut robot, KNEE, &joints);
 }
 
 #[test]
@@ -329,13 +299,7 @@ fn motors_rest_at_return_and_start_again() {
     cut(&mut robot, Duration::from_micros(300));
     follow_wave(&mut robot, &rest, 3000);
     assert_eq!(robot.cause(), Some(Cause::PowerLost));
-    let before = [0, 1, 2].map(|joint| robot.truth(joint).position());
-    robot.disturb("can ok");
-    robot.steps(2000);
-    for (joint, before) in before.into_iter().enumerate() {
-        let moved = robot.truth(joint).position() - before;
-        assert!(moved.abs() < 1e-3, "joint {joint} moved by {moved} rad");
-    }
+    family::check_rest::<3>(&mut robot);
     robot.operate(Operation::Reset).unwrap();
     robot.activate();
 }

@@ -44,19 +44,8 @@ fn private_motor_follows_beside_mit_motor() {
 #[test]
 fn stop_damps_then_disables_private_motor() {
     let mut robot = leg();
-    let joints = robot.activate();
-    robot.follow(&joints);
-    robot.take_sent();
-    robot.steps(25);
-    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
-    robot.step();
-    let sent = robot.take_sent_to(5);
-    assert!(sent.last().unwrap().meaning.is_damping(), "{sent:?}");
-    robot.steps(3000);
-    assert_eq!((robot.phase(), robot.mode(KNEE)), (Phase::Disarmed, MotorMode::Idle));
-    let sent = robot.take_sent_to(5);
+    let sent = family::check_stop(&mut robot, KNEE, 5);
     assert_eq!(sent.last().unwrap().meaning, Meaning::Stop);
-    assert_eq!(robot.truth(KNEE).mode(), motord_simulator::Mode::Stopped);
 }
 
 /// The frames of the dead man's switch and of `safe-stop`.
@@ -198,9 +187,7 @@ fn hostile_private_frames_move_nothing() {
             (0..5).for_each(|_| robot.follow(&joints));
         }
     }
-    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
-    assert_eq!(robot.joint(KNEE).fault, 0);
-    assert!((f64::from(robot.joint(KNEE).position) - f64::from(joints[KNEE].position)).abs() < 0.05);
+    family::check_unmoved(&mut robot, KNEE, &joints);
 }
 
 /// A frame of 8 bytes has at most 160 bits with an id of 29 bits, and 135 with one of 11; a reply of

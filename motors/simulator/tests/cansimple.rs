@@ -22,15 +22,8 @@ fn settings() -> MotorSettings {
     }
 }
 
-/// Passes a millisecond first, as a bus begins with the first call.
-fn bench_of(settings: MotorSettings) -> Bench {
-    let mut bench = Bench::new(settings);
-    bench.pass(Duration::from_millis(1));
-    bench
-}
-
 fn bench() -> Bench {
-    bench_of(settings())
+    Bench::begun(settings())
 }
 
 /// Sends a command, and returns the frames of the next millisecond with its id.
@@ -150,7 +143,7 @@ fn node_id_lasts_only_when_saved() {
 #[test]
 fn zero_lasts_when_saved_and_may_shift() {
     for shift in [0.0, 0.11] {
-        let mut bench = bench_of(MotorSettings { zero_shift: shift, ..settings() });
+        let mut bench = Bench::begun(MotorSettings { zero_shift: shift, ..settings() });
         send(&mut bench, 0x19, 0);
         assert!(bench.motor().position().abs() < 1e-3, "{}", bench.motor().position());
         send(&mut bench, 0x1F, 0);
@@ -163,7 +156,7 @@ fn zero_lasts_when_saved_and_may_shift() {
 /// Node 1 at 500 kbit/s.
 #[test]
 fn factory_driver_needs_its_bit_rate() {
-    let mut bench = bench_of(MotorSettings { is_new: true, ..settings() });
+    let mut bench = Bench::begun(MotorSettings { is_new: true, ..settings() });
     let all: Vec<Frame> = (0..500).flat_map(|_| frames(&bench.pass(Duration::from_millis(1)))).collect();
     assert_eq!(all, []);
     bench.inject_into("can0", "bitrate 500000");

@@ -26,15 +26,8 @@ fn settings() -> MotorSettings {
     MotorSettings { id: 5, dialect: Dialect::ODrive, initial_position: 1.0, ..MotorSettings::default() }
 }
 
-/// Passes a millisecond first, as a bus begins with the first call.
-fn bench_of(settings: MotorSettings) -> Bench {
-    let mut bench = Bench::new(settings);
-    bench.pass(Duration::from_millis(1));
-    bench
-}
-
 fn bench() -> Bench {
-    bench_of(settings())
+    Bench::begun(settings())
 }
 
 /// Returns the frames of the next `millis`.
@@ -238,7 +231,7 @@ fn idle_axis_does_not_follow_inputs() {
 fn closed_loop_starts_with_the_stored_input() {
     for (remembers_control, torque) in [(true, 4.0), (false, 0.0)] {
         let behaviour = Behaviour { remembers_control, ..Behaviour::default() };
-        let mut bench = bench_of(MotorSettings { behaviour, ..settings() });
+        let mut bench = Bench::begun(MotorSettings { behaviour, ..settings() });
         enable(&mut bench, TORQUE);
         send(&mut bench, 0x0E, PUSH);
         send(&mut bench, 0x07, [1, 0, 0, 0, 0, 0, 0, 0]);
@@ -314,7 +307,7 @@ fn reboot_forgets_inputs_and_needs_idle() {
 #[test]
 fn no_command_is_answered() {
     let mut bench =
-        bench_of(MotorSettings { report_period: Duration::ZERO, reports_torque: false, ..settings() });
+        Bench::begun(MotorSettings { report_period: Duration::ZERO, reports_torque: false, ..settings() });
     for command in (0..0x20).filter(|command| *command != 0x02 && *command != 0x16) {
         let answers = send(&mut bench, command, [0; 8]);
         assert!(answers.iter().all(|frame| frame.payload() == IDLE), "{command:#x}: {answers:?}");
@@ -331,7 +324,7 @@ fn reports_keep_their_periods() {
     };
     let cases = [(10, true, [10, 100, 100, 10]), (4, true, [10, 250, 250, 10]), (4, false, [10, 250, 0, 0])];
     for (millis, reports_torque, counts) in cases {
-        let mut bench = bench_of(reporting(millis, reports_torque));
+        let mut bench = Bench::begun(reporting(millis, reports_torque));
         enable(&mut bench, TORQUE);
         let all = pass(&mut bench, 1000);
         for (command, expected) in [0x01, 0x09, 0x1C, 0x17].into_iter().zip(counts) {
@@ -345,7 +338,7 @@ fn reports_keep_their_periods() {
 /// Node 1 at 250 kbit/s, with heartbeat and estimates alone.
 #[test]
 fn factory_drive_needs_its_bit_rate() {
-    let mut bench = bench_of(MotorSettings { is_new: true, ..settings() });
+    let mut bench = Bench::begun(MotorSettings { is_new: true, ..settings() });
     assert_eq!(pass(&mut bench, 500), []);
     bench.inject_into("can0", "bitrate 250000");
     let all = pass(&mut bench, 500);

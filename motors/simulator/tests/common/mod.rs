@@ -29,6 +29,13 @@ impl Bench {
         Self { bus: SimulatedBus::new(settings, vec![motor], 7), now: Instant::ZERO, id }
     }
 
+    /// Passes a millisecond first, as a bus begins with the first call.
+    pub(crate) fn begun(motor: MotorSettings) -> Self {
+        let mut bench = Self::new(motor);
+        bench.pass(Duration::from_millis(1));
+        bench
+    }
+
     pub(crate) fn motor(&self) -> &Motor {
         self.bus.motor("joint").unwrap()
     }
