@@ -1,12 +1,9 @@
 //! The cycle with simulated motors, on virtual time.
 
 mod ambiguous;
-mod busy_poll;
 mod cansimple;
-mod client_fuzz;
 mod conventions;
 mod cycle;
-mod exclusion;
 mod external_plant;
 mod family;
 mod faults_bus;
@@ -18,7 +15,6 @@ mod gim;
 mod horizon;
 mod imu;
 mod imu_can;
-mod late;
 mod mixed;
 mod myactuator;
 mod odrive;
@@ -29,7 +25,6 @@ mod registers;
 mod replay;
 mod response;
 mod robstride;
-mod supply;
 mod transitions;
 mod turns;
 

@@ -8,7 +8,6 @@
 //! daemon.
 
 mod coupled;
-mod drive;
 mod error;
 mod imus;
 mod joints;

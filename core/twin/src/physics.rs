@@ -3,13 +3,16 @@
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and
 //! change what they need.
 
-use crate::drive::drive;
 use motord_bus::Duration;
-use motord_protocol::Model;
 use motord_protocol::imu::CanProtocol;
+use motord_protocol::profile::{FaultReply, FaultReport, Healthy, Profile, Status, Temperature};
+use motord_protocol::{Faults, Model};
 use motord_settings::sensor::imu::{ImuCan, ImuSettings, ImuSimulation};
 use motord_settings::settings::{MotorSettings, MotorSimulation, Settings};
-use motord_simulator::{self as simulator, Dialect, ImuNodeDevice, ImuNodeSettings, SimulatedBus};
+use motord_simulator::{
+    self as simulator, Dialect, DriveFacts, FaultFacts, ImuNodeDevice, ImuNodeSettings, SimulatedBus,
+    TemperatureFacts,
+};
 
 /// The current of the largest torque code, A (MIT document 1.1).
 const CURRENT_MAX: f64 = 225.0;
@@ -177,6 +180,62 @@ fn of_model(model: &Model, twin: simulator::MotorSettings) -> simulator::MotorSe
         pole_pairs: model.pole_pairs,
         supply_voltage: model.rated_voltage.into(),
         ..twin
+    }
+}
+
+// The drive of a vendor, from its profile to the facts of the simulator, which shares no type with
+// it.
+
+/// The part whose temperature is that of the winding.
+const WINDING: &str = "motor";
+
+/// Returns the facts of a vendor's drive.
+pub(crate) fn drive(profile: &Profile) -> DriveFacts {
+    let special = profile.special;
+    let named = |faults: &[Faults]| {
+        let number = profile.fault_numbers().find(|(_, known)| faults.contains(known));
+        number.map_or(0, |(number, _)| number)
+    };
+    DriveFacts {
+        start: special.start,
+        stop: special.stop,
+        zero: special.zero,
+        clear: special.clear,
+        bytes: profile.reply.lengths[0],
+        id_bits: profile.reply.id_mask,
+        temperatures: profile.reply.temperatures.iter().map(temperature).collect(),
+        faults: faults(&profile.faults),
+        conditions: [
+            named(&[Faults::OVER_VOLTAGE]),
+            named(&[Faults::UNDER_VOLTAGE]),
+            named(&[Faults::OVER_TEMPERATURE, Faults::MOTOR_OVER_TEMPERATURE]),
+        ],
+        has_registers: profile.has_registers,
+    }
+}
+
+fn temperature(field: &Temperature) -> TemperatureFacts {
+    TemperatureFacts {
+        of_winding: field.of == WINDING,
+        byte: field.at,
+        bits: field.bits,
+        codes_per_ten: (10.0 * field.per_celsius).round() as u32,
+    }
+}
+
+fn faults(report: &FaultReport) -> FaultFacts {
+    match *report {
+        FaultReport::Asked(FaultReply { bytes: number, lengths: [bytes, _], .. }) => {
+            FaultFacts::Asked { number, bytes }
+        }
+        FaultReport::InEveryReply(Status { at: byte, shift, healthy, .. }) => {
+            let healthy = match healthy {
+                Healthy::Mode { off, on } => [off, on],
+                Healthy::Code(code) => [code; 2],
+            };
+            FaultFacts::Code { byte, shift, healthy }
+        }
+        FaultReport::Never => FaultFacts::Never,
     }
 }
 

@@ -6,21 +6,19 @@
 mod base;
 mod can;
 mod foreign;
-mod line;
 mod routes;
 
-use base::Arrivals;
 pub(super) use base::{ChannelBase, FrameRole};
 pub(super) use can::{Batch, CanChannel};
-use foreign::ForeignCommands;
-pub(super) use line::LineChannel;
-use routes::Routes;
 
 use crate::sensor::Sensors;
-use crate::stopper::Outlet;
+use crate::stopper::{LineRound, Outlet};
+use base::Arrivals;
+use foreign::ForeignCommands;
 use motord_bus::{Bus, Frame, IdFilter, Instant, Refusal};
 use motord_settings::plan::BusPlan;
 use motord_settings::settings::{MotorSettings, Settings};
+use routes::Routes;
 
 /// A bus, and everything the cycle knows of it.
 pub(super) enum BusChannel {
@@ -152,5 +150,22 @@ impl Outlet for BusChannel {
             Self::Can(channel) => channel.base.send_unanswered(now, frames),
             Self::Line(channel) => channel.send_round(now, frames),
         }
+    }
+}
+
+/// A line: a bus with one open request at a time.
+pub(crate) struct LineChannel {
+    base: ChannelBase,
+    round: LineRound,
+}
+
+impl LineChannel {
+    fn new(base: ChannelBase) -> Self {
+        Self { base, round: LineRound::default() }
+    }
+
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        let Self { base, round } = self;
+        round.send(frames, |frame| base.send_unanswered(now, frame))
     }
 }

@@ -8,16 +8,12 @@
 //! Pure: a transition depends on state, payload and time only. Constant time; no allocation, no
 //! system call.
 
-mod reports;
-mod role;
 #[cfg(test)]
 mod tests;
 
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
 use motord_protocol::drive::{Question, Shape};
-use reports::{Reports, UNREPORTED_MAX};
-pub(super) use role::Role;
 
 /// No reply arrives later than this.
 pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
@@ -271,6 +267,58 @@ impl Correlator {
             Reports::Unseen(unreported) => {
                 matches!(shape, Shape::Continuation) && (self.pending > 0 || unreported < UNREPORTED_MAX)
             }
+        }
+    }
+}
+
+/// The role of a payload, classified by its bytes and by the requests that were sent before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// The answer to the open request, and the time since that was sent.
+    Answer(Question, Duration),
+    /// An answer to the open fault request that may be a late state instead of a report.
+    Ambiguous,
+    /// A fault report, which answers an earlier fault request.
+    LateReport,
+    /// A register, which answers an earlier request: it names its number.
+    LateRegister,
+    /// Answers an earlier request. Its content is unknown or outdated.
+    Late,
+    /// Answers no request.
+    Duplicate,
+    /// The motor reports it by itself: it says nothing about requests.
+    Unprompted,
+    /// It is no reply, or cannot be an answer to the open request.
+    Malformed,
+    /// Comes from another motor.
+    UnexpectedId,
+}
+
+/// After this many fault requests without a report, a payload that continues the motion may be a
+/// report.
+const UNREPORTED_MAX: u32 = 3;
+/// After this many fault requests without a report, even a motor that sent an unambiguous report
+/// may answer with another kind of report: its fault may set bits that no document names.
+const DOUBTED_AFTER: u32 = 10;
+
+/// How well the fault reports of this motor are known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reports {
+    /// No unambiguous report has arrived, or none recently. The number counts consecutive fault
+    /// requests without an answer in their cycle.
+    Unseen(u32),
+    /// An unambiguous report has arrived. The number counts later consecutive fault requests
+    /// without an answer in their cycle. No other payload is taken for a report until it reaches
+    /// [`DOUBTED_AFTER`].
+    Seen(u32),
+}
+
+impl Reports {
+    /// Counts a fault request without an answer in its cycle.
+    const fn unreported(self) -> Self {
+        match self {
+            Self::Seen(unreported) if unreported + 1 < DOUBTED_AFTER => Self::Seen(unreported + 1),
+            Self::Seen(unreported) | Self::Unseen(unreported) => Self::Unseen(unreported.saturating_add(1)),
         }
     }
 }

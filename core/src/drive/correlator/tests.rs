@@ -1,7 +1,6 @@
 //! Each state with each payload, and the counts over many turns.
 
-use super::reports::DOUBTED_AFTER;
-use super::*;
+use super::{DOUBTED_AFTER, *};
 use Question::{Clear, Fault, State};
 use Shape::{Continuation, OtherId, Plain, Report, Unreadable};
 
