@@ -14,7 +14,12 @@
 
 pub mod arming;
 pub mod buses;
-pub mod commands;
+/// The commands of `motord`, a file each.
+pub mod commands {
+    pub mod check;
+    pub mod init;
+    pub mod run;
+}
 pub mod emergency_stop;
 pub mod host;
 pub mod housekeeping;

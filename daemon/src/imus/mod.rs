@@ -9,26 +9,23 @@
 
 mod external;
 mod gaps;
-mod line_limit;
 mod log;
-mod port;
 mod reader;
 mod serial;
 mod simulated;
 mod writer;
 
 pub use external::ExternalImus;
-pub(crate) use line_limit::LineLimit;
-pub use port::simulated_port;
+pub(crate) use log::LineLimit;
 pub use reader::Reader;
-use serial::SerialImu;
-pub use simulated::{SimulatedImus, World};
-use writer::Writer;
+pub use simulated::{SimulatedImus, World, simulated_port};
 
 use motord_bus::Instant;
 use motord_core::control::ImuReading;
 use motord_settings::sensor::imu::{ImuSettings, ImuSource};
+use serial::SerialImu;
 use triple_buffer::Input;
+use writer::Writer;
 
 /// The IMUs of a robot, by source.
 #[derive(Default)]

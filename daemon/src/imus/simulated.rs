@@ -3,9 +3,11 @@
 use super::reader::{Reader, TURN};
 use super::writer::Writer;
 use motord_bus::{Clock as _, Duration, Instant, Monotonic};
-use motord_settings::sensor::imu::{ImuSettings, ImuSimulation};
-use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuValues, InjectError};
+use motord_protocol::imu::SerialProtocol;
+use motord_settings::sensor::imu::{ImuSettings, ImuSimulation, ImuSource};
+use motord_simulator::{FaultVerb, Imu, ImuOutput, ImuPort, ImuValues, ImuVendor, InjectError};
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use triple_buffer::Output;
 
@@ -123,6 +125,29 @@ impl Reader for SimulatedImus {
         let next = self.deliver(now);
         clock.sleep_until(next.min(now + TURN));
     }
+}
+
+/// Standard deviation of each axis of the angular velocity, rad/s.
+const NOISE: f64 = 0.002;
+
+/// Opens a pseudo terminal for an IMU on a serial line, with `link` to it; `None` for another IMU.
+///
+/// # Errors
+///
+/// The kernel provides no pseudo terminal, or the link cannot be created.
+pub fn simulated_port(
+    imu: &ImuSettings,
+    start: Instant,
+    link: Option<PathBuf>,
+    seed: u64,
+) -> Option<Result<ImuPort, std::io::Error>> {
+    let ImuSource::Serial(line) = &imu.source else { return None };
+    let vendor = match line.protocol {
+        SerialProtocol::Hipnuc => ImuVendor::Hipnuc,
+        SerialProtocol::Xsens => ImuVendor::Xsens,
+    };
+    let device = Imu::new(NOISE, 0.0, Duration::ZERO, seed);
+    Some(ImuPort::open(imu.name.clone(), (device, vendor), (imu.rate_hz, line.baud), start, link))
 }
 
 #[cfg(test)]

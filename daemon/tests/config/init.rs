@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use crate::implausible::implausible;
+use crate::mistakes::implausible;
 use motord_configuration as config;
 use nix::pty::openpty;
 use std::collections::BTreeSet;

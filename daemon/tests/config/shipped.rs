@@ -1,7 +1,7 @@
 //! The shipped configurations and the reference of every key.
 
 use crate::document::{JSON, TEXT, shipped, write};
-use crate::implausible::implausible;
+use crate::mistakes::implausible;
 use motord::commands::check::{Wanted, check};
 use motord_configuration::{load, reference};
 use std::fs;
