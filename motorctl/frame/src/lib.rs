@@ -12,7 +12,6 @@ mod codec;
 mod gim;
 mod golden;
 mod hex;
-mod imu;
 mod input;
 mod log;
 mod member;

@@ -1,5 +1,11 @@
 //! Messages and exit statuses of `motorctl` when no daemon runs.
 
+use crate::programs::program;
+use crate::text;
+use motord_harness::daemon::{BENCH, Daemon};
+use serde_json::Value;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
@@ -211,4 +217,119 @@ fn unknown_page_suggests_near_names() {
         String::from_utf8_lossy(&printed),
         "motorctl: there is no page xyzzy: `motorctl explain` lists all names\n"
     );
+}
+
+// `motorctl doctor` as called by scripts. Its assessment of the test machine is not checked.
+
+fn doctor(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_motorctl")).arg("doctor").args(arguments).output().unwrap()
+}
+
+#[test]
+fn exit_status_is_verdict_and_findings_have_reasons() {
+    let output = doctor(&["--seconds", "0.2", "--json"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let is_bad = report["verdict"] == "bad";
+    assert_eq!(output.status.code(), Some(i32::from(is_bad)));
+    assert!(output.stderr.is_empty(), "{output:?}");
+    let findings = report["findings"].as_array().unwrap();
+    assert!(
+        findings.iter().all(|finding| (finding["level"] == "good") == finding["why"].is_null()),
+        "{report}"
+    );
+    // Either the latency was measured, or the daemon of another test prevented that.
+    assert!(report["wake"]["wake_latency_us"]["count"].is_u64() != report["daemon"].is_u64(), "{report}");
+}
+
+#[test]
+fn refused_configuration_is_finding_and_checks_continue() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("motord.toml");
+    std::fs::write(&file, "[cycle]\nrate-hz = 0\n").unwrap();
+    let output = doctor(&["--seconds", "0", "--config", file.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("rate-hz") && text.contains("$ motord check --config '"), "{text}");
+    assert!(text.contains("kernel") && text.ends_with("verdict: bad\n"), "{text}");
+}
+
+#[test]
+fn time_out_of_range_is_usage_error() {
+    for seconds in ["-1", "nan", "1e9"] {
+        assert_eq!(doctor(&[&format!("--seconds={seconds}")]).status.code(), Some(64), "{seconds}");
+    }
+}
+
+// Arguments and environment variables that are not UTF-8.
+
+/// A letter of ISO 8859-1, and no UTF-8.
+fn latin() -> &'static OsStr {
+    OsStr::from_bytes(b"caf\xe9")
+}
+
+/// Checks that a program ended with a sentence.
+fn assert_is_refused(line: &str, output: &Output) {
+    let printed = text(&[&output.stdout[..], &output.stderr].concat());
+    assert!(!printed.contains("panicked") && !printed.is_empty(), "{line}: {printed}");
+    assert!(output.status.code().is_some_and(|status| (64..=80).contains(&status)), "{line}: {output:?}");
+}
+
+fn output(program: &mut Command) -> Output {
+    let empty = TempDir::new().unwrap();
+    program.env_remove("MOTORD_INSTANCE").env("MOTORD_RUNTIME_DIR", empty.path()).output().unwrap()
+}
+
+#[test]
+fn argument_that_is_not_utf8_is_error() {
+    for (name, lines) in [
+        (
+            "motord",
+            &["", "check", "run", "run --plant", "deadman", "safe-stop", "--log", "init --file x --legs"][..],
+        ),
+        (
+            "motorctl",
+            &["", "status", "--instance", "explain", "frame decode", "sim", "plot", "replay", "latency"],
+        ),
+        ("motord-sim", &["", "--config", "--seed"]),
+    ] {
+        for line in lines {
+            let mut command = program(name);
+            command.args(line.split_whitespace()).arg(latin());
+            assert_is_refused(&format!("{name} {line}"), &output(&mut command));
+        }
+    }
+}
+
+#[test]
+fn variable_that_is_not_utf8_is_error() {
+    for (name, line, variable) in
+        [("motorctl", "status", "MOTORD_INSTANCE"), ("motord", "check x.toml", "MOTORD_LOG")]
+    {
+        let mut command = program(name);
+        command.args(line.split(' ')).env_remove("MOTORD_INSTANCE").env(variable, latin());
+        assert_is_refused(name, &command.output().unwrap());
+    }
+}
+
+#[test]
+fn text_that_is_not_utf8_costs_no_stop() {
+    let daemon = Daemon::start(BENCH);
+    let stopped_by = |command: &mut Command| {
+        daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{command:?}: {output:?}");
+        assert!(text(&output.stderr).contains("UTF-8") || text(&output.stderr).contains("unexpected"));
+        assert_eq!(daemon.status()["emergency_stop"], true, "{command:?}");
+        assert!(daemon.motorctl(&["reset", "--wait"]).status.success());
+    };
+    stopped_by(daemon.command(&["estop"]).arg(latin()));
+    stopped_by(daemon.command(&["e-stop", "--config"]).arg(latin()));
+    stopped_by(daemon.command(&["estop"]).env("MOTORD_INSTANCE", latin()).arg(latin()));
+}
+
+#[test]
+fn mistyped_stop_beside_latin_names_the_command() {
+    let output = output(program("motorctl").arg("stop").arg(latin()));
+    assert_eq!(output.status.code(), Some(64), "{output:?}");
+    assert!(text(&output.stderr).ends_with("NOTHING WAS STOPPED: type `motorctl estop`\n"), "{output:?}");
 }

@@ -1,6 +1,6 @@
 //! `motorctl frame`, as called by a user, against frames derived from the vendor documents.
 
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;

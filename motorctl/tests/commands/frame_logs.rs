@@ -1,7 +1,7 @@
 //! `motorctl frame decode` of the logs of other tools.
 
 use crate::frame::{ROBOT, frame, objects, text};
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use serde_json::{Value, json};
 use std::process::Output;
 

@@ -1,6 +1,6 @@
 //! `motorctl hold`: the first motion, through a daemon with simulated motors.
 
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use crate::{assert_free, started, text};
 use motord_client::{Client, State};
 use motord_harness::daemon::{BENCH, Daemon, slow_quadruped};

@@ -1,7 +1,7 @@
 //! `motorctl identify`: a joint of a running daemon whose simulated mechanics are in its
 //! configuration.
 
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use crate::{assert_free, started, text};
 use motord_client::Client;
 use motord_harness::daemon::{Daemon, bench_at, until};

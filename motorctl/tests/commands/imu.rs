@@ -1,7 +1,7 @@
 //! `motorctl imu`: IMUs on serial ports, and the mount of one.
 
 use crate::line::{Calls, Line, text};
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use motord_client::{Client, ImuSample};
 use motord_harness::daemon::{BENCH, Daemon, until};
 use motord_simulator::ImuVendor;

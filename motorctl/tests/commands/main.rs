@@ -4,12 +4,10 @@
 
 #[path = "../line/mod.rs"]
 mod line;
-mod schema;
 
 mod command_line;
 mod completions;
 mod configurations;
-mod doctor;
 mod estop;
 mod frame;
 mod frame_logs;
@@ -20,7 +18,6 @@ mod identify;
 mod imu;
 mod models;
 mod monitor;
-mod not_utf8;
 mod operate;
 mod pages;
 mod programs;
@@ -31,7 +28,6 @@ mod schemas;
 mod setup;
 mod tune;
 mod wire;
-mod wire_terminal;
 
 use motord_harness::daemon::Daemon;
 use serde_json::Value;

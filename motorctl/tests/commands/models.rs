@@ -1,7 +1,7 @@
 //! `motorctl models`: the known motors, and the file of a vendor.
 
 use crate::programs::program;
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use std::fs;
 use std::path::Path;
 use std::process::Output;

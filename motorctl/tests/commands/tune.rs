@@ -1,6 +1,6 @@
 //! `motorctl tune`: steps of a joint whose simulated mechanics are in its configuration.
 
-use crate::schema::assert_lines_valid;
+use crate::schemas::assert_lines_valid;
 use crate::{assert_free, started, text};
 use motord_harness::daemon::{Daemon, bench_at, until};
 use nix::sys::signal::{Signal, kill};

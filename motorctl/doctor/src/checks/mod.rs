@@ -3,7 +3,6 @@
 mod devices;
 mod interface;
 mod limits;
-mod owners;
 mod processor;
 mod serial;
 mod system;
@@ -59,7 +58,7 @@ fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface) -> Vec<Findin
             interface::queue(tree, interface),
             interface::coalescing(name, Coalescing::read(parsed)),
             interface::interrupts(tree, robot, name),
-            owners::interface(tree, name),
+            interface::owners(tree, name),
         ]);
     }
     findings

@@ -481,7 +481,7 @@ fn interface_owner_is_known_by_lock_and_filters() {
     let [driven, free] = ["d", "f"].map(|letter| format!("{letter}{pid}"));
     let fixture = Fixture::new(&[(&format!("proc/{pid}/comm"), "motord")]);
     let tree = fixture.tree();
-    let owner = |name: &str| owners::interface(&tree, name);
+    let owner = |name: &str| interface::owners(&tree, name);
     let _lock = BusLock::interface(driven.parse().unwrap()).unwrap();
     let user = nix::unistd::geteuid();
     assert_finding(&owner(&driven), Level::Good, &format!("motord, process {pid} of user {user}"), None);

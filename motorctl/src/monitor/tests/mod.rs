@@ -1,7 +1,6 @@
 //! The pages as a person sees them, drawn into a buffer. The pictures stand in `pictures.txt`; after
 //! a change on purpose `MOTORD_WRITE_DOCS=1 cargo test -p motorctl monitor` writes them anew.
 
-mod curves;
 mod moments;
 mod robot;
 mod svg;
