@@ -9,12 +9,13 @@ use crate::imu_node::ImuNode;
 use crate::length::frame_time;
 use crate::motor::{DelayedReply, Impairment, Motor};
 use crate::random::Random;
-use crate::record::{Direction, Record, Recorded};
 use crate::settings::{BusSettings, Medium, MotorSettings};
+use crate::wire::{Direction, Record, Recorded};
 use motord_bus::arithmetic::{IdWidth, SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
 use motord_bus::frame::ControllerState;
-use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, Instant};
-use motord_bus::{Readiness, Refusal, Sent};
+use motord_bus::{
+    Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent,
+};
 use std::collections::VecDeque;
 
 /// Most frames that one call transfers. A longer backlog of a flood is dropped.

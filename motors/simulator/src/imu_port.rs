@@ -3,8 +3,8 @@
 use crate::imu::{Imu, ImuOutput};
 use crate::imu_console::{ImuConfiguration, ImuConsole};
 use crate::imu_stream::{ImuStream, ImuVendor};
+use crate::port::Terminal;
 use crate::random::Random;
-use crate::terminal::Terminal;
 use crate::{Fault, FaultVerb, InjectError};
 use motord_bus::{Duration, Instant, Readiness};
 use std::path::{Path, PathBuf};

@@ -60,14 +60,11 @@ mod plant;
 #[cfg(feature = "bridge")]
 mod port;
 mod random;
-mod record;
 mod serial;
 mod settings;
 mod shared;
 #[cfg(feature = "bridge")]
 mod store;
-#[cfg(feature = "bridge")]
-mod terminal;
 mod wire;
 
 pub use body::Shaft;
@@ -87,7 +84,6 @@ pub use motor::{Mode, Motor};
 pub use plant::{Plant, PlantBus, couple};
 #[cfg(feature = "bridge")]
 pub use port::SerialPort;
-pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
     Behaviour, BeyondRange, BusSettings, DurationEnd, HostLoss, InFault, Medium, MotorSettings, OtherBitrate,
@@ -96,3 +92,4 @@ pub use settings::{
 pub use shared::SharedBus;
 #[cfg(feature = "bridge")]
 pub use store::Store;
+pub use wire::{Direction, Recorded};

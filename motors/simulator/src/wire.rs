@@ -4,6 +4,8 @@
 //! hide in both. Both are tested with the same golden frames.
 
 use crate::settings::BeyondRange;
+use motord_bus::{Frame, Instant};
+use std::collections::VecDeque;
 
 /// A quantity as an unsigned code: `value = code · span / codes + min` (MIT document 1.1, GIM
 /// document 3.2.7).
@@ -213,6 +215,55 @@ pub(crate) fn answer(filler: [u8; 8], request: [u8; 8], result: u8, data: Option
 /// 3.2.9).
 pub(crate) fn gim_control([_, v0, v1, v2, v3, d0, d1, d2]: [u8; 8]) -> (f32, u32) {
     (f32::from_le_bytes([v0, v1, v2, v3]), u32::from_le_bytes([d0, d1, d2, 0]))
+}
+
+/// A frame that was complete on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Recorded {
+    /// The frame has waited for the wire since this time. A frame of the host waits from its send.
+    pub ready: Instant,
+    /// The end of the frame.
+    pub at: Instant,
+    /// Its direction.
+    pub direction: Direction,
+    /// The frame.
+    pub frame: Frame,
+}
+
+/// The direction of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// From the host.
+    ToMotor,
+    /// From a motor or a flood.
+    ToHost,
+}
+
+/// The newest frames; never grows.
+#[derive(Debug, Clone)]
+pub(crate) struct Record {
+    frames: VecDeque<Recorded>,
+    capacity: usize,
+}
+
+impl Record {
+    pub(crate) fn new(capacity: usize) -> Self {
+        Self { frames: VecDeque::with_capacity(capacity), capacity }
+    }
+
+    pub(crate) fn push(&mut self, recorded: Recorded) {
+        if self.capacity == 0 {
+            return;
+        }
+        if self.frames.len() == self.capacity {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(recorded);
+    }
+
+    pub(crate) fn take(&mut self) -> impl Iterator<Item = Recorded> + '_ {
+        self.frames.drain(..)
+    }
 }
 
 #[cfg(test)]

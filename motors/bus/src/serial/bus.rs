@@ -1,14 +1,12 @@
 //! A serial line as a [`Bus`].
 
-use nix::errno::Errno;
-
-use super::line::{Line, Request};
+use super::line::{ByteStream, Line, Request};
 use super::port::{OpenError, Port, Use};
-use super::stream::ByteStream;
 use super::{Address, Settings};
 use crate::frame::{Arrival, Frame, Inbox};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
+use nix::errno::Errno;
 
 /// Bytes of one read: more than a line at 921 600 bit/s carries in a cycle of 1 ms.
 const READ_BYTES: usize = 256;

@@ -19,12 +19,13 @@
 //! - *ACK frames* refuse the request, unless a reply follows in the same read. Noise contains four
 //!   valid bytes more often than twelve.
 
-use core::cell::Cell;
-
 use super::framing::{Decoder, FRAME_LEN_MAX, FrameType, PAYLOAD_LEN, SerialFrame};
 use super::{Address, Answers, Settings};
+use crate::Readiness;
 use crate::frame::{Content, Frame, FrameId, Unsupported};
 use crate::time::{Duration, Instant};
+use core::cell::Cell;
+use nix::errno::Errno;
 
 /// A reply that is later than this never arrives.
 const LATEST_REPLY: Duration = Duration::from_millis(50);
@@ -273,6 +274,35 @@ impl Line {
     pub(super) fn unmatched(&mut self) -> Option<Content> {
         core::mem::take(&mut self.unmatched).then_some(Content::Unsupported(Unsupported::Unmatched))
     }
+}
+
+/// The bytes of a line, in both directions. [`SerialBus::open`](super::SerialBus::open) uses those
+/// of a serial port.
+pub trait ByteStream: Send {
+    /// Writes `bytes`, and returns how many were accepted. Never blocks; at most one system call.
+    ///
+    /// # Errors
+    ///
+    /// The kernel's: `EAGAIN` when none was accepted.
+    fn write(&self, bytes: &[u8]) -> Result<usize, Errno>;
+
+    /// Reads bytes that have arrived, and returns their number; 0 when the other end is closed.
+    /// Never blocks; at most one system call.
+    ///
+    /// # Errors
+    ///
+    /// The kernel's: `EAGAIN` when nothing has arrived.
+    fn read(&self, buffer: &mut [u8]) -> Result<usize, Errno>;
+
+    /// Returns the number of bytes that have not left. Never blocks; at most one system call.
+    ///
+    /// # Errors
+    ///
+    /// The kernel's.
+    fn unsent(&self) -> Result<usize, Errno>;
+
+    /// Returns the event at which the next [`read`](Self::read) returns something.
+    fn readiness(&self) -> Readiness<'_>;
 }
 
 #[cfg(test)]

@@ -20,18 +20,16 @@ mod line;
 #[cfg(feature = "linux")]
 mod port;
 #[cfg(feature = "linux")]
-mod stream;
-#[cfg(feature = "linux")]
 mod unit;
-
-use crate::time::Duration;
 
 #[cfg(feature = "linux")]
 pub use bus::{SerialBus, SerialSender};
 #[cfg(feature = "linux")]
-pub use port::{OpenError, Port};
+pub use line::ByteStream;
 #[cfg(feature = "linux")]
-pub use stream::ByteStream;
+pub use port::{OpenError, Port};
+
+use crate::time::Duration;
 
 /// Returns `true` when the payload of a reply can answer that of a request: the command byte and
 /// the repeated numbers are equal. A payload has no checksum, and this comparison distinguishes a

@@ -7,23 +7,21 @@
 //! - *Closing*: the kernel waits up to 30 s for bytes that do not leave. This module discards them
 //!   after 20 ms.
 
-use std::fs::{File, OpenOptions};
-use std::io::{Read, Write};
-use std::os::fd::AsFd;
-use std::os::unix::fs::OpenOptionsExt;
-
+use super::line::ByteStream;
+use super::unit;
+use crate::Readiness;
+use crate::kernel::{self, errno};
+use crate::time::Duration;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use rustix::termios::{
     ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, Termios, tcflush, tcgetattr, tcsetattr,
 };
-
-use super::stream::ByteStream;
-use super::unit;
-use crate::Readiness;
-use crate::kernel::{self, errno};
-use crate::time::Duration;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::OpenOptionsExt;
 
 /// Tolerance of the bit rate: the driver rounds a rate that its clock cannot be divided to. 8N1
 /// tolerates 2 % on each side.

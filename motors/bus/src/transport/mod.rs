@@ -6,10 +6,7 @@
 
 mod access;
 mod serial;
-mod simulated;
 mod socketcan;
-
-use core::ops::Deref;
 
 #[cfg(feature = "linux")]
 pub use access::{
@@ -17,8 +14,9 @@ pub use access::{
 };
 pub use access::{Node, Nodes, Transport};
 pub use serial::Serial;
-pub use simulated::Simulated;
 pub use socketcan::SocketCan;
+
+use core::ops::Deref;
 
 /// A bus as it is configured: its transport, with the settings of that.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -111,5 +109,33 @@ mod tests {
         for address in ["can0", "/dev/ttyUSB0"] {
             assert!(find(address, 1).is_some_and(|kind| kind.hardware().is_some() && !kind.is_simulated()));
         }
+    }
+}
+
+/// A simulated CAN bus. The crate that has the simulator builds it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Simulated {
+    /// Bit/s.
+    pub bitrate: u32,
+    /// Seed of everything random in it.
+    pub seed: u64,
+}
+
+impl Simulated {
+    /// Its type in configurations.
+    pub const NAME: &'static str = "simulated";
+}
+
+impl Transport for Simulated {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn bitrate(&self) -> u32 {
+        self.bitrate
+    }
+
+    fn seed(&self) -> Option<u64> {
+        Some(self.seed)
     }
 }

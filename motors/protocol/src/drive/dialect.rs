@@ -4,6 +4,7 @@ use super::{Command, JointSide, Measured, Question, Reported, Shape, Status, Tra
 use crate::execution_time::ExecutionTime;
 use crate::profile::Profile;
 use crate::scale::Scales;
+use motord_bus::arithmetic::FrameLength;
 use motord_bus::{Duration, Format, Frame, FrameId, Instant};
 
 /// The settings of a motor that its dialect uses.
@@ -173,3 +174,12 @@ macro_rules! dispatch {
 }
 
 pub(crate) use dispatch;
+
+/// A frame that a motor sends without a request.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnpromptedFrame {
+    /// Its length.
+    pub length: FrameLength,
+    /// From the factory.
+    pub rate_hz: f64,
+}

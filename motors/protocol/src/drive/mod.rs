@@ -15,14 +15,10 @@ mod addresses;
 mod command;
 mod dialect;
 mod joint;
-mod unprompted;
-mod unwrap;
 
 pub use addresses::Addresses;
 pub use command::{Command, Question, Reported, Shape, Status, Supply};
-pub use dialect::{Arrived, Dialect, DriveSettings};
-pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
-pub use unprompted::UnpromptedFrame;
-
 pub(crate) use dialect::dispatch;
-pub(crate) use unwrap::Unwrap;
+pub use dialect::{Arrived, Dialect, DriveSettings, UnpromptedFrame};
+pub(crate) use joint::Unwrap;
+pub use joint::{Impedance, JointSide, Measured, MotorSide, Setpoint, Transmission};
