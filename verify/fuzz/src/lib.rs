@@ -23,13 +23,10 @@ pub use messages::{requests, setpoints, states};
 pub use text::{candump, config, description, lock, registration, sim};
 pub use wire::{commands, disarmed, drive, replies, serial};
 
-#[cfg(fuzzing)]
-pub use libfuzzer_sys;
-
 /// A function that takes any bytes, and panics when a guarantee is broken.
 pub type Target = fn(&[u8]);
 
-/// Every target, by the name of its program and of its corpus.
+/// Every target, by the name that `MOTORD_FUZZ` and its corpus have.
 pub const TARGETS: &[(&str, Target)] = &[
     ("replies", replies),
     ("commands", commands),
@@ -50,21 +47,3 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("damiao_imu", damiao_imu),
     ("xsens", xsens),
 ];
-
-/// The program of a target: the fuzzer where it is built for fuzzing, otherwise a program that runs
-/// the given files.
-#[macro_export]
-macro_rules! program {
-    ($target:path) => {
-        #[cfg(fuzzing)]
-        $crate::libfuzzer_sys::fuzz_target!(|bytes: &[u8]| $target(bytes));
-
-        #[cfg(not(fuzzing))]
-        fn main() -> std::io::Result<()> {
-            for file in std::env::args_os().skip(1) {
-                $target(&std::fs::read(file)?);
-            }
-            Ok(())
-        }
-    };
-}
