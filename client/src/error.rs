@@ -1,7 +1,8 @@
 //! Errors between a controller and the daemon, with a sentence that advises what to do.
 
 pub use crate::lateness::Stop;
-use crate::rounded::Rounded;
+
+use crate::lateness::Rounded;
 use motord_ports::permission::advice;
 use motord_ports::service::{self, Obstacle, Part};
 use motord_ports::stop_socket::StopError;

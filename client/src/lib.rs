@@ -164,11 +164,9 @@ mod link;
 mod members;
 mod publisher;
 mod records;
-mod rounded;
 mod setpoint;
 mod state;
 mod stop;
-mod telemetry;
 mod view;
 
 pub use claim::Claim;
@@ -186,19 +184,17 @@ pub use motord_ports::service::{Obstacle, Part, ServiceError};
 pub use motord_ports::stop_socket::StopError;
 #[doc(hidden)]
 pub use motord_ports::{Creator, Forked};
-pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
     ControlLatency, EncodedHistogram, FirstStop, GroupDescription, GroupHistory, Histograms, ImuDescription,
     JointDescription, JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{
-    Applied, BusCondition, Cause, CycleRecord, Fault, Field, ImuContradiction, ImuState, Indicator,
-    JointSetpoint, JointState, Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
-    SetpointMode, StateMessage, joint_state,
+    Applied, BusCondition, Cause, CycleRecord, DEFAULT_INSTANCE, Fault, Field, ImuContradiction, ImuState,
+    Indicator, JointSetpoint, JointState, Kind, Lease, Limit, MotorMode, Operation, Phase, Refusal,
+    Rejection, SetpointMode, StateMessage, joint_state,
 };
 pub use publisher::{ImuPublisher, ImuSample};
-pub use records::Records;
+pub use records::{Records, named_telemetry};
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};
 pub use stop::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in};
-pub use telemetry::named_telemetry;

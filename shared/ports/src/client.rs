@@ -4,24 +4,25 @@
 //! and maps files when the daemon connects or disconnects.
 
 use crate::futex::{Slept, Waiter};
-use crate::iceoryx::{Lent, Payload, copied, read};
+use crate::iceoryx::{Lent, Payload, copied, descriptor_of, read};
 use crate::imu::ImuSender;
 use crate::instance::Attachment;
 use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
-use crate::state_events::StateEvents;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
+use iceoryx2::port::listener::Listener;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{publish_subscribe, request_response};
+use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use motord_shared::limits::{ADMINS_MAX, RECORDERS_MAX, STOP_SLOTS};
 use motord_shared::message::{
     AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
 };
 use nix::errno::Errno;
 use std::ops::ControlFlow;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -322,6 +323,40 @@ impl Question {
             None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),
             None => Ok(None),
         }
+    }
+}
+
+/// Limit on the notifications that wait: the daemon sends one per state, and none while one is
+/// unread.
+const WAITING_MAX: usize = 4;
+
+/// Becomes readable with each state. The daemon pays a system call for it in each cycle.
+#[derive(Debug)]
+pub struct StateEvents(Listener<Service>);
+
+impl StateEvents {
+    pub(crate) fn new(service: &event::PortFactory<Service>) -> Result<Self, ServiceError> {
+        service.listener_builder().create().map(Self).map_err(Part::Cycle.failed())
+    }
+
+    /// Makes the descriptor unreadable until the next state. Call it before checking for a state.
+    /// Makes a system call for each notification, and another one. Never blocks.
+    ///
+    /// # Errors
+    /// A damaged connection.
+    pub fn clear(&self) -> Result<(), ServiceError> {
+        for _ in 0..WAITING_MAX {
+            if self.0.try_wait(|_| ()).map_err(Part::Cycle.failed())? == 0 {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl AsFd for StateEvents {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        descriptor_of(&self.0)
     }
 }
 

@@ -5,6 +5,8 @@
 //! the numbers that it needs.
 
 use clap::Parser;
+use motord_untrusted::printable;
+use std::fmt::Display;
 use std::process::ExitCode;
 
 /// The command was called wrongly, or names a joint or group that does not exist.
@@ -47,4 +49,25 @@ pub fn parse_arguments<A: Parser>() -> Result<A, ExitCode> {
         let _unwritable = error.print();
         ExitCode::from(if error.use_stderr() { USAGE } else { 0 })
     })
+}
+
+/// Reports an unavailable daemon once, not on every failed attempt.
+#[derive(Debug, Default)]
+pub struct Absence {
+    reported: bool,
+}
+
+impl Absence {
+    /// Prints `error` on standard error, unless this absence was reported already.
+    pub fn report(&mut self, error: &impl Display) {
+        if !std::mem::replace(&mut self.reported, true) {
+            eprintln!("motorctl: {}", printable(&error.to_string()));
+            eprintln!("motorctl: waiting for the daemon to restart");
+        }
+    }
+
+    /// Ends the absence: the next one is reported again.
+    pub const fn end(&mut self) {
+        self.reported = false;
+    }
 }

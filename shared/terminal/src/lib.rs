@@ -3,7 +3,6 @@
 
 #![forbid(unsafe_code)]
 
-mod absence;
 pub mod exit_status;
 mod file_error;
 mod interrupt;
@@ -11,8 +10,7 @@ pub mod json;
 mod pages;
 mod table;
 
-pub use absence::Absence;
-pub use exit_status::parse_arguments;
+pub use exit_status::{Absence, parse_arguments};
 pub use file_error::FileError;
 pub use interrupt::Interrupt;
 pub use motord_untrusted::{InputError, InputFile, is_harmless, printable, printable_line, recreate};

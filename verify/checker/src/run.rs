@@ -25,19 +25,18 @@
 
 mod cycle;
 mod native;
-mod received;
 mod reported;
 mod slope;
 mod stop;
+
+pub use reported::Reply;
 
 use crate::protocol::codec::Meaning;
 use crate::protocol::ranges::Ranges;
 use crate::robot::{Limits, Motor, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Mode, Phase, State};
-use cycle::Cycle;
+use cycle::{Cycle, ReceivedCommand};
 use motord_bus::{Duration, Frame, Instant};
-use received::ReceivedCommand;
-pub use reported::Reply;
 use reported::Velocities;
 use slope::Slopes;
 use std::collections::VecDeque;

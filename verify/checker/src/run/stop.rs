@@ -1,8 +1,7 @@
 //! Rules for stops (I10): an injected fault must stop its groups in time, because a motor without
 //! commands keeps its last one.
 
-use super::cycle::Cycle;
-use super::received::ReceivedCommand;
+use super::cycle::{Cycle, ReceivedCommand};
 use crate::robot::{Motor, Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
 use std::collections::VecDeque;

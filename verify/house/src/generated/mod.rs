@@ -9,7 +9,6 @@ mod header;
 mod json;
 mod json_schema;
 mod schema;
-mod status;
 mod stub;
 
 use crate::sources::root;
@@ -57,7 +56,7 @@ fn generated_stub_is_that_of_its_table() {
 
 #[test]
 fn generated_status_schema_is_that_of_tables() {
-    assert_current("docs/schema/motorctl-status.json", status::of_tables().as_bytes());
+    assert_current("docs/schema/motorctl-status.json", json_schema::of_tables().as_bytes());
 }
 
 #[test]
