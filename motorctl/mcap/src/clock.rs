@@ -22,7 +22,8 @@ pub struct Origin {
 
 impl Origin {
     /// Returns the Unix time, ns, where `CLOCK_MONOTONIC` shows `time_ns`.
-    pub(crate) fn unix(self, time_ns: u64) -> u64 {
+    #[must_use]
+    pub fn unix(self, time_ns: u64) -> u64 {
         self.unix_ns.saturating_add(time_ns)
     }
 }
@@ -54,6 +55,7 @@ pub struct ClockStep {
 
 impl ClockStep {
     /// Returns the text of the event in a recording.
+    #[cfg(feature = "files")]
     pub(crate) fn text(self) -> String {
         let (direction, seconds) =
             (if self.by_ns < 0 { "back" } else { "forward" }, self.by_ns.unsigned_abs() as f64 / 1e9);

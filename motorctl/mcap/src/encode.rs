@@ -1,14 +1,15 @@
 //! Encodes the messages of a cycle from shared memory to Protobuf.
 
-use crate::motord;
+use crate::events::{Event, Level};
+use crate::{foxglove, motord};
 use motord_shared::description::RobotDescription;
 use motord_shared::message::{
     FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, IMU_FRESH,
     IMU_LOST, IMU_VALID, JOINT_FRESH, JOINT_VALID,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, CycleRecord, GroupState, ImuState, Indicator, JointIndicators,
-    JointSetpoint, JointState, MotorMode, Phase, SetpointMode, StateMessage,
+    Applied, BusCondition, BusState, Cause, GroupState, ImuState, Indicator, JointIndicators, JointSetpoint,
+    JointState, MotorMode, Phase, SetpointMode, StateMessage,
 };
 
 /// Returns the name of a code; an invalid number represents itself.
@@ -122,8 +123,7 @@ pub(crate) fn bus(cycle: u64, bus: &BusState) -> motord::Bus {
     }
 }
 
-pub(crate) fn cycle(record: &CycleRecord) -> motord::Cycle {
-    let state = &record.state;
+pub(crate) fn cycle(state: &StateMessage, sequence: u64) -> motord::Cycle {
     let has = |flag: u32| state.flags & flag != 0;
     let StateMessage { cycle, tick_ns, wake_latency_ns, publish_ns, overruns, boot_id, .. } = *state;
     motord::Cycle {
@@ -138,7 +138,7 @@ pub(crate) fn cycle(record: &CycleRecord) -> motord::Cycle {
         shutting_down: has(FLAG_SHUTDOWN),
         config_changed: has(FLAG_CONFIG_CHANGED),
         boot_id,
-        sequence: record.sequence,
+        sequence,
     }
 }
 
@@ -148,4 +148,21 @@ pub(crate) fn indicators(indicators: &JointIndicators) -> motord::Indicators {
         value.is_finite().then(|| (indicator.name().to_owned(), value))
     };
     motord::Indicators { values: Indicator::ALL.iter().filter_map(known).collect() }
+}
+
+pub(crate) fn log(event: &Event, unix_ns: u64) -> foxglove::Log {
+    let level = match event.level {
+        Level::Debug => foxglove::log::Level::Debug,
+        Level::Info => foxglove::log::Level::Info,
+        Level::Warning => foxglove::log::Level::Warning,
+        Level::Error => foxglove::log::Level::Error,
+    };
+    let seconds = i64::try_from(unix_ns / 1_000_000_000).unwrap_or(i64::MAX);
+    let timestamp = prost_types::Timestamp { seconds, nanos: (unix_ns % 1_000_000_000) as i32 };
+    foxglove::Log {
+        timestamp: Some(timestamp),
+        level: level.into(),
+        message: format!("{} {}", event.subject, event.text).trim_start().to_owned(),
+        name: event.subject.clone(),
+    }
 }

@@ -3,7 +3,11 @@
 //! - [`Writer`] writes a file, [`Reader`] reads it.
 //! - [`Events`] detects changes from cycle to cycle, [`Stops`] the safe stops.
 //! - [`Memory`] keeps the last seconds.
+//! - [`Topic`] encodes the messages of a state, for programs that send them elsewhere.
 //! - [`Clock`] detects that the computer's clock was set.
+//!
+//! The feature `files`, on by default, is for files. Without it there are events, and the messages
+//! of a state.
 //!
 //! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file
 //! carries the schemas, `proto/motord.proto`, and the description of the robot.
@@ -22,19 +26,30 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+#[cfg(feature = "files")]
 mod decode;
 mod encode;
 mod events;
+#[cfg(feature = "files")]
 mod memory;
+#[cfg(feature = "files")]
 mod messages;
+#[cfg(feature = "files")]
 mod reader;
+mod topic;
+#[cfg(feature = "files")]
 mod writer;
 
 pub use clock::{Clock, ClockStep, Origin, Reading};
 pub use events::{Event, Events, Level, Stops};
+#[cfg(feature = "files")]
 pub use memory::{Memory, Remembered};
+#[cfg(feature = "files")]
 pub use messages::ReadError;
+#[cfg(feature = "files")]
 pub use reader::Reader;
+pub use topic::Topic;
+#[cfg(feature = "files")]
 pub use writer::{Counts, Writer};
 
 /// The messages, made from `proto/`: `verify/house/src/generated.rs`.
@@ -50,4 +65,4 @@ mod foxglove {
 }
 
 /// The schemas, as a `google.protobuf.FileDescriptorSet`.
-const SCHEMA: &[u8] = include_bytes!("../generated/schema.bin");
+pub const SCHEMA: &[u8] = include_bytes!("../generated/schema.bin");

@@ -1,9 +1,10 @@
 //! Writes a file.
 
+use crate::SCHEMA;
 use crate::clock::{ClockStep, Origin};
 use crate::encode;
 use crate::events::{Event, Events, Level};
-use crate::{SCHEMA, foxglove};
+use crate::topic::Topic;
 use mcap::records::MessageHeader;
 use mcap::write::{Metadata, NoSeek};
 use mcap::{McapError, McapResult, WriteOptions};
@@ -150,9 +151,9 @@ impl<W: Write> Writer<W> {
             }
         }
         for event in self.events.of(state, robot) {
-            put(channels.events, &log(&event, header.log_time))?;
+            put(channels.events, &encode::log(&event, header.log_time))?;
         }
-        put(channels.cycle, &encode::cycle(record))
+        put(channels.cycle, &encode::cycle(state, record.sequence))
     }
 
     /// Writes that the computer's clock was set, as an event. The times of the file keep their
@@ -164,7 +165,7 @@ impl<W: Write> Writer<W> {
         let time = self.origin.unix(step.at_ns);
         let event = Event { level: Level::Warning, subject: String::new(), text: step.text() };
         self.buffer.clear();
-        log(&event, time).encode_into(&mut self.buffer);
+        encode::log(&event, time).encode_into(&mut self.buffer);
         let channel_id = self.channels.events;
         let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
         self.out.write_to_known_channel(&header, &self.buffer).map_err(of_mcap)
@@ -206,36 +207,23 @@ impl<W: Write> Writer<W> {
 
 impl Channels {
     fn add<W: Write>(out: &mut mcap::Writer<NoSeek<W>>, robot: &RobotDescription) -> McapResult<Self> {
-        let mut schema = |name: &str| out.add_schema(name, "protobuf", SCHEMA);
-        let [joint, group, bus, indicators, imu, cycle, log] = [
-            schema("motord.Joint")?,
-            schema("motord.Group")?,
-            schema("motord.Bus")?,
-            schema("motord.Indicators")?,
-            schema("motord.Imu")?,
-            schema("motord.Cycle")?,
-            schema("foxglove.Log")?,
-        ];
-        let none = BTreeMap::new();
-        let mut add = |schema, topic: &str| out.add_channel(schema, topic, "protobuf", &none);
-        let joints = || robot.joints.iter().map(|joint| &joint.name);
-        Ok(Self {
-            joints: joints().map(|name| add(joint, &format!("/joints/{name}"))).collect::<Result<_, _>>()?,
-            groups: (robot.groups.iter())
-                .map(|described| add(group, &format!("/groups/{}", described.name)))
-                .collect::<Result<_, _>>()?,
-            buses: (robot.buses.iter())
-                .map(|name| add(bus, &format!("/buses/{name}")))
-                .collect::<Result<_, _>>()?,
-            indicators: joints()
-                .map(|name| add(indicators, &format!("/indicators/{name}")))
-                .collect::<Result<_, _>>()?,
-            imus: (robot.imus.iter())
-                .map(|described| add(imu, &format!("/imus/{}", described.name)))
-                .collect::<Result<_, _>>()?,
-            cycle: add(cycle, "/cycle")?,
-            events: add(log, "/events")?,
-        })
+        let (mut channels, none) = (Self::default(), BTreeMap::new());
+        for topic in Topic::all(robot) {
+            // The same schema again has the same number.
+            let schema = out.add_schema(topic.schema(), "protobuf", SCHEMA)?;
+            let name = topic.name(robot).unwrap_or_default();
+            let channel = out.add_channel(schema, &name, "protobuf", &none)?;
+            match topic {
+                Topic::Joint(_) => channels.joints.push(channel),
+                Topic::Group(_) => channels.groups.push(channel),
+                Topic::Bus(_) => channels.buses.push(channel),
+                Topic::Indicators(_) => channels.indicators.push(channel),
+                Topic::Imu(_) => channels.imus.push(channel),
+                Topic::Cycle => channels.cycle = channel,
+                Topic::Events => channels.events = channel,
+            }
+        }
+        Ok(channels)
     }
 }
 
@@ -247,23 +235,6 @@ trait Encode {
 impl<T: Message> Encode for T {
     fn encode_into(&self, buffer: &mut Vec<u8>) {
         self.encode_raw(buffer);
-    }
-}
-
-fn log(event: &Event, unix_ns: u64) -> foxglove::Log {
-    let level = match event.level {
-        Level::Debug => foxglove::log::Level::Debug,
-        Level::Info => foxglove::log::Level::Info,
-        Level::Warning => foxglove::log::Level::Warning,
-        Level::Error => foxglove::log::Level::Error,
-    };
-    let seconds = i64::try_from(unix_ns / 1_000_000_000).unwrap_or(i64::MAX);
-    let timestamp = prost_types::Timestamp { seconds, nanos: (unix_ns % 1_000_000_000) as i32 };
-    foxglove::Log {
-        timestamp: Some(timestamp),
-        level: level.into(),
-        message: format!("{} {}", event.subject, event.text).trim_start().to_owned(),
-        name: event.subject.clone(),
     }
 }
 
