@@ -1,6 +1,7 @@
 //! The commands: `check`, and `run`, which starts and ends the threads.
 
 use crate::config::{Config, ConfigError, Range};
+use crate::foxglove;
 use crate::group::Group;
 use crate::link::GroupLink;
 use crate::motor::Motor;
@@ -76,7 +77,12 @@ fn summary(config: &Config, network: &Network) -> String {
         Range::Subnet => "every interface",
     };
     let commands = if config.ros2.commands { "commands accepted" } else { "commands off" };
-    format!("instance {}, DDS domain {} on {range}, {commands}", config.robot.instance, network.domain)
+    let viewers = match &config.foxglove {
+        foxglove if foxglove.enabled => format!("Foxglove on {} port {}", foxglove.address, foxglove.port),
+        _ => "Foxglove off".to_owned(),
+    };
+    let instance = &config.robot.instance;
+    format!("instance {instance}, DDS domain {} on {range}, {commands}, {viewers}", network.domain)
 }
 
 /// Runs the bridge until a signal.
@@ -106,11 +112,13 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     };
     let page = page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?;
     let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
+    let viewers = foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?;
     let motor = spawn("motor", move || motor.run())?;
     while !shared.ends() {
         std::thread::sleep(RETRY);
-        let page_has_ended = page.as_ref().is_some_and(JoinHandle::is_finished);
-        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || page_has_ended;
+        let servers = [&page, &viewers];
+        let server_has_ended = servers.into_iter().flatten().any(JoinHandle::is_finished);
+        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || server_has_ended;
         // After a signal the threads end by themselves.
         if has_ended && !shared.ends() {
             shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
@@ -120,6 +128,7 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let _panicked = motor.join();
     let _panicked = stop.join();
     let _panicked = page.map(JoinHandle::join);
+    let _panicked = viewers.map(JoinHandle::join);
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
 }

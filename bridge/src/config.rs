@@ -1,5 +1,9 @@
 //! The configuration file: what the bridge publishes, and whether it accepts commands.
 
+mod foxglove;
+
+pub(crate) use self::foxglove::Foxglove;
+
 use crate::web::settings::Web;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
@@ -20,6 +24,7 @@ pub(crate) const DOMAIN_MAX: u16 = 232;
 pub(crate) struct Config {
     pub(crate) robot: Robot,
     pub(crate) ros2: Ros2,
+    pub(crate) foxglove: Foxglove,
     pub(crate) commands: Commands,
     pub(crate) web: Web,
     /// By the name of the group.
@@ -232,6 +237,7 @@ impl Config {
         within("commands.trajectory-step-rad", commands.trajectory_step_rad, 0.0, 1.0)?;
         within("commands.trajectory-max-s", commands.trajectory_max_s, 0.1, 60.0)?;
         self.web.check().map_err(ConfigError::Web)?;
+        self.check_foxglove()?;
         for (name, gains) in &self.group {
             for (key, numbers) in [("kp", &gains.kp), ("kd", &gains.kd)] {
                 if !numbers.are_gains() {
@@ -242,6 +248,34 @@ impl Config {
             }
         }
         Ok(())
+    }
+}
+
+impl Config {
+    fn check_foxglove(&self) -> Result<(), ConfigError> {
+        let foxglove = &self.foxglove;
+        within("foxglove.joints-hz", foxglove.joints_hz, 0.0, 1000.0)?;
+        within("foxglove.imus-hz", foxglove.imus_hz, 0.0, 1000.0)?;
+        within("foxglove.groups-hz", foxglove.groups_hz, 0.0, 1000.0)?;
+        within("foxglove.buses-hz", foxglove.buses_hz, 0.0, 1000.0)?;
+        within("foxglove.latencies-hz", foxglove.latencies_hz, 0.0, 10.0)?;
+        within("foxglove.backlog", foxglove.backlog.into(), 16.0, 16384.0)?;
+        let refuse = |key: &str, value: String, allowed: &str| {
+            Err(ConfigError::Value { key: key.to_owned(), value, allowed: allowed.to_owned() })
+        };
+        if !foxglove.is_local() && !foxglove.allow_remote {
+            let allowed = "127.0.0.1 or ::1, or `allow-remote = true` must permit everyone who reaches it to stop the robot";
+            return refuse("foxglove.address", foxglove.address.to_string(), allowed);
+        }
+        match (&foxglove.tls_certificate, &foxglove.tls_key) {
+            (Some(_), None) => {
+                refuse("foxglove.tls-key", "missing".to_owned(), "the key of `tls-certificate`")
+            }
+            (None, Some(_)) => {
+                refuse("foxglove.tls-certificate", "missing".to_owned(), "the certificate of `tls-key`")
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -287,12 +321,39 @@ mod tests {
             ("[ros2]\nimu-hz = nan", "ros2.imu-hz"),
             ("[ros2]\ndomain-id = 233", "ros2.domain-id"),
             ("[commands]\ntimeout-ms = 1e9", "commands.timeout-ms"),
+            ("[foxglove]\njoints-hz = 1e9", "foxglove.joints-hz"),
+            ("[foxglove]\nbacklog = 1", "foxglove.backlog"),
             ("[group.legs]\nkp = -1\nkd = 1", "group.legs.kp"),
             ("[group.legs]\nkp = 1\nkd = [1.0, inf]", "group.legs.kd"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(key) && error.contains("from"), "{error}");
         }
+    }
+
+    #[test]
+    fn server_for_viewers_is_off_and_local() {
+        let Config { foxglove, .. } = parse("").unwrap();
+        assert!(!foxglove.enabled && foxglove.is_local() && !foxglove.allow_remote);
+    }
+
+    #[test]
+    fn remote_address_needs_explicit_permission() {
+        for address in ["0.0.0.0", "192.168.1.2", "::", "::ffff:127.0.0.1"] {
+            let text = format!("[foxglove]\naddress = \"{address}\"\n");
+            let error = parse(&text).unwrap_err();
+            assert!(error.contains("allow-remote"), "{error}");
+            assert!(parse(&(text + "allow-remote = true")).is_ok());
+        }
+        assert!(parse("[foxglove]\naddress = \"::1\"").is_ok());
+    }
+
+    #[test]
+    fn certificate_and_key_need_each_other() {
+        let error = parse("[foxglove]\ntls-key = \"key.pem\"").unwrap_err();
+        assert!(error.contains("tls-certificate"), "{error}");
+        let error = parse("[foxglove]\ntls-certificate = \"cert.pem\"").unwrap_err();
+        assert!(error.contains("tls-key"), "{error}");
     }
 
     #[test]

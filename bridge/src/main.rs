@@ -6,6 +6,8 @@
 //!  motord ◀── stop socket ──  stop  ◀───requests───── ros2-stop    ◀─ DDS
 //!                             motor ──newest state──▶ web          ─▶ HTTP
 //!                             stop  ◀───requests───── web          ◀─ HTTP
+//!                                   ◀───requests───── foxglove-net ◀─ WebSocket
+//!  motord ── shared memory ─▶ foxglove-publish ─────▶ foxglove-net ─▶ WebSocket
 //! ```
 //!
 //! The thread `motor` owns the client and the claims, and touches no network. A peer that floods,
@@ -17,11 +19,17 @@ mod command;
 mod config;
 #[cfg(test)]
 mod fixtures;
+#[cfg(feature = "foxglove")]
+mod foxglove;
+#[cfg(not(feature = "foxglove"))]
+#[path = "no_foxglove.rs"]
+mod foxglove;
 mod group;
 mod held;
 mod link;
 mod logger;
 mod motor;
+mod pace;
 mod rate_limit;
 mod refusal;
 mod request;

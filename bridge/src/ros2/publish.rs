@@ -1,6 +1,7 @@
 //! The thread that publishes states. It takes the newest one and never delays the motor thread.
 
 use crate::config::Ros2;
+use crate::pace::Pace;
 use crate::ros2::bounded::Bounded;
 use crate::ros2::diagnostics;
 use crate::ros2::messages::{DiagnosticArray, GroupState, Imu, JointState, Quaternion, Text, Typed, Vector3};
@@ -19,26 +20,6 @@ const WAIT: Duration = Duration::from_millis(100);
 
 /// Longest time between two diagnostics.
 const DIAGNOSTICS_PERIOD_MAX: Duration = Duration::from_secs(3600);
-
-/// Every `cycles`th cycle, on the grid of the daemon's cycles.
-#[derive(Debug, Clone, Copy)]
-struct Pace {
-    /// 0: never.
-    cycles: u64,
-    last: u64,
-}
-
-impl Pace {
-    fn new(hz: f64, cycle_hz: f64) -> Self {
-        let cycles = if hz > 0.0 { (cycle_hz / hz).round().max(1.0) as u64 } else { 0 };
-        Self { cycles, last: u64::MAX }
-    }
-
-    fn is_due(&mut self, cycle: u64) -> bool {
-        let Some(number) = cycle.checked_div(self.cycles) else { return false };
-        std::mem::replace(&mut self.last, number) != number
-    }
-}
 
 /// Returns the number of cycles after which the fastest topic needs a state.
 pub(crate) fn cycles_between_states(ros2: &Ros2, cycle_hz: f64) -> u32 {
@@ -259,14 +240,6 @@ fn group_state(snapshot: &Snapshot, shared: &Shared, index: usize) -> Option<Gro
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn late_states_do_not_lower_the_rate() {
-        let mut pace = Pace::new(100.0, 1000.0);
-        let due: Vec<u64> =
-            [5, 14, 19, 20, 29, 31, 49, 50].into_iter().filter(|cycle| pace.is_due(*cycle)).collect();
-        assert_eq!(due, [5, 14, 20, 31, 49, 50]);
-    }
 
     #[test]
     fn rate_of_zero_publishes_nothing() {
