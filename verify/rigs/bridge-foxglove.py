@@ -206,6 +206,7 @@ def check_rates(viewer, least, topics=None):
         if every is None:
             continue
         numbers = [decode(topic, content).cycle // every for _, content in viewer.messages[topic]]
+        assert numbers, f"no message of {topic}"
         # A change of the group is sent out of turn.
         assert len(numbers) == len(set(numbers)) or topic in ("/groups/legs", "/cycle"), f"{topic} is sent too often"
         parts[topic] = len(set(numbers)) / (numbers[-1] - numbers[0] + 1)
@@ -228,10 +229,17 @@ def silent_viewer(port):
     """A viewer that subscribes to all and does not read; its kernel holds little."""
     connection = socket.socket()
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    # The server reads nothing of a viewer that does not read its answers.
+    connection.settimeout(1)
     connection.connect(("127.0.0.1", int(port)))
     key = base64.b64encode(os.urandom(16)).decode()
     connection.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
                        f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: {SUBPROTOCOLS[1]}\r\n\r\n".encode())
+    # Frames before the answer would end the handshake.
+    answer = b""
+    while not answer.endswith(b"\r\n\r\n"):
+        answer += connection.recv(1)
+    assert answer.startswith(b"HTTP/1.1 101"), answer
     return connection
 
 
@@ -257,7 +265,7 @@ def read_bytes(connection, seconds):
 
 def binary_messages(data):
     """The binary messages in what a server sent."""
-    data, messages = data[data.index(b"\r\n\r\n") + 4:], []
+    messages = []
     while len(data) > 10:
         length, start = data[1] & 127, 2
         if length == 126:
@@ -280,13 +288,13 @@ async def watchers(port, seconds):
     # The server has to send its channels first.
     begin = read_bytes(silent, 3)
     viewers = [first] + [await Viewer(port).connect(SUBPROTOCOLS[1]) for _ in range(19)]
+    # More topics would measure this Python.
     for viewer in viewers:
-        await viewer.subscribe()
+        await viewer.subscribe(["/joints/fl-hip", "/joint_states", "/groups/legs", "/cycle"])
     await asyncio.gather(*(viewer.read_for(float(seconds)) for viewer in viewers))
     parts = [check_rates(viewer, 0.5, ["/joints/fl-hip", "/groups/legs"]) for viewer in viewers]
     print(f"  20 viewers: {min(len(viewer.messages['/joints/fl-hip']) for viewer in viewers)} to "
           f"{max(len(viewer.messages['/joints/fl-hip']) for viewer in viewers)} messages of each joint, at least {100 * min(parts):.1f} %")
-    sent = sum(len(messages) for messages in first.messages.values())
     decode, channel = Decoder(first), first.channels["/joints/fl-hip"]["id"]
     for viewer in viewers[1:]:
         await viewer.socket.close()
@@ -294,7 +302,7 @@ async def watchers(port, seconds):
     received = binary_messages(begin + read_bytes(silent, 5))
     hips = [decode("/joints/fl-hip", message[13:]).cycle for message in received if message[0] == 1 and struct.unpack_from("<I", message, 1)[0] == channel]
     gap = max(b - a for a, b in zip(hips, hips[1:]))
-    print(f"  the viewer that did not read: {len(received)} of {sent} messages and those of 5 s later, the largest gap {gap} cycles")
+    print(f"  the viewer that did not read: {len(received)} messages before, from the buffers and in the next 5 s; the largest gap {gap} cycles")
     assert gap > 1000, "nothing was dropped: the buffer of a viewer that does not read has no bound"
     assert hips == sorted(hips)
     silent.close()
@@ -369,14 +377,14 @@ def damaged(seed):
 
 
 async def hostile(port):
-    for seed in range(300):
+    for seed in range(200):
         dice = random.Random(seed)
         with socket.create_connection(("127.0.0.1", int(port))) as connection:
             try:
                 connection.sendall(dice.randbytes(dice.randrange(1, 4000)))
             except OSError:
                 pass
-    for seed in range(100):
+    for seed in range(20):
         with silent_viewer(port) as connection:
             try:
                 for message in damaged(seed):
