@@ -1,10 +1,11 @@
 //! The configuration file: what the bridge publishes, and whether it accepts commands.
 
 mod foxglove;
+mod web;
 
 pub(crate) use self::foxglove::Foxglove;
+pub(crate) use self::web::Web;
 
-use crate::web::settings::Web;
 use serde::Deserialize;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 use std::collections::BTreeMap;

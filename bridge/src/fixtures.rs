@@ -1,9 +1,12 @@
-//! A group and rules for the tests of commands.
+//! A group, rules and a robot for tests.
 
 use crate::config::Commands;
 use crate::group::{Group, GroupJoint};
 use crate::rules::{Rules, Stamp, Stamped};
-use motord_client::JointLimits;
+use crate::shared::Shared;
+use motord_client::{JointDescription, JointLimits, RobotDescription};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 pub(crate) const NOW_NS: u64 = 1_000_000_000_000;
@@ -22,4 +25,11 @@ pub(crate) fn names(names: &[&str]) -> Vec<String> {
 
 pub(crate) fn rules<'a>(group: &'a Group, commands: &'a Commands) -> Rules<'a> {
     Rules { group, gains: None, commands, horizon_max: Duration::from_millis(50), now_ns: NOW_NS }
+}
+
+/// Values of a robot `dog` whose only joint has a name that a page must escape.
+pub(crate) fn shared() -> Arc<Shared> {
+    let joint = JointDescription { name: "fl-\"hip\"</script>".to_owned(), ..Default::default() };
+    let robot = RobotDescription { instance: "dog".into(), joints: vec![joint], ..Default::default() };
+    Arc::new(Shared::new(Arc::new(robot), Vec::new(), Arc::new(AtomicBool::new(false))))
 }

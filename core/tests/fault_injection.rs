@@ -103,22 +103,12 @@ fn settings(seed: u64) -> Settings {
 /// The frames of a private knee, and the answers of a stopped CANSimple driver, are longer.
 const LATER_REPLIES: &str = "[cycle]\nreply-deadline-percent = 90\n";
 
-/// Returns `true` when SteadyWin's hip of this seed's mixed robot has a CANSimple driver.
-const fn has_node(seed: u64) -> bool {
-    is_mixed(seed) && seed.is_multiple_of(4)
-}
-
 /// A knee that needs no enable.
 const NO_ENABLE: &str = "id = 3\nprotocol = \"myactuator\"\nmodel = \"X8-20\"\ntorque-end-nm = 24";
 
 /// A knee that no frame asks for its state.
 const UNASKED: &str =
     "id = 3\nprotocol = \"odrive\"\nmodel = \"ODrive-S1\"\ngear-ratio = 8\npeak-torque-nm = 12";
-
-/// Returns `true` when an ODrive is the first RS00 knee of this seed's mixed robot.
-const fn has_odrive(seed: u64) -> bool {
-    is_mixed(seed) && seed % 8 == 3
-}
 
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
@@ -137,10 +127,8 @@ fn mixed_settings(seed: u64) -> Settings {
         joints(&["knee"]).concat(),
     );
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
-    let text = match has_odrive(seed) {
-        true => text.replacen(&(knee("mit") + "00\""), UNASKED, 1),
-        false => text,
-    };
+    let unasked = usize::from(seed % 8 == 3);
+    let text = text.replacen(&(knee("mit") + "00\""), UNASKED, unasked);
     let text = match seed % 4 {
         1 | 3 => LATER_REPLIES.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
         2 => text.replace(&(knee("mit") + "00\""), NO_ENABLE),
@@ -148,7 +136,8 @@ fn mixed_settings(seed: u64) -> Settings {
     };
     let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
     let node = || LATER_REPLIES.to_owned() + &text.replace(&hip("mit"), &hip("cansimple"));
-    let text = if has_node(seed) { node() } else { text };
+    // SteadyWin's hips have a CANSimple driver.
+    let text = if seed.is_multiple_of(4) { node() } else { text };
     let mut settings = robot::settings(&text);
     settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
     settings

@@ -3,7 +3,7 @@
 //! A page of another site can let a browser send requests here, and can direct its own name to this
 //! computer (DNS rebinding). The browser names that site in `Origin`, or its name in `Host`.
 
-use crate::web::settings::Web;
+use crate::config::Web;
 use crate::web::token::Tokens;
 use hyper::header::{
     AUTHORIZATION, CONTENT_LENGTH, HOST, HeaderName, HeaderValue, ORIGIN, TRANSFER_ENCODING,

@@ -7,16 +7,15 @@ mod guard;
 mod policy;
 mod report;
 mod server;
-pub(crate) mod settings;
 mod timed;
 mod tls;
 mod token;
 
+use crate::config::Web;
 use crate::shared::Shared;
 use crate::stop::StopDesk;
 use guard::Guard;
 use server::Server;
-use settings::Web;
 use std::net::SocketAddr;
 use std::rc::Rc;
 use std::sync::Arc;

@@ -207,19 +207,11 @@ fn bus_state<'a>(name: &'a str, bus: &Bus) -> BusState<'a> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-    use motord_client::{JointDescription, RobotDescription};
+    use crate::fixtures::shared;
     use serde_json::Value;
-    use std::sync::Arc;
-    use std::sync::atomic::AtomicBool;
     use std::time::{Duration, Instant};
-
-    pub(crate) fn shared() -> Arc<Shared> {
-        let joint = JointDescription { name: "fl-\"hip\"</script>".to_owned(), ..Default::default() };
-        let robot = RobotDescription { instance: "dog".into(), joints: vec![joint], ..Default::default() };
-        Arc::new(Shared::new(Arc::new(robot), Vec::new(), Arc::new(AtomicBool::new(false))))
-    }
 
     fn parsed(newest: &Newest, last: Option<LastStop>) -> Value {
         serde_json::from_str(&newest.json(&shared(), last)).unwrap()

@@ -1,9 +1,9 @@
 //! The server on loopback, with raw requests.
 
 use super::*;
+use crate::config::Web;
+use crate::fixtures::shared;
 use crate::stop::StopDesk;
-use crate::web::report::tests::shared;
-use crate::web::settings::Web;
 use crate::web::token::Tokens;
 use std::io::{Read, Write};
 use std::net::TcpStream as Peer;
