@@ -4,7 +4,7 @@
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
 //! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol, and
-//! in a quarter one of SteadyWin's hips has a CANSimple driver, in another quarter MyActuator's motors,
+//! in a quarter SteadyWin's hips have a CANSimple driver, in another quarter MyActuator's motors,
 //! which need no enable, replace some knees, and in every eighth an ODrive replaces a knee.
 //! One has native motors among them; half of these seeds put three on a serial line at a fifth of
 //! the rate. In every fourth seed the cycle polls for the last replies.
@@ -129,15 +129,13 @@ fn mixed_settings(seed: u64) -> Settings {
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
     let unasked = usize::from(seed % 8 == 3);
     let text = text.replacen(&(knee("mit") + "00\""), UNASKED, unasked);
-    let text = match seed % 4 {
-        1 | 3 => LATER_REPLIES.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
-        2 => text.replace(&(knee("mit") + "00\""), NO_ENABLE),
-        _ => text,
-    };
     let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
-    let node = || LATER_REPLIES.to_owned() + &text.replace(&hip("mit"), &hip("cansimple"));
-    // SteadyWin's hips have a CANSimple driver.
-    let text = if seed.is_multiple_of(4) { node() } else { text };
+    let text = match seed % 4 {
+        // SteadyWin's hips have a CANSimple driver.
+        0 => LATER_REPLIES.to_owned() + &text.replace(&hip("mit"), &hip("cansimple")),
+        1 | 3 => LATER_REPLIES.to_owned() + &text.replace(&knee("mit"), &knee("robstride")),
+        _ => text.replace(&(knee("mit") + "00\""), NO_ENABLE),
+    };
     let mut settings = robot::settings(&text);
     settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
     settings
