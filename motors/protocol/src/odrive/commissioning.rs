@@ -108,7 +108,7 @@ impl<'l> Odrive<'l> {
     }
 
     fn send(&mut self, command: Command) -> Result<(), Error> {
-        let Some(frame) = command.frame(self.node) else { return Ok(()) };
+        let frame = command.frame(self.node).ok_or(self.silent("command"))?;
         self.link.ask_node(&frame, Duration::ZERO, |_| None::<()>).map(drop)
     }
 }
