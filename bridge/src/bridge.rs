@@ -8,6 +8,7 @@ use crate::motor::Motor;
 use crate::ros2::{self, Network, NetworkError};
 use crate::shared::Shared;
 use crate::stop::{self, StopDesk};
+use crate::threads::spawn;
 use crate::web::{self, Page};
 use motord_client::Client;
 use std::path::Path;
@@ -108,12 +109,12 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let stop = {
         let (instance, desk, ends) =
             (config.robot.instance.clone(), Arc::clone(&desk), Arc::clone(&shared.ends));
-        spawn("stop", move || stop::run(&instance, &desk, &ends))?
+        spawn("stop", move || stop::run(&instance, &desk, &ends)).map_err(BridgeError::Start)?
     };
     let page = page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?;
     let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
     let viewers = foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?;
-    let motor = spawn("motor", move || motor.run())?;
+    let motor = spawn("motor", move || motor.run()).map_err(BridgeError::Start)?;
     while !shared.ends() {
         std::thread::sleep(RETRY);
         let servers = [&page, &viewers];
@@ -131,11 +132,6 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let _panicked = viewers.map(JoinHandle::join);
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
-}
-
-fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, BridgeError> {
-    let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
-    thread.map_err(|error| BridgeError::Start(format!("cannot start the thread {name}: {error}")))
 }
 
 /// Connects to the daemon, and waits for it. `None` after a signal.

@@ -15,6 +15,7 @@
 
 mod bridge;
 mod claim_gate;
+mod clock;
 mod command;
 mod config;
 #[cfg(test)]
@@ -39,6 +40,7 @@ mod setpoints;
 mod shared;
 mod slot;
 mod stop;
+mod threads;
 mod trajectory;
 mod web;
 

@@ -58,7 +58,7 @@ impl Motor {
             while let Ok(request) = self.requests.try_recv() {
                 let answer = self.perform(request.group, request.operation);
                 // A caller that has gone needs no answer.
-                let _gone = request.answer.try_send(answer);
+                let _closed = request.answer.try_send(answer);
             }
         }
         for index in 0..self.held.len() {

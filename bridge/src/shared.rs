@@ -13,6 +13,13 @@ pub(crate) struct Snapshot {
     pub(crate) robot: Arc<RobotDescription>,
 }
 
+impl Snapshot {
+    /// Returns the lowest supply voltage that a motor reports, V.
+    pub(crate) fn battery(&self) -> Option<f32> {
+        self.state.joints().filter_map(|joint| joint.supply_voltage).min_by(f32::total_cmp)
+    }
+}
+
 /// A report of the motor thread.
 #[derive(Debug, Clone)]
 pub(crate) enum Report {
@@ -34,7 +41,7 @@ pub(crate) struct Shared {
     pub(crate) page: Slot<Report>,
     /// For the rules of trajectories, which begin at the present positions.
     pub(crate) latest: Slot<State>,
-    /// Set by a signal, too.
+    /// The bridge ends. A signal also sets it.
     pub(crate) ends: Arc<AtomicBool>,
     failure: OnceLock<String>,
 }

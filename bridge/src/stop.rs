@@ -14,6 +14,9 @@ const RECEIPTS_MAX: usize = 256;
 /// Time after which the thread checks whether the bridge ends.
 const POLL: Duration = Duration::from_millis(200);
 
+/// The answer to a request without a receipt.
+pub(crate) const NO_RECEIPT: &str = "a stop runs, and too many others wait for its receipt";
+
 /// The outcome of a stop.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Receipt {
@@ -163,7 +166,7 @@ impl StopDesk {
                 *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(last);
             }
             // A source that has gone needs no receipt.
-            let _gone = request.receipt.try_send(receipt);
+            let _closed = request.receipt.try_send(receipt);
         }
     }
 }
@@ -215,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn gone_callers_keep_no_living_one_out() {
+    fn vanished_callers_leave_room_for_others() {
         let desk = StopDesk::default();
         for number in 0..10 * RECEIPTS_MAX {
             drop(desk.request(number.to_string()));

@@ -14,6 +14,7 @@ mod thinning;
 use crate::config::Config;
 use crate::shared::Shared;
 use crate::stop::StopDesk;
+use crate::threads::spawn;
 use channels::Channels;
 use motord_client::Client;
 use publish::Publisher;
@@ -41,7 +42,5 @@ pub(crate) fn start(
     let client = Client::connect(&config.robot.instance).map_err(|error| error.to_string())?;
     let publisher = Publisher::new(client, channels, server, newcomers, settings, &shared.robot);
     let shared = Arc::clone(shared);
-    let thread = std::thread::Builder::new().name("foxglove-publish".to_owned());
-    let thread = thread.spawn(move || publisher.run(&shared));
-    thread.map(Some).map_err(|error| format!("cannot start the thread foxglove-publish: {error}"))
+    spawn("foxglove-publish", move || publisher.run(&shared)).map(Some)
 }

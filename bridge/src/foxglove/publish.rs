@@ -1,5 +1,6 @@
 //! The thread that publishes. It waits for the daemon only, never for a viewer.
 
+use crate::clock::wall_ns;
 use crate::config::Foxglove;
 use crate::foxglove::channels::Channels;
 use crate::foxglove::server::{Newcomers, Server};
@@ -9,7 +10,7 @@ use crate::shared::Shared;
 use motord_client::{Client, Error, RobotDescription, State};
 use motord_mcap::{Event, Events, Level, Origin};
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// Longest wait for a state.
 const WAIT: Duration = Duration::from_millis(200);
@@ -142,10 +143,4 @@ impl Publisher {
             }
         }
     }
-}
-
-/// Returns ns since 1970.
-fn wall_ns() -> u64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -2,9 +2,9 @@
 
 use crate::foxglove::channels::json_schema;
 use crate::shared::Shared;
-use crate::stop::{Receipt, StopDesk};
+use crate::stop::{NO_RECEIPT, Receipt, StopDesk};
 use foxglove::websocket::service::{Service, ServiceSchema};
-use motord_client::{Cause, RobotDescription, State, StateMessage};
+use motord_client::{Cause, MotorMode, Phase, RobotDescription, State, StateMessage};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ fn stop(desk: &Arc<StopDesk>) -> Service {
         async move {
             match receipt.recv().await {
                 Ok(receipt) => answer(&receipt),
-                Err(_) => Err("a stop runs, and too many others wait for its receipt".to_owned()),
+                Err(_) => Err(NO_RECEIPT.to_owned()),
             }
         }
     })
@@ -61,7 +61,7 @@ fn summary(robot: &RobotDescription, state: &State) -> Value {
     let groups = robot.groups.iter().zip(state.groups()).map(|(group, now)| {
         json!({
             "name": group.name,
-            "phase": now.phase.map(|phase| phase.name()),
+            "phase": now.phase.map(Phase::name),
             "is_latched": now.latched,
             "cause": now.cause.map(Cause::name),
             "sentence": now.cause.map(Cause::sentence),
@@ -79,7 +79,7 @@ fn summary(robot: &RobotDescription, state: &State) -> Value {
             "torque_nm": now.torque(),
             "temperature_c": now.temperature,
             "supply_v": now.supply_voltage,
-            "mode": now.mode.map(|mode| mode.name()),
+            "mode": now.mode.map(MotorMode::name),
             "faults": now.faults.names().collect::<Vec<_>>(),
         })
     });

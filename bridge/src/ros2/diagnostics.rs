@@ -55,7 +55,6 @@ fn known(key: &str, number: Option<impl ToString>) -> KeyValue {
 
 fn daemon(snapshot: &Snapshot, shared: &Shared) -> DiagnosticStatus {
     let state = &snapshot.state;
-    let battery = state.joints().filter_map(|joint| joint.supply_voltage).min_by(f32::total_cmp);
     let values = vec![
         value("version", &shared.robot.version),
         value("cycle", state.cycle()),
@@ -63,7 +62,7 @@ fn daemon(snapshot: &Snapshot, shared: &Shared) -> DiagnosticStatus {
         value("real-time", state.realtime()),
         value("emergency stop", state.emergency_stop()),
         value("configuration file changed", state.config_changed()),
-        known("lowest supply voltage, V", battery),
+        known("lowest supply voltage, V", snapshot.battery()),
     ];
     let (level, message) = match (state.shutting_down(), state.emergency_stop()) {
         (true, _) => (ERROR, "motord is shutting down"),

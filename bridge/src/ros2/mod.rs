@@ -17,6 +17,7 @@ use crate::config::{Config, Range};
 use crate::request::{Operation, Request};
 use crate::shared::Shared;
 use crate::stop::StopDesk;
+use crate::threads::spawn;
 use futures_lite::{StreamExt, future, pin};
 use futures_util::stream::FuturesUnordered;
 use messages::{Empty, Float64MultiArray, ImpedanceCommand, JointState, JointTrajectory};
@@ -117,11 +118,6 @@ impl Ros2Node {
         // The DDS library reports its own end as an error.
         log::set_max_level(log::LevelFilter::Off);
     }
-}
-
-fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, String> {
-    let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
-    thread.map_err(|error| format!("cannot start the thread {name}: {error}"))
 }
 
 /// The tasks of a thread. Each yields after a message, and one that is woken does not poll the others.

@@ -6,7 +6,7 @@
 
 use crate::request::{Answer, Operation, Request};
 use crate::ros2::messages::TriggerResponse;
-use crate::stop::StopDesk;
+use crate::stop::{NO_RECEIPT, StopDesk};
 use ros2_client::dds::{Node, Server, ServiceMapping};
 use ros2_client::qos::{History, QosProfile, WhenFull};
 use ros2_client::{Message, Name, ServiceTypeName};
@@ -116,7 +116,7 @@ pub(crate) async fn stop(desk: &StopDesk, source: &str) -> Answer {
     match desk.request(source.to_owned()).recv().await {
         Ok(receipt) if receipt.is_confirmed => Ok(receipt.message),
         Ok(receipt) => Err(receipt.message),
-        Err(_) => Err("a stop runs, and too many others wait for its receipt".to_owned()),
+        Err(_) => Err(NO_RECEIPT.to_owned()),
     }
 }
 

@@ -1,13 +1,8 @@
 //! Stamps: the wall clock of a time on the daemon's clock.
 
+use crate::clock::wall_ns;
 use crate::ros2::messages::{Header, Time};
-use std::time::{Duration, SystemTime};
-
-/// Returns ns since 1970.
-pub(crate) fn wall_ns() -> u64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
-}
+use std::time::Duration;
 
 /// Returns a header whose stamp is `age` ago.
 pub(crate) fn header(age: Duration, frame_id: &str) -> Header {

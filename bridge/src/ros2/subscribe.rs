@@ -1,13 +1,13 @@
 //! The commands: four forms, which become one [`Command`] by the rules.
 
 use crate::claim_gate::{Binding, Writer};
+use crate::clock::wall_ns;
 use crate::command::{Command, Target};
 use crate::config::Commands;
 use crate::link::GroupLink;
 use crate::rate_limit::RateLimit;
 use crate::refusal::Refusal;
 use crate::ros2::messages::{Float64MultiArray, ImpedanceCommand, JointState, JointTrajectory, Typed};
-use crate::ros2::stamp::wall_ns;
 use crate::rules::{Gains, Rules, Stamped};
 use crate::setpoints::{Incoming, Setpoints, check};
 use crate::shared::Shared;

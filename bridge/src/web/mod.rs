@@ -14,6 +14,7 @@ mod token;
 use crate::config::Web;
 use crate::shared::Shared;
 use crate::stop::StopDesk;
+use crate::threads::spawn;
 use guard::Guard;
 use server::Server;
 use std::net::SocketAddr;
@@ -85,8 +86,7 @@ pub(crate) fn start(
         let server = Rc::new(Server::new(page.guard, desk));
         LocalSet::new().block_on(&runtime, server::run(&server, &listener, page.tls.as_ref(), &shared));
     };
-    let thread = std::thread::Builder::new().name("web".to_owned()).spawn(run);
-    thread.map_err(|error| format!("cannot start the thread web: {error}"))
+    spawn("web", run)
 }
 
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {

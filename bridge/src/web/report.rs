@@ -148,13 +148,12 @@ fn text(value: &impl Serialize) -> String {
 fn robot_state(snapshot: &Snapshot) -> RobotState<'_> {
     let (state, robot): (&State, _) = (&snapshot.state, &snapshot.robot);
     let name_of = |index: usize| robot.joints.get(index).map(|joint| joint.name.as_str());
-    let supplies = state.joints().filter_map(|joint| joint.supply_voltage);
     RobotState {
         age_ms: state.age().as_secs_f64() * 1e3,
         cycle: state.cycle(),
         emergency_stop: state.emergency_stop(),
         shutting_down: state.shutting_down(),
-        battery_v: supplies.min_by(f32::total_cmp),
+        battery_v: snapshot.battery(),
         groups: robot
             .groups
             .iter()
