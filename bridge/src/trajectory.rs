@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn velocities_make_the_way_smooth() {
+    fn point_with_velocity_is_reached_smoothly() {
         let trajectory = outcome(&[point(&[0.0, 0.4], &[0.0, 0.0], (1, 0))]).unwrap();
         let positions = |ms| trajectory.at(Duration::from_millis(ms))[0].position;
         assert!((positions(500) - 0.2).abs() < 1e-6);
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn no_point_is_a_jump_away() {
+    fn step_beyond_velocity_limit_is_refused() {
         assert_eq!(outcome(&[point(&[0.0, 0.06], &[], (0, 0))]), Err(Refusal::Jump));
         assert!(outcome(&[point(&[0.0, 0.04], &[], (0, 0))]).is_ok());
         assert_eq!(outcome(&[point(&[0.0, 0.9], &[], (0, 50_000_000))]), Err(Refusal::Jump));

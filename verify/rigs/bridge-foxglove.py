@@ -353,7 +353,7 @@ async def stop(port):
     texts = lambda: [decode("/events", content).message for _, content in viewer.messages["/events"]]
     await viewer.until(lambda: any("emergency stop" in text for text in texts()), "event")
     print(f"  events: {texts()}")
-    # A second call of any number is answered, too.
+    # The server also answers further calls.
     receipts = [await viewer.call("/motord/stop", number) for number in range(2, 40)]
     assert all(receipt.get("confirmed") == JOINTS for receipt in receipts[-5:]), receipts
     await viewer.socket.close()

@@ -105,7 +105,7 @@ async function stop(browser, url, way) {
 }
 
 // The page measures the time itself, and by how much its timers were late: on a busy machine it waits for the processor, which is not
-// judged. With timers on time it tells within 0.9 s.
+// measured. With timers on time it tells within 0.9 s.
 async function dies(browser, url, signal, pid) {
   const { page } = await open(browser, url, { viewport: { width: 390, height: 844 } });
   await page.evaluate(() => {

@@ -41,7 +41,7 @@ def answers(what):
     raise AssertionError(f"no answer beside {what}")
 
 
-def judge(what):
+def check(what):
     answers(what)
     grown, open_now = memory_kb() - before, descriptors()
     print(f"  {what}: {grown} kB more, {open_now} descriptors")
@@ -77,7 +77,7 @@ for number in range(10_000):
         for peer in peers[:200]:
             peer.close()
         peers = peers[200:]
-judge(f"{opened} of 10000 silent connections")
+check(f"{opened} of 10000 silent connections")
 assert opened > 9000
 
 slow = []
@@ -98,7 +98,7 @@ while time.monotonic() < end:
     time.sleep(0.2)
 print(f"  {len(slow)} of 200 slow writers are left")
 assert not slow, "slow writers stay"
-judge("200 slow writers")
+check("200 slow writers")
 
 readers = []
 for number in range(40):
@@ -107,7 +107,7 @@ for number in range(40):
     peer.sendall(f"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
     readers.append(peer)
 time.sleep(15)
-judge("40 readers that never read")
+check("40 readers that never read")
 for peer in readers:
     peer.close()
 
@@ -118,4 +118,4 @@ for number in range(1500):
         send(os.urandom(random.randrange(1, 20_000)))
     else:
         send(b"".join(random.choice(lines) for _ in range(random.randrange(1, 40))))
-judge("1500 random requests")
+check("1500 random requests")

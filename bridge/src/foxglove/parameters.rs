@@ -1,4 +1,4 @@
-//! The parameters: the description of the robot. Nobody can set them.
+//! The parameters: the description of the robot, read-only.
 
 use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterType, ParameterValue,

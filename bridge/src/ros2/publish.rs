@@ -15,7 +15,7 @@ use ros2_client::{Message, Name};
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
-/// Longest wait for a state; diagnostics are published without one, too.
+/// Longest wait for a state. Diagnostics are also published without one.
 const WAIT: Duration = Duration::from_millis(100);
 
 /// Longest time between two diagnostics.

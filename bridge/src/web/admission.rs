@@ -1,5 +1,5 @@
 //! The limit on connections. One that has not sent its request yet makes room for a newer one, so
-//! that silent connections keep nobody from the stop.
+//! that silent connections do not prevent a stop.
 
 use std::cell::Cell;
 use std::collections::VecDeque;

@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn peer_that_takes_nothing_ends_the_write() {
+    fn write_to_stalled_peer_times_out() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         runtime.block_on(async {
             let mut stream = Timed::new(Peer { is_willing: true }, Duration::from_millis(10));

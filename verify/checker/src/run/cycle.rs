@@ -78,7 +78,7 @@ impl ReceivedCommand {
             | Meaning::ClearFault
             | Meaning::GetIndicator
             | Meaning::GetRegister => (false, false, true),
-            // The input that it puts into effect was judged when it was sent.
+            // The input that it puts into effect was checked when it was sent.
             Meaning::Mode => (true, false, true),
             Meaning::Start | Meaning::SetZero | Meaning::Other(_) => (false, false, false),
             Meaning::Control { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
