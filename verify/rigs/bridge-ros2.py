@@ -30,6 +30,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 GROUP = "/motord/legs"
 PERIOD = 0.01
+# Positions in the middle of the limits, rad, by the last part of a joint's name.
+MIDDLE = {"hip": 0.0, "thigh": 0.8, "knee": -1.6}
 
 
 class Peer:
@@ -126,6 +128,9 @@ class Driver:
         self.peer, self.make = peer, make
         self.publisher = peer.node.create_publisher(type_, f"{GROUP}/{topic}", 10)
         self.names, self.base = list(peer.group().names), list(peer.group().position)
+        # A driver that died left the joints anywhere: each drive leads away from the limits.
+        middles = [MIDDLE[name.rsplit("-", 1)[-1]] for name in self.names]
+        self.signs = [1 if base <= middle else -1 for base, middle in zip(self.base, middles)]
         self.target = self.base
         self.runs = True
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -157,13 +162,13 @@ class Driver:
         wall = time.time() - begun
         while (now := time.monotonic() - begun) < length:
             offset = 0.075 * (1 - math.cos(math.pi * now))
-            self.target = [base + offset for base in self.base]
+            self.target = [base + sign * offset for base, sign in zip(self.base, self.signs)]
             track.append((begun + now + wall, offset))
             state = self.peer.group()
             if now > 1:
                 at = seconds(state.header.stamp)
                 then = min(track[-50:], key=lambda entry: abs(entry[0] - at))[1]
-                errors.append(max(abs(p - b - then) for p, b in zip(state.position, self.base)))
+                errors.append(max(abs(p - b - s * then) for p, b, s in zip(state.position, self.base, self.signs)))
                 moved = max(moved, abs(state.position[0] - self.base[0]))
             time.sleep(PERIOD)
         assert moved > 0.1, f"the joints moved {moved:.3f} rad only"
