@@ -150,6 +150,8 @@ pub struct Wired {
     pub answers_question: bool,
     /// It runs only after a start. Another motor runs with its first impedance.
     pub needs_start: bool,
+    /// Number of cycles per command to it.
+    pub every: usize,
     /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the
     /// file gives no limits, or the codes are not SteadyWin's.
     pub position: Option<[f64; 2]>,
@@ -169,6 +171,7 @@ struct BusTable {
     name: String,
     /// `None` for a serial line.
     interface: Option<String>,
+    every: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -248,6 +251,7 @@ impl Wiring {
                 has_registers: vendor.reply.registers,
                 answers_question: vendor.reply.report.is_some() || !matches!(protocol, Protocol::Mit(_)),
                 needs_start: !matches!(protocol, Protocol::MyActuator(_)),
+                every: bus.every.unwrap_or(1).max(1),
             }))
         };
         let wired = motors.into_iter().filter_map(|motor| wire(motor).transpose());

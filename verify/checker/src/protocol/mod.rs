@@ -94,7 +94,7 @@ impl Protocol {
         let bytes: [u8; 8] = frame.payload().try_into().ok()?;
         Some(match self {
             Self::Mit(mit) => codec::Meaning::of(bytes, &mit.ranges),
-            Self::Native => codec::Meaning::of(bytes, &Ranges::steadywin(1.0)),
+            Self::Native => gim::decode(bytes),
             other => other.order(frame),
         })
     }
