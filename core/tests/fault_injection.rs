@@ -4,8 +4,8 @@
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups.
 //! Of three seeds, one has only MIT motors. One runs the robot of three vendors' motors, with four
 //! buses and twelve motors; in half of these seeds RobStride's knees speak their private protocol, and
-//! in a quarter SteadyWin's hips have a CANSimple driver, and in another quarter MyActuator's motors,
-//! which need no enable, replace some knees.
+//! in a quarter SteadyWin's hips have a CANSimple driver, in another quarter MyActuator's motors,
+//! which need no enable, replace some knees, and in every eighth an ODrive replaces a knee.
 //! One has native motors among them; half of these seeds put three on a serial line at a fifth of
 //! the rate. In every fourth seed the cycle polls for the last replies.
 //! `MOTORD_SEEDS` sets the number of seeds, and `MOTORD_ROBOT_SECONDS` the length of each.
@@ -106,6 +106,10 @@ const LATER_REPLIES: &str = "[cycle]\nreply-deadline-percent = 90\n";
 /// A knee that needs no enable.
 const NO_ENABLE: &str = "id = 3\nprotocol = \"myactuator\"\nmodel = \"X8-20\"\ntorque-end-nm = 24";
 
+/// A knee that no frame asks for its state.
+const UNASKED: &str =
+    "id = 3\nprotocol = \"odrive\"\nmodel = \"ODrive-S1\"\ngear-ratio = 8\npeak-torque-nm = 12";
+
 /// Returns the buses and motors of the shipped mixed robot. Two groups share all its buses and
 /// vendors. A motor that restarts or is zeroed at any position is within its limits, so that it can
 /// be armed again.
@@ -123,6 +127,8 @@ fn mixed_settings(seed: u64) -> Settings {
         joints(&["knee"]).concat(),
     );
     let knee = |protocol: &str| format!("id = 3\nprotocol = \"{protocol}\"\nmodel = \"RS");
+    let unasked = usize::from(seed % 8 == 3);
+    let text = text.replacen(&(knee("mit") + "00\""), UNASKED, unasked);
     let hip = |protocol: &str| format!("id = 1\nprotocol = \"{protocol}\"\nmodel = \"GIM8108-8\"");
     let text = match seed % 4 {
         // SteadyWin's hips have a CANSimple driver.

@@ -403,11 +403,7 @@ impl Checker {
             return self.check_native(cycle, motor, order);
         };
         check_gains([kp, kd], [limits.kp.most, limits.kd.most.max(*damping_kd)], &codes);
-        let published = [f64::from(before.position), f64::from(before.velocity)];
-        let replies = self.replies.iter().flatten().filter(|reply| reply.at <= cycle.begun);
-        let newer = replies.filter(|reply| reply.at.as_nanos() > before.receive_ns);
-        let newer = newer.filter_map(|reply| reported::state(reply, &self.robot.motors[motor]));
-        check_impedance(order, limits, std::iter::once(published).chain(newer), &codes);
+        check_impedance(order, limits, self.states(cycle, motor), &codes);
         if kp > 0.0 && active && !now.slews {
             let [low, high] = limits.position;
             let noise = NEAREST * codes.position;
@@ -419,6 +415,17 @@ impl Checker {
         if active {
             self.slopes[motor].check(cycle.time, limits, position, [kp, kd, torque], &codes);
         }
+    }
+
+    /// Returns the states that a command of the cycle may have begun from, rad and rad/s: the published
+    /// one, and newer ones that arrived before the cycle.
+    fn states(&self, cycle: &Cycle, motor: usize) -> impl Iterator<Item = [f64; 2]> {
+        let (before, settings) = (&cycle.before.joints[motor], &self.robot.motors[motor]);
+        let (begun, known) = (cycle.begun, before.receive_ns);
+        let replies = self.replies.iter().flatten();
+        let newer = replies.filter(move |reply| reply.at <= begun && reply.at.as_nanos() > known);
+        let newer = newer.filter_map(move |reply| reported::state(reply, settings));
+        std::iter::once([f64::from(before.position), f64::from(before.velocity)]).chain(newer)
     }
 
     /// Returns the time of a command for slews, s. A late cycle counts as at most two periods,
@@ -443,7 +450,8 @@ impl Checker {
                 let settings = &self.robot.motors[motor];
                 let turn = (settings.turn * self.robot.period).as_secs_f64();
                 let turn = settings.has_turns().then_some(turn);
-                self.last[motor].check(order, (time, turn), limits, joints);
+                let velocities: Vec<f64> = self.states(cycle, motor).map(|[_, velocity]| velocity).collect();
+                self.last[motor].check(order, (time, turn), limits, joints, &velocities);
             }
             Meaning::Speed(_) if both(Mode::Damping) => {
                 // A line may lose frames that were sent.

@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn motor_with_turns_gets_one_in_each() {
         for (at, frame) in [(49, ODRIVE_TORQUE), (52, ODRIVE_MODE)] {
-            let complaint = format!("at 1000.0{} s: 0 control frames to knee", at + 1);
+            let complaint = format!("at 1000.0{}000 s: 0 control frames to knee", at + 1);
             assert!(falsified(at, ("vcan1", frame), false).starts_with(&complaint), "{at}");
         }
         for (at, number) in [(49, 2), (50, 1), (51, 1)] {
@@ -239,7 +239,7 @@ mod tests {
             good.retain(|(bus, _)| *bus == "vcan0");
             good
         });
-        assert!(silent.starts_with("at 1000.004000 s: 0 control frames to knee"), "{silent}");
+        assert!(silent.starts_with("at 1000.003000 s: 0 control frames to knee"), "{silent}");
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub(super) struct Last {
 
 impl Last {
     /// Checks a control command at `time`, s, to a motor that follows setpoints, by the states
-    /// before and after its cycle. For a motor that takes turns, `turn` is the length of one, s:
+    /// before and after its cycle. A speed may begin at one of these `velocities`, rad/s. For a motor that takes turns, `turn` is the length of one, s:
     /// its bus may have refused commands. It may begin to follow within its turn.
     pub(super) fn check(
         &mut self,
@@ -34,6 +34,7 @@ impl Last {
         (time, turn): (f64, Option<f64>),
         limits: &Limits,
         [joint, now]: [&Joint; 2],
+        velocities: &[f64],
     ) {
         let last = self.order.replace((order, time));
         let begun = turn.map_or(time, |turn| self.rested.min(time - turn));
@@ -51,8 +52,9 @@ impl Last {
                 );
             }
             (Meaning::Speed(speed), _) => {
-                let begun = f64::from(joint.velocity);
-                let step = if falls(begun, speed) { 0.0 } else { speed - begun };
+                let step = |begun: f64| if falls(begun, speed) { 0.0 } else { speed - begun };
+                let steps = velocities.iter().copied().map(step);
+                let step = steps.min_by(|one, other| one.abs().total_cmp(&other.abs())).unwrap_or(f64::NAN);
                 check_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
             }
             (Meaning::Torque(torque), Some(Meaning::Torque(before))) if is_free(joint) && is_free(now) => {
