@@ -3,9 +3,9 @@
 //!
 //! The first motor of the robot is asked first and in every cycle, so its control frames divide the log
 //! into cycles. A motor that takes turns has its turn in the cycles that follow its first control frame
-//! by a multiple of its bus's `every`. The trot begins with the first cycle after all motors were
-//! started in which each without turns has its control frame, because some follow setpoints later than
-//! others, and ends with the first stop.
+//! by a multiple of its bus's `every`. The trot begins with the first cycle after the last start of a
+//! motor in which each without turns has its control frame, because some follow setpoints later than
+//! others, and ends with the first stop. A start in its middle makes it too short.
 
 use super::{Command, Kind, Mark, Rules, Verdict, seconds};
 use crate::protocol::mit::Meaning;
@@ -120,8 +120,10 @@ impl Rules for Trot<'_> {
         if self.over {
             return;
         }
-        if command.meaning == Some(Meaning::Start) && !begun {
+        if command.meaning == Some(Meaning::Start) {
             self.started[motor] = true;
+            (self.span, self.cycles) = (None, 0);
+            self.first_turns.fill(None);
             return;
         }
         if self.started.contains(&false) {
@@ -202,7 +204,7 @@ mod tests {
             }
         }
         let wiring = wiring();
-        let demand = Demand { rate: 1000.0, seconds: 0.1, share: 0.95 };
+        let demand = Demand { rate: 1000.0, seconds: 0.19, share: 0.95 };
         check(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
     }
 
@@ -243,8 +245,24 @@ mod tests {
     }
 
     #[test]
+    fn trot_begins_after_the_last_start() {
+        let start = ("vcan1", "0A7#0800000000000000");
+        let with = |at: u32| {
+            complaints(|cycle, mut good| {
+                if cycle == at {
+                    good.retain(|(bus, _)| *bus == "vcan0");
+                    good.push(start);
+                }
+                good
+            })
+        };
+        assert_eq!(with(1), "");
+        assert!(with(49).contains("the trot ended early, after 0.049 s"), "{}", with(49));
+    }
+
+    #[test]
     fn other_commands_of_turns_are_not_due() {
-        for frame in ["0AB#0000000001000000", "0A7#0800000000000000", "0A2#0000000000000000"] {
+        for frame in ["0AB#0000000001000000", "0A7#0300000000000000", "0A2#0000000000000000"] {
             let text = falsified(50, ("vcan1", frame), true);
             assert!(text.contains("to knee was not due"), "{frame}: {text}");
         }
