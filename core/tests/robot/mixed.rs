@@ -12,29 +12,19 @@ use motord_settings::settings::Settings;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Phase};
 use motord_simulator::RobStrideFirmware;
 
-/// In MIT, and in the protocols from the factory, there with a GIM motor and an ODrive.
-fn robots() -> [String; 2] {
-    let factory = include_str!("../../../config/factory-simulated.toml");
-    let bus = "name = \"rear-left\"\ntype = \"simulated\"";
-    let rmd = "protocol = \"myactuator\"\nmodel = \"X8-20\"\ntorque-end-nm = 24.0";
-    let odrive = "protocol = \"odrive\"\nmodel = \"ODrive-S1\"\ngear-ratio = 8\nrated-torque-nm = 4.0\npeak-torque-nm = 12.0";
-    let mit = "protocol = \"mit\"\nmodel = \"GIM8108-8\"";
-    assert!([bus, rmd, mit].iter().all(|text| factory.contains(text)));
-    let factory = factory.replacen(bus, &format!("{bus}\nevery = 7"), 1).replacen(rmd, odrive, 1).replacen(
-        mit,
-        &mit.replace("mit", "gim"),
-        1,
-    );
-    [include_str!("../../../config/mixed-simulated.toml").to_owned(), factory]
-}
+/// In MIT, and in the protocols from the factory.
+const ROBOTS: [&str; 2] = [
+    include_str!("../../../config/mixed-simulated.toml"),
+    include_str!("../../../config/factory-simulated.toml"),
+];
 
 fn mixed() -> Robot {
-    Robot::built(robot::settings(&robots()[0]), 3, |_, _| {})
+    Robot::built(robot::settings(ROBOTS[0]), 3, |_, _| {})
 }
 
 /// Returns a robot that has a motor of this vendor.
 fn robot_with(vendor: &str) -> Robot {
-    let settings = robots().map(|text| robot::settings(&text));
+    let settings = ROBOTS.map(robot::settings);
     let has_one = |settings: &Settings| settings.motors.iter().any(|motor| motor.profile.name == vendor);
     Robot::built(settings.into_iter().find(has_one).expect("one of each vendor"), 3, |_, _| {})
 }
@@ -45,8 +35,8 @@ fn vendor(robot: &Robot, joint: usize) -> &'static str {
 
 #[test]
 fn motors_of_several_vendors_follow_one_wave() {
-    for text in robots() {
-        check_wave(&mut Robot::new(robot::settings(&text), 3));
+    for text in ROBOTS {
+        check_wave(&mut Robot::new(robot::settings(text), 3));
     }
 }
 
