@@ -20,9 +20,9 @@ pub(crate) struct Web {
     /// Lines of a person's name and token.
     pub(crate) token_file: Option<PathBuf>,
     /// PEM, the server's certificate first.
-    pub(crate) certificate: Option<PathBuf>,
+    pub(crate) tls_certificate: Option<PathBuf>,
     /// PEM.
-    pub(crate) key: Option<PathBuf>,
+    pub(crate) tls_key: Option<PathBuf>,
     /// A reverse proxy with TLS passes the requests on.
     pub(crate) behind_proxy: bool,
 }
@@ -35,8 +35,8 @@ impl Default for Web {
             port: 8642,
             names: Vec::new(),
             token_file: None,
-            certificate: None,
-            key: None,
+            tls_certificate: None,
+            tls_key: None,
             behind_proxy: false,
         }
     }
@@ -50,7 +50,7 @@ impl Web {
 
     /// Returns `true` if the bridge itself encrypts.
     pub(crate) fn has_tls(&self) -> bool {
-        self.certificate.is_some()
+        self.tls_certificate.is_some()
     }
 
     /// Checks an enabled page. The error is a sentence that says what to do.
@@ -62,8 +62,8 @@ impl Web {
         if self.port == 0 {
             return Err("web.port: 0 is not allowed; set a port from 1 to 65535".to_owned());
         }
-        if self.certificate.is_some() != self.key.is_some() {
-            return Err("web.certificate and web.key belong together: set both, or none".to_owned());
+        if self.tls_certificate.is_some() != self.tls_key.is_some() {
+            return Err("web.tls-certificate and web.tls-key belong together: set both, or none".to_owned());
         }
         if self.is_exposed() && self.token_file.is_none() {
             return Err(format!(
@@ -73,7 +73,7 @@ impl Web {
         }
         if !address.is_loopback() && !self.has_tls() && !self.behind_proxy {
             return Err(format!(
-                "web.address {address} would carry tokens unencrypted: set web.certificate and web.key, or set \
+                "web.address {address} would carry tokens unencrypted: set web.tls-certificate and web.tls-key, or set \
                  behind-proxy = true and let a reverse proxy with TLS pass the requests on (docs/phone.md)"
             ));
         }
@@ -125,7 +125,7 @@ mod tests {
         let token = "token-file = \"tokens\"\n";
         assert!(error(address).contains("token-file"));
         assert!(error(&format!("{address}{token}")).contains("behind-proxy = true"));
-        let tls = "certificate = \"a\"\nkey = \"b\"\n";
+        let tls = "tls-certificate = \"a\"\ntls-key = \"b\"\n";
         assert!(error(&format!("{address}{tls}")).contains("token-file"));
         assert_eq!(outcome(&format!("{address}{token}{tls}")), Ok(()));
         assert_eq!(outcome(&format!("{address}{token}behind-proxy = true")), Ok(()));
@@ -139,8 +139,8 @@ mod tests {
 
     #[test]
     fn certificate_needs_its_key() {
-        assert!(error("certificate = \"a\"").contains("web.key"));
-        assert!(error("key = \"a\"").contains("web.certificate"));
+        assert!(error("tls-certificate = \"a\"").contains("web.tls-key"));
+        assert!(error("tls-key = \"a\"").contains("web.tls-certificate"));
     }
 
     #[test]

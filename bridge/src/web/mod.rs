@@ -47,7 +47,7 @@ pub(crate) fn prepare(web: &Web) -> Result<Option<Page>, String> {
         return Ok(None);
     }
     let tokens = web.token_file.as_deref().map(Tokens::read).transpose()?;
-    let tls = web.certificate.as_deref().zip(web.key.as_deref());
+    let tls = web.tls_certificate.as_deref().zip(web.tls_key.as_deref());
     let tls = tls.map(|(certificate, key)| tls::acceptor(certificate, key)).transpose()?;
     let address = SocketAddr::new(web.address, web.port);
     Ok(Some(Page { address, guard: Guard::new(web, tokens), tls }))
