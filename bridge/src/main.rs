@@ -42,6 +42,7 @@ mod slot;
 mod stop;
 mod threads;
 mod trajectory;
+mod urdf;
 mod web;
 
 use bridge::{check, run};

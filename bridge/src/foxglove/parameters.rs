@@ -1,5 +1,6 @@
 //! The parameters: the description of the robot, read-only.
 
+use crate::urdf;
 use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterType, ParameterValue,
     SetParametersResponder,
@@ -7,9 +8,6 @@ use foxglove::websocket::{
 use motord_client::RobotDescription;
 use std::collections::HashSet;
 use std::path::Path;
-
-/// Largest URDF, bytes.
-const URDF_MAX: u64 = 4 << 20;
 
 /// The parameters, which have the same values until the bridge ends.
 #[derive(Debug)]
@@ -37,18 +35,9 @@ pub(crate) fn all(robot: &RobotDescription, urdf: Option<&Path>) -> Result<ReadO
         }
     }
     if let Some(path) = urdf {
-        parameters.push(text("/robot_description", &read(path)?));
+        parameters.push(text("/robot_description", &urdf::read(path)?));
     }
     Ok(ReadOnly(parameters))
-}
-
-fn read(path: &Path) -> Result<String, String> {
-    let failed = |reason: &dyn std::fmt::Display| format!("robot-description {}: {reason}", path.display());
-    let size = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
-    if size > URDF_MAX {
-        return Err(failed(&format_args!("has {size} bytes; at most {URDF_MAX} can be published")));
-    }
-    std::fs::read_to_string(path).map_err(|error| failed(&error))
 }
 
 fn text(name: &str, value: &str) -> Parameter {
@@ -111,11 +100,5 @@ mod tests {
         assert_eq!(limit.value, Some(ParameterValue::Float64(2.0)));
         assert!(matches!(&urdf.value, Some(ParameterValue::String(text)) if text.contains("[package]")));
         assert_eq!(parameters.named(std::iter::empty()).len(), parameters.0.len());
-    }
-
-    #[test]
-    fn missing_urdf_is_an_error_with_its_path() {
-        let error = all(&RobotDescription::default(), Some(Path::new("/missing.urdf"))).unwrap_err();
-        assert!(error.contains("/missing.urdf"), "{error}");
     }
 }

@@ -8,6 +8,7 @@ use crate::ros2::messages::{DiagnosticArray, GroupState, Imu, JointState, Quater
 use crate::ros2::names::topic_part;
 use crate::ros2::stamp::header;
 use crate::shared::{Report, Shared, Snapshot};
+use crate::urdf;
 use motord_client::{Joint, State};
 use ros2_client::dds::{Node, Publisher};
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
@@ -158,8 +159,7 @@ fn send<M: Serialize>(publisher: &Publisher<M>, message: M) {
 
 fn description(node: &mut Node, ros2: &Ros2) -> Result<Option<Publisher<Text>>, String> {
     let Some(path) = &ros2.robot_description else { return Ok(None) };
-    let data = std::fs::read_to_string(path)
-        .map_err(|error| format!("cannot read robot-description {}: {error}", path.display()))?;
+    let data = urdf::read(path)?;
     let latched = QosProfile::publisher_default()
         .reliability_reliable(WhenFull::Fail)
         .durability(Durability::TransientLocal)
