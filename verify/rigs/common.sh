@@ -73,6 +73,16 @@ build_programs() {
     cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
 }
 
+# build_bridge: builds motord-bridge, and sets RIG_BRIDGE to its path. RIG_BRIDGE may name one that is built.
+build_bridge() {
+    [ -z "${RIG_BRIDGE:-}" ] || return 0
+    local target
+    # Beside that of the workspace: it is a workspace of its own.
+    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/bridge
+    cargo build --quiet --locked --release --manifest-path "$tree/bridge/Cargo.toml" --target-dir "$target"
+    RIG_BRIDGE=$target/release/motord-bridge
+}
+
 # open_work: makes the folder $work. At its end the rig kills $processes, and removes the folder with what is mounted in it.
 open_work() {
     work=$(mktemp -d)
