@@ -71,12 +71,16 @@ impl Client {
 
     /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop). It uses
     /// slots that are reserved for emergency stops, so other clients cannot exhaust them. Use
-    /// [`connect`](Self::connect) for everything else.
+    /// [`connect`](Self::connect) for everything else. It takes all that the stop needs, so a stop
+    /// works when the file descriptors of this process are used up later.
     ///
     /// # Errors
     /// Those of [`connect`](Self::connect).
     pub fn connect_to_stop(instance: &str) -> Result<Self, Error> {
-        Self::open(Instance::find(instance).map_err(Error::of_instance)?, ClientPorts::open_to_stop)
+        let instance = Instance::find(instance).map_err(Error::of_instance)?;
+        let client = Self::open(instance, ClientPorts::open_to_stop)?;
+        client.link.prepare_check();
+        Ok(client)
     }
 
     fn open(

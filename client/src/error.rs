@@ -381,7 +381,9 @@ impl Error {
             Self::Refused { refusal, .. } => refusal.is_transient(),
             Self::Stopped { stop, .. } => matches!(stop, Stop::Starting),
             // A starting daemon removes damaged files, and a client may connect meanwhile.
-            Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::Damaged),
+            Self::Service(error) => {
+                matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::NoDescriptors | Obstacle::Damaged)
+            }
             // Any process may end the lock, and the daemon may be running.
             Self::Instance(error) => matches!(error, InstanceError::Locked { .. }),
             Self::Version { .. }
@@ -425,9 +427,7 @@ impl Error {
             Obstacle::Missing => Self::not_running(instance),
             Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
             Obstacle::Version => Self::version(error.part, instance),
-            Obstacle::Full { .. } | Obstacle::FullHere { .. } | Obstacle::NoSpace | Obstacle::Damaged => {
-                Self::Service(error)
-            }
+            _ => Self::Service(error),
         }
     }
 

@@ -227,6 +227,13 @@ pub(crate) fn unchecked(reason: Error) -> Error {
 }
 
 impl Connection {
+    /// Takes what [`check_answers`](Self::check_answers) needs, as far as it is free: a stop without
+    /// the check is better than none.
+    pub(crate) fn prepare_check(&self) {
+        let _later = self.poll();
+        let _later = self.sleep(None, Duration::ZERO);
+    }
+
     /// Checks that each motor answers, after a confirmed stop.
     ///
     /// # Errors

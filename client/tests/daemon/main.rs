@@ -4,6 +4,7 @@
 
 mod claims;
 mod connection;
+mod descriptors;
 mod fake_daemon;
 #[expect(unsafe_code, reason = "no safe crate forks")]
 mod forks;

@@ -3,12 +3,14 @@
 //! Threads may share the ports. Real-time threads must not use them: iceoryx2 may allocate,
 //! and maps files when the daemon connects or disconnects.
 
+use crate::descriptors;
 use crate::futex::{Slept, Waiter};
 use crate::iceoryx::{Lent, Payload, copied, descriptor_of, read};
 use crate::imu::ImuSender;
 use crate::instance::Attachment;
 use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
+use crate::watcher::Watcher;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::listener::Listener;
@@ -48,14 +50,6 @@ pub struct ClientPorts {
     node: Mutex<Node<Service>>,
     // Dropped last: a starting daemon may remove every file once no process is attached.
     attachment: Attachment,
-}
-
-/// The slot of a watcher.
-#[derive(Debug)]
-struct Watcher {
-    port: Subscriber<Service, Payload<StateMessage>, ()>,
-    /// Copy of the last state: other processes may write to the original at any time.
-    state: Box<StateMessage>,
 }
 
 impl ClientPorts {
@@ -125,26 +119,27 @@ impl ClientPorts {
     /// No free slot, or a damaged connection.
     pub fn take_states(
         &self,
-        mut accept: impl FnMut(&StateMessage) -> ControlFlow<()>,
+        accept: impl FnMut(&StateMessage) -> ControlFlow<()>,
     ) -> Result<(), ServiceError> {
         let mut watcher = locked(&self.watcher);
-        let Watcher { port, state } = match &mut *watcher {
+        let port = match &mut *watcher {
             Some(watcher) => watcher,
             none => {
-                let builder = self.state.subscriber_builder().buffer_size(1);
-                let port = builder.create().map_err(|error| self.explain(Part::State.failed()(error)))?;
-                none.insert(Watcher { port, state: Box::default() })
+                check_descriptors(Part::State)?;
+                none.insert(Watcher::new(&self.state).map_err(|error| self.explain(error))?)
             }
         };
-        // One state of a dead daemon may precede those of its successor.
-        for _ in 0..3 {
-            let Some(sample) = port.receive().map_err(Part::State.failed())? else { break };
-            read(sample.payload(), state);
-            if accept(state).is_break() {
-                break;
-            }
+        port.take(accept).map_err(|error| self.explain(error))?;
+        if !port.is_deaf() {
+            return Ok(());
         }
-        Ok(())
+        // The next call connects again.
+        *watcher = None;
+        match self.explain(ServiceError { part: Part::State, obstacle: Obstacle::Damaged }) {
+            // The daemon has ended meanwhile.
+            ServiceError { obstacle: Obstacle::Damaged, .. } => Ok(()),
+            error => Err(error),
+        }
     }
 
     /// Returns the number of states so far, for [`sleep`](Self::sleep). Call it before checking for
@@ -187,9 +182,10 @@ impl ClientPorts {
     /// # Errors
     /// No free slot, or no free file descriptor.
     pub fn state_events(&self) -> Result<StateEvents, ServiceError> {
+        check_descriptors(Part::Cycle)?;
         let service = service::cycle(&locked(&self.node), self.attachment.instance()).open();
-        let events = StateEvents::new(&service.map_err(Part::Cycle.failed())?);
-        events.map_err(|error| self.explain(error))
+        let service = service.map_err(Part::Cycle.failed());
+        service.and_then(|service| StateEvents::new(&service)).map_err(|error| self.explain(error))
     }
 
     /// Takes the slot of a recorder, which receives every cycle from now on.
@@ -197,10 +193,12 @@ impl ClientPorts {
     /// # Errors
     /// [`Obstacle::Missing`] when the daemon does not support recorders; no free slot.
     pub fn record_port(&self) -> Result<RecordPort, ServiceError> {
+        check_descriptors(Part::Record)?;
         let node = locked(&self.node);
         let records = service::record(&node, self.attachment.instance()).open();
-        let port = records.map_err(Part::Record.failed())?.subscriber_builder().create();
-        Ok(RecordPort { port: port.map_err(|error| self.explain(of_recorders(error)))? })
+        let records = records.map_err(Part::Record.failed());
+        let port = records.and_then(|records| records.subscriber_builder().create().map_err(of_recorders));
+        Ok(RecordPort { port: port.map_err(|error| self.explain(error))? })
     }
 
     /// Returns a port for the setpoints of one group. A port holds one message: two groups need
@@ -209,6 +207,7 @@ impl ClientPorts {
     /// # Errors
     /// No free slot.
     pub fn setpoint_port(&self) -> Result<SetpointPort, ServiceError> {
+        check_descriptors(Part::Setpoint)?;
         let builder = self.setpoint.publisher_builder().max_loaned_samples(1);
         let port = builder.backpressure_strategy(BackpressureStrategy::DiscardData).create();
         let port = port.map_err(|error| self.explain(Part::Setpoint.failed()(error)))?;
@@ -221,13 +220,13 @@ impl ClientPorts {
     /// [`Obstacle::Missing`] when the robot has no external IMU; no free slot;
     /// [`Obstacle::FullHere`].
     pub fn imu_sender(&self) -> Result<ImuSender, ServiceError> {
+        check_descriptors(Part::Imu)?;
         let instance = self.attachment.instance();
-        let service = service::imu(&locked(&self.node), instance).open();
-        let sender = ImuSender::new(&service.map_err(Part::Imu.failed())?, instance);
-        sender.map_err(|error| self.explain(error))
+        let service = service::imu(&locked(&self.node), instance).open().map_err(Part::Imu.failed());
+        service.and_then(|service| ImuSender::new(&service, instance)).map_err(|error| self.explain(error))
     }
 
-    /// Names a full file system as the cause of an error.
+    /// Names used-up file descriptors, or a full file system, as the cause of an error.
     fn explain(&self, error: ServiceError) -> ServiceError {
         error.explained(&self.attachment.instance().root())
     }
@@ -238,9 +237,10 @@ impl ClientPorts {
     /// # Errors
     /// [`Obstacle::Missing`] when there is no daemon; otherwise a damaged connection.
     pub fn ask(&self, request: AdminRequest) -> Result<Question, ServiceError> {
-        let pending = self.admin.send_copy(Payload(request)).map_err(Part::Admin.failed())?;
+        let pending = self.admin.send_copy(Payload(request));
+        let pending = pending.map_err(|error| self.explain(Part::Admin.failed()(error)))?;
         if pending.number_of_server_connections() == 0 {
-            return Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing });
+            return Err(self.explain(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }));
         }
         Ok(Question { pending })
     }
@@ -260,8 +260,17 @@ impl RecordPort {
     /// # Errors
     /// A damaged connection.
     pub fn take(&self, record: &mut CycleRecord) -> Result<bool, ServiceError> {
-        let received = self.port.receive().map_err(Part::Record.failed())?;
+        let received = self.port.receive().map_err(|error| Part::Record.failed()(error).of_descriptors())?;
         Ok(received.map(|sample| *record = copied(sample.payload())).is_some())
+    }
+}
+
+/// Checks that this process has the descriptors of a port: without them iceoryx2 creates a port
+/// that never gets a connection.
+fn check_descriptors(part: Part) -> Result<(), ServiceError> {
+    match descriptors::are_fewer_than(descriptors::OF_PORT) {
+        true => Err(ServiceError { part, obstacle: Obstacle::NoDescriptors }),
+        false => Ok(()),
     }
 }
 
@@ -314,13 +323,16 @@ impl Question {
     /// The death of the daemon is no error: the caller needs a time limit.
     pub fn answer(&self) -> Result<Option<(AdminReply, Vec<u8>)>, ServiceError> {
         let dropped = !self.pending.is_connected();
-        match self.pending.receive().map_err(Part::Admin.failed())? {
+        let received = self.pending.receive();
+        match received.map_err(|error| Part::Admin.failed()(error).of_descriptors())? {
             Some(response) => {
                 let mut answer = Box::<AdminAnswer>::default();
                 read(response.payload(), &mut answer);
                 Ok(Some((answer.reply, answer.text().to_vec())))
             }
-            None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),
+            None if dropped => {
+                Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }.of_descriptors())
+            }
             None => Ok(None),
         }
     }

@@ -67,7 +67,8 @@ impl DaemonPorts {
         reserved_space::check(&instance.root(), reserved_space::DAEMON_BYTES).map_err(Part::Node.failed())?;
         let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
         let _opening = lock.opening();
-        let ports = match Self::open_services(instance, &waker) {
+        let opened = Self::open_services(instance, &waker).map_err(ServiceError::of_descriptors);
+        let ports = match opened {
             // Processes with damaged files occupy slots that no process can free.
             Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
                 lock.clear();

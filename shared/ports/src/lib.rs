@@ -17,6 +17,7 @@
 mod client;
 pub mod clock;
 mod daemon;
+mod descriptors;
 mod directory;
 mod fork;
 #[allow(unsafe_code, reason = "no safe crate registers a handler of forks")]
@@ -45,6 +46,7 @@ mod role;
 pub mod running;
 pub mod service;
 pub mod stop_socket;
+mod watcher;
 
 pub use client::{ClientPorts, Question, RecordPort, SetpointPort, StateEvents};
 pub use daemon::{DaemonPorts, RecordSender, Recorders, Request};

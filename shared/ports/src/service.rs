@@ -12,6 +12,7 @@
 //! Everything is a file below the instance's directory, nothing is in `/dev/shm`. All users who may
 //! enter the directory may connect; no others may.
 
+use crate::descriptors;
 use crate::iceoryx::{Payload, PortLock};
 use crate::instance::Instance;
 use crate::reserved_space;
@@ -156,6 +157,9 @@ pub enum Obstacle {
     /// The disk of its files is full.
     #[error("no space for its files: free 32 MiB in the file system of the runtime directory")]
     NoSpace,
+    /// This process, or the computer, has too few file descriptors left.
+    #[error("too few file descriptors are left for its files: close some, or raise `ulimit -n`")]
+    NoDescriptors,
     /// Its files cannot be used, or the memory ran out.
     #[error(
         "its files are damaged or memory ran out: stop every client and the daemon, then start the daemon"
@@ -174,12 +178,25 @@ pub struct ServiceError {
 }
 
 impl ServiceError {
-    /// Names the cause of damage that a full file system of `directory`, that of the services,
-    /// explains: iceoryx2 reports both alike.
+    /// Names the cause of damage that used-up file descriptors, or a full file system of
+    /// `directory`, that of the services, explain: iceoryx2 reports all alike. Allocates.
     pub(crate) fn explained(self, directory: &std::path::Path) -> Self {
+        match self.of_descriptors() {
+            Self { part, obstacle: Obstacle::Damaged } if reserved_space::is_full(directory) => {
+                Self { part, obstacle: Obstacle::NoSpace }
+            }
+            error => error,
+        }
+    }
+
+    /// Names used-up file descriptors as the cause of damage, or of a missing daemon, that they
+    /// explain: iceoryx2 skips a server whose files it cannot open. Allocates.
+    pub(crate) fn of_descriptors(self) -> Self {
         match self.obstacle {
-            Obstacle::Damaged if reserved_space::is_full(directory) => {
-                Self { obstacle: Obstacle::NoSpace, ..self }
+            Obstacle::Damaged | Obstacle::Missing
+                if descriptors::are_fewer_than(descriptors::OF_CONNECTION) =>
+            {
+                Self { obstacle: Obstacle::NoDescriptors, ..self }
             }
             _ => self,
         }
@@ -295,6 +312,7 @@ impl From<Errno> for Obstacle {
         match errno {
             Errno::ENOSPC | Errno::EDQUOT => Self::NoSpace,
             Errno::EACCES | Errno::EPERM => Self::Permission,
+            errno if descriptors::is_lack(errno) => Self::NoDescriptors,
             _ => Self::Damaged,
         }
     }
