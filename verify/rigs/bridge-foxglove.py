@@ -5,8 +5,9 @@ channels PORT           every channel and schema by both subprotocols; messages 
 rates PORT SECONDS      the messages of each topic per interval of its rate
 watchers PORT SECONDS   20 viewers beside one that never reads, which then reads
 ages PORT               the age of the states that the thread `motor` hands over
-stop PORT               the service /motord/stop beside 600 connections: its receipt names each motor
-hostile PORT            random bytes, damaged and unknown messages, 600 connections
+stop PORT               the service /motord/stop: its receipt names each motor
+starved PORT            the same while connections use up the file descriptors of the bridge, and after them
+hostile PORT            random bytes, damaged and unknown messages, connections that use up the file descriptors
 files MCAP              a recording in the reader of MCAP
 """
 
@@ -320,42 +321,72 @@ async def ages(port):
 
 
 def idle_connections(port):
-    """More connections than the bridge has file descriptors in this rig."""
-    idle = []
-    for _ in range(600):
+    """Connects until the server stops listening, since the bridge has no file descriptor left for a connection."""
+    idle, end = [], time.monotonic() + 60
+    while time.monotonic() < end:
         connection = socket.socket()
         connection.settimeout(1)
         try:
             connection.connect(("127.0.0.1", int(port)))
-            idle.append(connection)
-        except OSError:
+        except ConnectionRefusedError:
             connection.close()
-    print(f"  {len(idle)} idle connections")
-    assert len(idle) > 250, "too few connections"
-    return idle
+            print(f"  {len(idle)} idle connections, then the server stopped listening")
+            return idle
+        except OSError:
+            # The queue of the server is full.
+            connection.close()
+            continue
+        if len(idle) < 600:
+            idle.append(connection)
+        else:
+            connection.close()
+    raise AssertionError("600 connections do not use up the file descriptors of the bridge")
+
+
+async def connect_again(port):
+    """A viewer that connects as soon as the server listens again."""
+    end = time.monotonic() + 60
+    while True:
+        try:
+            return await Viewer(port).connect()
+        except (OSError, websockets.exceptions.WebSocketException):
+            assert time.monotonic() < end, "no viewer can connect any more"
+            await asyncio.sleep(0.5)
 
 
 async def stop(port):
     viewer = await Viewer(port).connect()
     await viewer.subscribe(["/groups/legs", "/events"])
-    # The stop needs no file descriptor that others can use up.
-    idle = idle_connections(port)
-    begun = time.monotonic()
-    receipt = await viewer.call("/motord/stop")
-    print(f"  after {1e3 * (time.monotonic() - begun):.1f} ms: {receipt}")
-    # Without a file descriptor the stop is confirmed, but perhaps not each motor.
-    assert receipt.get("confirmed") == JOINTS or "the emergency stop is confirmed" in receipt["message"], receipt
-    for connection in idle:
-        connection.close()
+    # An event is the difference to a state of before.
+    await viewer.until(lambda: viewer.messages["/groups/legs"], "state of the group")
+    await stop_whole(viewer)
     decode = Decoder(viewer)
     is_stopped = lambda content: decode("/groups/legs", content).cause == "emergency-stop"
     await viewer.until(lambda: any(is_stopped(content) for _, content in viewer.messages["/groups/legs"]), "stopped group")
     texts = lambda: [decode("/events", content).message for _, content in viewer.messages["/events"]]
     await viewer.until(lambda: any("emergency stop" in text for text in texts()), "event")
     print(f"  events: {texts()}")
-    # The server also answers further calls.
-    receipts = [await viewer.call("/motord/stop", number) for number in range(2, 40)]
-    assert all(receipt.get("confirmed") == JOINTS for receipt in receipts[-5:]), receipts
+    await viewer.socket.close()
+
+
+async def stop_whole(viewer):
+    begun = time.monotonic()
+    receipt = await viewer.call("/motord/stop")
+    print(f"  after {1e3 * (time.monotonic() - begun):.1f} ms: {receipt}")
+    assert receipt.get("confirmed") == JOINTS, receipt
+
+
+async def starved(port):
+    viewer = await Viewer(port).connect()
+    # The stop needs no file descriptor that others can use up, and neither does the check of the motors.
+    idle = idle_connections(port)
+    await stop_whole(viewer)
+    for connection in idle:
+        connection.close()
+    # To listen again, the server closes every connection.
+    await asyncio.wait_for(viewer.socket.wait_closed(), 60)
+    viewer = await connect_again(port)
+    await stop_whole(viewer)
     await viewer.socket.close()
 
 
@@ -394,14 +425,7 @@ async def hostile(port):
                 pass
     for connection in idle_connections(port):
         connection.close()
-    end = time.monotonic() + 60
-    while True:
-        try:
-            viewer = await Viewer(port).connect()
-            break
-        except (OSError, websockets.exceptions.WebSocketException):
-            assert time.monotonic() < end, "no viewer can connect any more"
-            await asyncio.sleep(0.5)
+    viewer = await connect_again(port)
     status = await viewer.call("/motord/status")
     assert status["groups"][0]["phase"] == "active" and not status["emergency_stop"], status
     await viewer.socket.close()
@@ -423,4 +447,4 @@ async def files(path):
 
 
 if __name__ == "__main__":
-    asyncio.run({"channels": channels, "rates": rates, "watchers": watchers, "ages": ages, "stop": stop, "hostile": hostile, "files": files}[sys.argv[1]](*sys.argv[2:]))
+    asyncio.run({"channels": channels, "rates": rates, "watchers": watchers, "ages": ages, "stop": stop, "starved": starved, "hostile": hostile, "files": files}[sys.argv[1]](*sys.argv[2:]))
