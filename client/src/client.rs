@@ -10,6 +10,7 @@ use crate::{Error, State};
 use motord_ports::instance::Attachment;
 use motord_ports::service::ServiceError;
 use motord_ports::stop_socket::StopError;
+use motord_ports::stop_source::StopSource;
 use motord_ports::{ClientPorts, Instance};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::limits::HISTOGRAMS_MAX;
@@ -374,15 +375,25 @@ impl Client {
     /// Those of [`emergency_stop`](crate::emergency_stop): the stop is unconfirmed, or motors may
     /// not have received it, as [`Error::MotorsOffline`] with their names.
     pub fn emergency_stop(&self) -> Result<(), Error> {
+        self.emergency_stop_for("")
+    }
+
+    /// As [`emergency_stop`](Self::emergency_stop). The log of the daemon and the history of the
+    /// groups show `source`, who or what requested the stop, behind the process: at most 128 bytes.
+    ///
+    /// # Errors
+    /// Those of [`emergency_stop`](crate::emergency_stop).
+    pub fn emergency_stop_for(&self, source: &str) -> Result<(), Error> {
+        let source = StopSource::new(source);
         if self.check_process().is_err() {
-            return stop_and_check(self.link.instance());
+            return stop_and_check(self.link.instance(), &source);
         }
-        self.confirm_stop()?;
+        self.confirm_stop(&source)?;
         self.link.check_answers()
     }
 
-    fn confirm_stop(&self) -> Result<(), Error> {
-        let mut first = SocketStop::send(self.link.instance());
+    fn confirm_stop(&self, source: &StopSource) -> Result<(), Error> {
+        let mut first = SocketStop::send(self.link.instance(), source);
         if first.is_confirmed_soon() {
             return Ok(());
         }

@@ -197,4 +197,4 @@ pub use publisher::{ImuPublisher, ImuSample};
 pub use records::{Records, named_telemetry};
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Indicators, State};
-pub use stop::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_in};
+pub use stop::{AllStopped, emergency_stop, emergency_stop_all, emergency_stop_for, emergency_stop_in};

@@ -7,6 +7,7 @@ use crate::link::{ANSWER_TIMEOUT, Connection};
 use crate::{Error, RobotDescription};
 use motord_ports::running::{self, AllStops, RunningInstance};
 use motord_ports::stop_socket::{AskedStop, StopError};
+use motord_ports::stop_source::StopSource;
 use motord_ports::{ClientPorts, Instance, clock, liveness};
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::{AdminRequest, Operation};
@@ -31,7 +32,17 @@ const POLL: Duration = Duration::from_millis(1);
 /// is confirmed, and motors may not have received it: [`Error::MotorsOffline`] names them,
 /// [`Error::MotorsUnchecked`] has the reason why that is not known.
 pub fn emergency_stop(instance: &str) -> Result<(), Error> {
-    stop_and_check(&Instance::find(instance).map_err(Error::of_instance)?)
+    emergency_stop_for(instance, "")
+}
+
+/// As [`emergency_stop`]. The log of the daemon and the history of the groups show `source`, who or
+/// what requested the stop, behind the process: at most 128 bytes.
+///
+/// # Errors
+/// Those of [`emergency_stop`].
+pub fn emergency_stop_for(instance: &str, source: &str) -> Result<(), Error> {
+    let instance = Instance::find(instance).map_err(Error::of_instance)?;
+    stop_and_check(&instance, &StopSource::new(source))
 }
 
 /// Damps and stops every motor of `instance` in the runtime directory `runtime`, as
@@ -40,13 +51,14 @@ pub fn emergency_stop(instance: &str) -> Result<(), Error> {
 /// # Errors
 /// Those of [`emergency_stop`].
 pub fn emergency_stop_in(runtime: &Path, instance: &str) -> Result<(), Error> {
-    stop_and_check(&Instance::below(runtime, instance).map_err(Error::of_instance)?)
+    let instance = Instance::below(runtime, instance).map_err(Error::of_instance)?;
+    stop_and_check(&instance, &StopSource::NONE)
 }
 
-/// Damps and stops every motor of `instance`, and checks that each one answers, over connections of
-/// its own.
-pub(crate) fn stop_and_check(instance: &Instance) -> Result<(), Error> {
-    stop(instance)?;
+/// Damps and stops every motor of `instance` for `source`, and checks that each one answers, over
+/// connections of its own.
+pub(crate) fn stop_and_check(instance: &Instance, source: &StopSource) -> Result<(), Error> {
+    stop(instance, source)?;
     // As below: damaged files may block a thread.
     let (answer, checked) = channel();
     let other = instance.clone();
@@ -80,7 +92,8 @@ pub struct AllStopped {
 pub fn emergency_stop_all() -> AllStopped {
     let AllStops { trusted, foreign, unreached } = running::stop_all(SOCKET_TIMEOUT);
     let again = |running: &RunningInstance| {
-        stop(&Instance::below(&running.runtime, &running.name).map_err(Error::of_instance)?)
+        let instance = Instance::below(&running.runtime, &running.name).map_err(Error::of_instance)?;
+        stop(&instance, &StopSource::NONE)
     };
     let outcomes: Vec<_> = std::thread::scope(|threads| {
         let stopping: Vec<_> = trusted
@@ -114,8 +127,8 @@ enum Stopping<'scope> {
 }
 
 /// Damps and stops every motor of `instance`. Whether the motors answer is not checked.
-fn stop(instance: &Instance) -> Result<(), Error> {
-    let mut first = SocketStop::send(instance);
+fn stop(instance: &Instance, source: &StopSource) -> Result<(), Error> {
+    let mut first = SocketStop::send(instance, source);
     if first.is_confirmed(SOCKET_TIMEOUT) {
         return Ok(());
     }
@@ -147,9 +160,10 @@ pub(crate) struct SocketStop {
 }
 
 impl SocketStop {
-    /// Sends the request. Waits at most [`SOCKET_TIMEOUT`] while the daemon has too many callers.
-    pub(crate) fn send(instance: &Instance) -> Self {
-        match AskedStop::send(instance, SOCKET_TIMEOUT) {
+    /// Sends the request for `source`. Waits at most [`SOCKET_TIMEOUT`] while the daemon has too many
+    /// callers.
+    pub(crate) fn send(instance: &Instance, source: &StopSource) -> Self {
+        match AskedStop::send_for(instance, source, SOCKET_TIMEOUT) {
             Ok(asked) => Self { asked: Some(asked), error: StopError::NoReply },
             Err(error) => Self { asked: None, error },
         }

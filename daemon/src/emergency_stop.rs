@@ -16,9 +16,8 @@ use crate::telemetry::programs::Programs;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::EmergencyStops;
 use motord_ports::instance::Instance as MotordInstance;
-use motord_ports::stop_socket::{
-    self, CONFIRMED, MESSAGE_BYTES_MAX, NO_CYCLE, NOT_PERMITTED, REQUEST, StopError,
-};
+use motord_ports::stop_socket::{self, CONFIRMED, MESSAGE_BYTES_MAX, NO_CYCLE, NOT_PERMITTED, StopError};
+use motord_ports::stop_source::StopSource;
 use motord_realtime::descriptors::keep_only;
 use motord_realtime::process::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
 use nix::errno::Errno;
@@ -130,14 +129,20 @@ impl Server {
         self.wait();
         self.accept();
         let mut asking: [Option<(OwnedFd, UnixCredentials)>; CALLERS_MAX] = from_fn(|_| None);
+        let mut source_of_first = None;
         for (caller, asking) in self.callers.iter_mut().zip(&mut asking) {
-            *asking = receive(caller).and_then(|caller| self.gate.admit(caller));
+            let Some((caller, source)) = receive(caller) else { continue };
+            *asking = self.gate.admit(caller);
+            if asking.is_some() {
+                source_of_first.get_or_insert(source);
+            }
         }
         if let Some(first) = asking.iter().flatten().map(|(_, peer)| peer.pid().cast_unsigned()).next() {
-            let outcome = self.carry_out(first);
+            let source = source_of_first.unwrap_or(StopSource::NONE);
+            let outcome = self.carry_out(first, source);
             let reply = if outcome.is_ok() { CONFIRMED } else { NO_CYCLE };
             asking.iter().flatten().for_each(|(caller, _)| answer(caller, reply));
-            self.log(first, asking.iter().flatten().count(), outcome);
+            self.log(first, source.text(), asking.iter().flatten().count(), outcome);
         }
         clock::sleep_until(begun + TURN);
     }
@@ -164,8 +169,10 @@ impl Server {
         }
     }
 
-    /// Stops the robot for process `pid`, and waits until the cycle has.
-    fn carry_out(&self, pid: u32) -> Result<(), StopError> {
+    /// Stops the robot for process `pid` and its `source`, and waits until the cycle has.
+    fn carry_out(&self, pid: u32, source: StopSource) -> Result<(), StopError> {
+        // Before the request: the thread that reports the stop needs it.
+        self.programs.note_source(pid, source);
         let request = self.stops.ask(pid);
         // The program's name is there as long as the process waits for its answer; nothing depends
         // on it.
@@ -181,7 +188,7 @@ impl Server {
     }
 
     /// At most one line a second: many may ask without pause.
-    fn log(&mut self, pid: u32, programs: usize, outcome: Result<(), StopError>) {
+    fn log(&mut self, pid: u32, source: Option<&str>, programs: usize, outcome: Result<(), StopError>) {
         let now = clock::monotonic();
         self.unlogged += programs as u32;
         if self.logged.is_some_and(|logged| now.since(logged) < SECOND) {
@@ -190,10 +197,13 @@ impl Server {
         let (requests, program) = (std::mem::take(&mut self.unlogged), self.programs.program(pid));
         self.logged = Some(now);
         match outcome {
-            Ok(()) => tracing::warn!(pid, program, requests, see = "emergency-stop", "emergency stop"),
+            Ok(()) => {
+                tracing::warn!(pid, program, source, requests, see = "emergency-stop", "emergency stop");
+            }
             Err(error) => tracing::error!(
                 pid,
                 program,
+                source,
                 requests,
                 see = "stop-not-carried-out",
                 "emergency stop not carried out: {error}"
@@ -202,18 +212,16 @@ impl Server {
     }
 }
 
-/// Returns the caller if it requests a stop. Closes the connection of one that does not, or has
-/// disconnected.
-fn receive(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
+/// Returns the caller and its source if it requests a stop. Closes the connection of one that does
+/// not, or has disconnected.
+fn receive(caller: &mut Option<OwnedFd>) -> Option<(OwnedFd, StopSource)> {
     let mut message = [0; MESSAGE_BYTES_MAX];
-    match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
-        Ok(length) if message[..length] == *REQUEST => caller.take(),
-        Err(Errno::EAGAIN | Errno::EINTR) => None,
-        Ok(_) | Err(_) => {
-            *caller = None;
-            None
-        }
-    }
+    let source = match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
+        Ok(length) => StopSource::of_request(&message[..length]),
+        Err(Errno::EAGAIN | Errno::EINTR) => return None,
+        Err(_) => None,
+    };
+    caller.take().zip(source)
 }
 
 /// A caller that is gone misses its answer.

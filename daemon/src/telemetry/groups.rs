@@ -44,7 +44,8 @@ impl Groups {
             }
             Event::Group { group, .. } => self.0[group].history.phase_cycle = cycle,
             Event::Stopped { group, cause, motor, pid } => {
-                let by = pid.map(process);
+                let program = |pid| programs.of_stop(cause, pid).unwrap_or_default();
+                let by = pid.map(|pid| Process { pid, program: program(pid) });
                 self.0[group].stop(FirstStop { cause: cause.code(), joint: motor, cycle, by });
             }
             Event::Reset { group } => self.0[group].reset(),

@@ -189,7 +189,7 @@ impl Log {
                 self.groups[group].period = Some([period, horizon]);
             }
             Event::Stopped { group, cause, motor, pid } => {
-                let requester = pid.map(|pid| (pid, programs.program(pid)));
+                let requester = pid.map(|pid| (pid, programs.of_stop(cause, pid)));
                 self.log_stop(cycle, group, cause, motor, requester);
             }
             Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),

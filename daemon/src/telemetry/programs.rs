@@ -5,8 +5,9 @@
 
 use motord_bus::{Duration, Instant, clock};
 use motord_ports::instance::pid_namespace;
+use motord_ports::stop_source::StopSource;
 use motord_realtime::process;
-use motord_shared::AdminRequest;
+use motord_shared::{AdminRequest, Cause, Operation};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
@@ -18,7 +19,11 @@ const FRESH: Duration = Duration::from_secs(1);
 /// The last requesters and their programs. Clones share them. No call waits for another one: if the
 /// lock is taken, it skips.
 #[derive(Debug, Clone, Default)]
-pub struct Programs(Arc<Mutex<VecDeque<Requester>>>);
+pub struct Programs {
+    requesters: Arc<Mutex<VecDeque<Requester>>>,
+    /// The last process that requested an emergency stop through its socket, and its source.
+    stop: Arc<Mutex<Option<(u32, StopSource)>>>,
+}
 
 #[derive(Debug)]
 struct Requester {
@@ -35,15 +40,25 @@ impl Programs {
         self.note_as(pid, true);
     }
 
+    /// Remembers the source of the emergency stop that process `pid` requests. Does not allocate.
+    pub fn note_source(&self, pid: u32, source: StopSource) {
+        if let Some(mut stop) = unless_taken(&self.stop) {
+            *stop = Some((pid, source));
+        }
+    }
+
     /// Works like [`note`](Self::note), for the process that sent `request`, in whatever namespace
     /// of processes it is.
     pub fn note_request(&self, request: &AdminRequest) {
+        if request.operation == Operation::EmergencyStop.code() {
+            self.note_source(request.pid, StopSource::NONE);
+        }
         self.note_as(request.pid, [0, pid_namespace()].contains(&request.pid_namespace));
     }
 
     fn note_as(&self, pid: u32, is_here: bool) {
         let now = clock::monotonic();
-        let Some(mut programs) = self.list() else { return };
+        let Some(mut programs) = unless_taken(&self.requesters) else { return };
         let is_fresh = |requester: &Requester| {
             requester.program.is_some() == is_here && now.since(requester.read_at) < FRESH
         };
@@ -67,19 +82,35 @@ impl Programs {
     /// has ended, or one in another namespace of processes.
     #[must_use]
     pub fn program(&self, pid: u32) -> Option<String> {
-        let programs = self.list()?;
+        let programs = unless_taken(&self.requesters)?;
         match programs.iter().find(|requester| requester.pid == pid) {
             Some(requester) => requester.program.clone(),
             None => process::program(pid),
         }
     }
 
-    fn list(&self) -> Option<MutexGuard<'_, VecDeque<Requester>>> {
-        match self.0.try_lock() {
-            Ok(list) => Some(list),
-            Err(TryLockError::Poisoned(list)) => Some(list.into_inner()),
-            Err(TryLockError::WouldBlock) => None,
+    /// Works like [`program`](Self::program), for the process that caused a stop: that of an
+    /// emergency stop is followed by the source that it named.
+    #[must_use]
+    pub fn of_stop(&self, cause: Cause, pid: u32) -> Option<String> {
+        let program = self.program(pid);
+        if cause != Cause::EmergencyStop {
+            return program;
         }
+        let stop = unless_taken(&self.stop).and_then(|stop| *stop);
+        let source = stop.filter(|(stopped_by, _)| *stopped_by == pid).map(|(_, source)| source);
+        match (program, source.as_ref().and_then(StopSource::text)) {
+            (Some(program), Some(source)) => Some(format!("{program}: {source}")),
+            (program, _) => program,
+        }
+    }
+}
+
+fn unless_taken<T>(values: &Mutex<T>) -> Option<MutexGuard<'_, T>> {
+    match values.try_lock() {
+        Ok(values) => Some(values),
+        Err(TryLockError::Poisoned(values)) => Some(values.into_inner()),
+        Err(TryLockError::WouldBlock) => None,
     }
 }
 
@@ -99,6 +130,20 @@ mod tests {
         child.wait().unwrap();
         assert_eq!(programs.clone().program(pid).as_deref(), Some("sleep"));
         assert_eq!(Programs::default().program(pid), None);
+    }
+
+    #[test]
+    fn source_follows_the_program_that_named_it() {
+        let (programs, own) = (Programs::default(), std::process::id());
+        let program = programs.program(own).unwrap();
+        programs.note_source(own, StopSource::new("button B"));
+        assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(format!("{program}: button B")));
+        assert_eq!(programs.program(own), Some(program.clone()), "an owner has no source");
+        assert_eq!(programs.of_stop(Cause::Disabled, own), Some(program.clone()));
+        programs.note_source(1, StopSource::new("another"));
+        assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program.clone()));
+        programs.note_source(own, StopSource::NONE);
+        assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program));
     }
 
     /// Process 1 of a container is not process 1 of this computer.

@@ -46,6 +46,7 @@ mod role;
 pub mod running;
 pub mod service;
 pub mod stop_socket;
+pub mod stop_source;
 mod watcher;
 
 pub use client::{ClientPorts, Question, RecordPort, SetpointPort, StateEvents};

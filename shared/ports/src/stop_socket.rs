@@ -3,7 +3,8 @@
 //!
 //! It is an abstract Unix socket (unix(7)) of the type `SOCK_SEQPACKET`, called
 //! `motord-stop:<instance>:<runtime directory>`. A requester connects, sends [`REQUEST`], and
-//! receives one of the replies. A connection without a request has no effect. Abstract sockets
+//! receives one of the replies. A line
+//! break and a text may follow the request: its [source](crate::stop_source). A connection without a request has no effect. Abstract sockets
 //! exist per network namespace.
 //!
 //! Any process may take a free name. Therefore a requester trusts only users who could also answer
@@ -11,6 +12,7 @@
 
 use crate::instance::Instance;
 use crate::peer::Impostor;
+use crate::stop_source::{REQUEST_BYTES_MAX, StopSource};
 use nix::errno::Errno;
 use nix::poll::{PollTimeout, poll};
 use nix::sys::socket::{
@@ -27,8 +29,8 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The request for an emergency stop.
-pub const REQUEST: &[u8] = b"motord emergency stop 1";
+pub use crate::stop_source::REQUEST;
+
 /// The reply once the commands that damp the motors are sent.
 pub const CONFIRMED: &[u8] = b"confirmed";
 /// The reply when no cycle executed the stop in time. The next cycle, if any, still executes it.
@@ -37,7 +39,7 @@ pub const NO_CYCLE: &[u8] = b"no cycle";
 pub const NOT_PERMITTED: &[u8] = b"not permitted";
 
 /// Longest message of either side.
-pub const MESSAGE_BYTES_MAX: usize = 32;
+pub const MESSAGE_BYTES_MAX: usize = 160;
 
 pub(crate) const PREFIX: &[u8] = b"motord-stop:";
 /// Pause between two attempts to reach a daemon that has too many connections.
@@ -140,9 +142,17 @@ impl StopPath {
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
     pub fn send(&self, timeout: Duration) -> Result<AskedStop, StopError> {
+        self.send_for(&StopSource::NONE, timeout)
+    }
+
+    /// As [`send`](Self::send), for `source`.
+    ///
+    /// # Errors
+    /// Those of [`send`](Self::send).
+    pub fn send_for(&self, source: &StopSource, timeout: Duration) -> Result<AskedStop, StopError> {
         let end = Instant::now() + timeout;
         loop {
-            match self.try_send(end) {
+            match self.try_send(source, end) {
                 // A daemon with too many callers drops the first ones without a request: this
                 // process may be affected.
                 Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR)
@@ -159,9 +169,10 @@ impl StopPath {
         }
     }
 
-    fn try_send(&self, end: Instant) -> Result<AskedStop, Errno> {
+    fn try_send(&self, source: &StopSource, end: Instant) -> Result<AskedStop, Errno> {
         let socket = connected(&self.address, end)?;
-        send(socket.as_raw_fd(), REQUEST, MsgFlags::MSG_NOSIGNAL)?;
+        let mut message = [0; REQUEST_BYTES_MAX];
+        send(socket.as_raw_fd(), source.request(&mut message), MsgFlags::MSG_NOSIGNAL)?;
         let daemon = self.check_peer(getsockopt(&socket, sockopt::PeerCredentials)?);
         Ok(AskedStop { socket, daemon })
     }
@@ -196,7 +207,15 @@ impl AskedStop {
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
     pub fn send(instance: &Instance, timeout: Duration) -> Result<Self, StopError> {
-        StopPath::of(instance).map_err(StopError::System)?.send(timeout)
+        Self::send_for(instance, &StopSource::NONE, timeout)
+    }
+
+    /// As [`send`](Self::send), for `source`.
+    ///
+    /// # Errors
+    /// Those of [`send`](Self::send).
+    pub fn send_for(instance: &Instance, source: &StopSource, timeout: Duration) -> Result<Self, StopError> {
+        StopPath::of(instance).map_err(StopError::System)?.send_for(source, timeout)
     }
 
     /// Waits for the confirmation, at most `timeout`. Async-signal-safe.
