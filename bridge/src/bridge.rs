@@ -2,7 +2,9 @@
 
 use crate::config::{Config, ConfigError, Range};
 use crate::foxglove;
+use crate::gamepad;
 use crate::group::Group;
+use crate::inputs;
 use crate::link::GroupLink;
 use crate::motor::Motor;
 use crate::ros2::{self, Network, NetworkError};
@@ -69,7 +71,13 @@ pub(crate) fn check(path: &Path) -> Result<(), BridgeError> {
     println!("{}: good", path.display());
     println!("{}", summary(&config, &network));
     println!("page: {}", page.map_or_else(|| "off".to_owned(), |page| page.link()));
+    println!("{}", inputs::summary(&config));
     Ok(())
+}
+
+/// Prints the values of a gamepad.
+pub(crate) fn gamepad(name: Option<String>, json: bool) -> Result<(), BridgeError> {
+    gamepad::show(name, json).map_err(|error| BridgeError::Start(format!("cannot print the values: {error}")))
 }
 
 fn summary(config: &Config, network: &Network) -> String {
@@ -99,11 +107,9 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     }
     let Some(client) = connect(&config.robot.instance, &ends)? else { return Ok(()) };
     let shared = Arc::new(share(&client, &config, ends)?);
-    log::info!("{}", summary(&config, &network));
+    log::info!("{}, {}", summary(&config, &network), inputs::summary(&config));
     let (sender, requests) = sync_channel(REQUESTS_MAX);
-    let cycles = ros2::cycles_between_states(&config.ros2, shared.robot.rate_hz);
-    let of_page = page.as_ref().map_or(cycles, |_| web::cycles_between_states(shared.robot.rate_hz));
-    let cycles = cycles.min(of_page);
+    let cycles = cycles_between_states(&config, page.is_some(), shared.robot.rate_hz);
     let motor = Motor::new(client, Arc::clone(&shared), requests, config.commands.timeout(), cycles);
     let desk = Arc::new(StopDesk::default());
     let stop = {
@@ -111,27 +117,36 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
             (config.robot.instance.clone(), Arc::clone(&desk), Arc::clone(&shared.ends));
         spawn("stop", move || stop::run(&instance, &desk, &ends)).map_err(BridgeError::Start)?
     };
-    let page = page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?;
+    // The nearest sources first: they need no network.
+    let mut sources = inputs::start(&config, &shared, &desk).map_err(BridgeError::Start)?;
+    sources
+        .extend(page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?);
     let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
-    let viewers = foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?;
+    sources.extend(foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?);
     let motor = spawn("motor", move || motor.run()).map_err(BridgeError::Start)?;
     while !shared.ends() {
         std::thread::sleep(RETRY);
-        let servers = [&page, &viewers];
-        let server_has_ended = servers.into_iter().flatten().any(JoinHandle::is_finished);
-        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || server_has_ended;
+        let source_has_ended = sources.iter().any(JoinHandle::is_finished);
+        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || source_has_ended;
         // After a signal the threads end by themselves.
         if has_ended && !shared.ends() {
             shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
         }
     }
     // The motor thread releases the groups first.
-    let _panicked = motor.join();
-    let _panicked = stop.join();
-    let _panicked = page.map(JoinHandle::join);
-    let _panicked = viewers.map(JoinHandle::join);
+    for thread in [motor, stop].into_iter().chain(sources) {
+        let _panicked = thread.join();
+    }
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
+}
+
+/// Returns the number of cycles between two states that any thread needs while no group is claimed.
+fn cycles_between_states(config: &Config, has_page: bool, cycle_hz: f64) -> u32 {
+    let of_ros2 = ros2::cycles_between_states(&config.ros2, cycle_hz);
+    let of_page = has_page.then(|| web::cycles_between_states(cycle_hz));
+    let of_inputs = inputs::cycles_between_states(config, cycle_hz);
+    [of_page, of_inputs].into_iter().flatten().fold(of_ros2, u32::min)
 }
 
 /// Connects to the daemon, and waits for it. `None` after a signal.

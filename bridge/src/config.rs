@@ -1,9 +1,13 @@
 //! The configuration file: what the bridge publishes, and whether it accepts commands.
 
 mod foxglove;
+mod gamepad;
+mod gpio;
 mod web;
 
 pub(crate) use self::foxglove::Foxglove;
+pub(crate) use self::gamepad::Gamepad;
+pub(crate) use self::gpio::{Gpio, RunLevel};
 pub(crate) use self::web::Web;
 
 use serde::Deserialize;
@@ -28,6 +32,8 @@ pub(crate) struct Config {
     pub(crate) foxglove: Foxglove,
     pub(crate) commands: Commands,
     pub(crate) web: Web,
+    pub(crate) gamepad: Gamepad,
+    pub(crate) gpio: Gpio,
     /// By the name of the group.
     pub(crate) group: BTreeMap<String, Gains>,
 }
@@ -212,6 +218,9 @@ pub(crate) enum ConfigError {
     /// The page cannot be served in this way.
     #[error("{0}")]
     Web(String),
+    /// A device cannot be used in this way.
+    #[error("{0}")]
+    Device(String),
 }
 
 impl Config {
@@ -238,6 +247,8 @@ impl Config {
         within("commands.trajectory-step-rad", commands.trajectory_step_rad, 0.0, 1.0)?;
         within("commands.trajectory-max-s", commands.trajectory_max_s, 0.1, 60.0)?;
         self.web.check().map_err(ConfigError::Web)?;
+        self.gamepad.check().map_err(ConfigError::Device)?;
+        self.gpio.check().map_err(ConfigError::Device)?;
         self.check_foxglove()?;
         for (name, gains) in &self.group {
             for (key, numbers) in [("kp", &gains.kp), ("kd", &gains.kd)] {
@@ -336,6 +347,12 @@ mod tests {
     fn server_for_viewers_is_off_and_local() {
         let Config { foxglove, .. } = parse("").unwrap();
         assert!(!foxglove.enabled && foxglove.is_local() && !foxglove.allow_remote);
+    }
+
+    #[test]
+    fn devices_are_off_by_default() {
+        let config = parse("").unwrap();
+        assert!(!config.gamepad.enabled && !config.gpio.enabled);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The values that all threads of the bridge share.
 
+use crate::controls::Values;
 use crate::link::GroupLink;
 use crate::slot::Slot;
 use motord_client::{RobotDescription, State};
@@ -41,6 +42,8 @@ pub(crate) struct Shared {
     pub(crate) page: Slot<Report>,
     /// For the rules of trajectories, which begin at the present positions.
     pub(crate) latest: Slot<State>,
+    /// The newest values of the gamepad, put where they change.
+    pub(crate) gamepad: Slot<Values>,
     /// The bridge ends. A signal also sets it.
     pub(crate) ends: Arc<AtomicBool>,
     failure: OnceLock<String>,
@@ -53,7 +56,8 @@ impl Shared {
         ends: Arc<AtomicBool>,
     ) -> Self {
         let (report, latest, failure) = (Slot::default(), Slot::default(), OnceLock::new());
-        Self { robot, groups, report, page: Slot::default(), latest, ends, failure }
+        let (page, gamepad) = (Slot::default(), Slot::default());
+        Self { robot, groups, report, page, latest, gamepad, ends, failure }
     }
 
     /// Returns `true` once the bridge has to end.

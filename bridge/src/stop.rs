@@ -82,6 +82,13 @@ impl StopDesk {
         self.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Returns the sources of the requests that wait.
+    #[cfg(test)]
+    pub(crate) fn waiting(&self) -> Vec<String> {
+        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        requests.iter().map(|request| request.source.clone()).collect()
+    }
+
     /// Returns all requests that wait; waits for one at most for `timeout`.
     fn take(&self, timeout: Duration) -> VecDeque<Request> {
         let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
@@ -101,10 +108,12 @@ pub(crate) fn run(instance: &str, desk: &StopDesk, ends: &Arc<AtomicBool>) {
         if client.is_none() {
             client = Client::connect_to_stop(instance).ok();
         }
+        // One stop serves all; the daemon names the first source.
+        let source = requests.front().map_or("", |request| request.source.as_str());
         let outcome = match &client {
-            Some(client) => client.emergency_stop(),
+            Some(client) => client.emergency_stop_for(source),
             // This one needs no connection.
-            None => motord_client::emergency_stop(instance),
+            None => motord_client::emergency_stop_for(instance, source),
         };
         let joints = client.as_ref().map(joints).unwrap_or_default();
         if matches!(outcome, Err(Error::NotRunning { .. } | Error::NotStopped { .. })) {

@@ -2,6 +2,7 @@
 
 mod bounded;
 mod diagnostics;
+mod joy;
 mod messages;
 mod names;
 mod network;
@@ -97,6 +98,10 @@ pub(crate) fn start(
         threads.push(start_receive(&mut node, config, shared, &topics, requests)?);
     }
     let states = States::new(&mut node, &config.ros2, shared, &topics)?;
+    if config.gamepad.enabled {
+        let (topic, shared) = (joy::topic(&mut node)?, Arc::clone(shared));
+        threads.push(spawn("ros2-joy", move || joy::run(&topic, &shared))?);
+    }
     let publishing = Arc::clone(shared);
     threads.push(spawn("ros2-publish", move || states.run(&publishing))?);
     Ok(Ros2Node { _node: node, threads, dds_threads: dds_threads() })

@@ -49,7 +49,7 @@ pub(crate) struct States {
 }
 
 /// Creates a publisher of `name`.
-fn publisher<M: Typed + Message>(
+pub(crate) fn publisher<M: Typed + Message>(
     node: &mut Node,
     name: &str,
     qos: &QosProfile,
