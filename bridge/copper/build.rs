@@ -1,0 +1,5 @@
+//! Tells Copper's macros where they are built.
+
+fn main() {
+    cu29_build::setup();
+}
