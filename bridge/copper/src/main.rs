@@ -28,7 +28,12 @@ impl CuTask for Controller {
         Ok(Self::default())
     }
 
-    fn process(&mut self, _: &CuContext, input: &Self::Input<'_>, output: &mut Self::Output<'_>) -> CuResult<()> {
+    fn process(
+        &mut self,
+        _: &CuContext,
+        input: &Self::Input<'_>,
+        output: &mut Self::Output<'_>,
+    ) -> CuResult<()> {
         let Some(joints) = input.payload() else { return Ok(()) };
         let (centre, begun) = self.begun.get_or_insert_with(|| (joints.position.clone(), joints.time_ns));
         let time = (joints.time_ns - *begun) as f32 / 1e9;

@@ -152,5 +152,7 @@ fn text(config: Option<&ComponentConfig>, key: &str) -> CuResult<String> {
 
 fn number(config: Option<&ComponentConfig>, key: &str) -> CuResult<f32> {
     let value = config.and_then(|config| config.get::<f64>(key).transpose()).transpose()?;
-    value.map(|value| value as f32).ok_or_else(|| format!("the configuration of the task needs the number {key}").into())
+    value
+        .map(|value| value as f32)
+        .ok_or_else(|| format!("the configuration of the task needs the number {key}").into())
 }
