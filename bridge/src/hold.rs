@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn view_of_no_state_is_lost_after_a_while() {
+    fn view_without_state_is_lost_later() {
         let begun = Instant::now();
         assert_eq!(View::of(None, begun, begun), View::Awaited);
         assert_eq!(View::of(None, begun, begun + STALE), View::Lost);

@@ -21,7 +21,8 @@ const FRESH: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Default)]
 pub struct Programs {
     requesters: Arc<Mutex<VecDeque<Requester>>>,
-    /// The last process that requested an emergency stop through its socket, and its source.
+    /// The first process since the last reset that requested an emergency stop through its socket,
+    /// and its source: later ones latch nothing.
     stop: Arc<Mutex<Option<(u32, StopSource)>>>,
 }
 
@@ -40,20 +41,29 @@ impl Programs {
         self.note_as(pid, true);
     }
 
-    /// Remembers the source of the emergency stop that process `pid` requests. Does not allocate.
+    /// Remembers the source of the emergency stop that process `pid` requests, if it is the first one
+    /// since a reset. Does not allocate.
     pub fn note_source(&self, pid: u32, source: StopSource) {
         if let Some(mut stop) = unless_taken(&self.stop) {
-            *stop = Some((pid, source));
+            stop.get_or_insert((pid, source));
         }
     }
 
     /// Works like [`note`](Self::note), for the process that sent `request`, in whatever namespace
     /// of processes it is.
     pub fn note_request(&self, request: &AdminRequest) {
-        if request.operation == Operation::EmergencyStop.code() {
-            self.note_source(request.pid, StopSource::NONE);
+        match request.operation() {
+            Ok(Operation::EmergencyStop) => self.note_source(request.pid, StopSource::NONE),
+            Ok(Operation::Reset) => self.forget_source(),
+            _ => {}
         }
         self.note_as(request.pid, [0, pid_namespace()].contains(&request.pid_namespace));
+    }
+
+    fn forget_source(&self) {
+        if let Some(mut stop) = unless_taken(&self.stop) {
+            *stop = None;
+        }
     }
 
     fn note_as(&self, pid: u32, is_here: bool) {
@@ -141,8 +151,12 @@ mod tests {
         assert_eq!(programs.program(own), Some(program.clone()), "an owner has no source");
         assert_eq!(programs.of_stop(Cause::Disabled, own), Some(program.clone()));
         programs.note_source(1, StopSource::new("another"));
-        assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program.clone()));
-        programs.note_source(own, StopSource::NONE);
+        programs.note_source(own, StopSource::new("button A"));
+        let first = Some(format!("{program}: button B"));
+        assert_eq!(programs.of_stop(Cause::EmergencyStop, own), first, "a later stop latches nothing");
+        let reset = AdminRequest { operation: Operation::Reset.code(), pid: own, ..AdminRequest::default() };
+        programs.note_request(&reset);
+        programs.note_source(1, StopSource::new("another"));
         assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program));
     }
 
