@@ -127,6 +127,30 @@ fn stop_before_a_loss_is_noticed_fails() {
 
 /// A person who presses the emergency stop because of a fault must still find the fault.
 #[test]
+fn cause_of_stop_names_its_source() {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    let client = daemon.connect();
+    let source_of = |stop: &dyn Fn()| {
+        stop();
+        let status =
+            daemon.await_status(|status| status["groups"][0]["stop"]["asked_by"]["program"].is_string());
+        assert!(daemon.motorctl(&["reset", "--wait"]).status.success());
+        status["groups"][0]["stop"]["asked_by"]["program"]
+            .as_str()
+            .unwrap()
+            .split_once(": ")
+            .map(|(_, s)| s.to_owned())
+    };
+    let source = "the door\nof the cell";
+    assert_eq!(
+        source_of(&|| client.emergency_stop_for(source).unwrap()).as_deref(),
+        Some("the doorof the cell")
+    );
+    assert_eq!(source_of(&|| client.emergency_stop().unwrap()), None, "another stop of the same process");
+}
+
+#[test]
 fn first_cause_survives_emergency_stop() {
     let daemon = Daemon::start(BENCH);
     daemon.await_status(|status| status["joints"][0]["mode"] == "idle");

@@ -1,0 +1,340 @@
+"""The part of test-bridge-inputs in the guest: a gamepad of uinput, a GPIO chip of uhid, a robot and the bridge."""
+
+import fcntl
+import glob
+import json
+import os
+import struct
+import subprocess
+import sys
+import threading
+import time
+
+KEY, ABS, SYN = 1, 3, 0
+SOUTH, EAST, TL = 0x130, 0x131, 0x136
+X, Y, RX = 0, 1, 3
+NAME = "Pad of the rig"
+ROBOT = """
+[daemon]
+instance = "demo"
+[cycle]
+rate-hz = 200
+[safety]
+setpoint-timeout-ms = 1000.0
+lost-cycles = 100
+deadman-ms = 1000.0
+start-timeout-ms = 5000.0
+[[bus]]
+name = "left"
+type = "simulated"
+{}
+[[group]]
+name = "legs"
+joints = ["hip", "knee"]
+"""
+MOTOR = """
+[[motor]]
+name = "{}"
+bus = "left"
+id = {}
+protocol = "mit"
+model = "GIM8108-8"
+direction = 1
+limits = {{ position-rad = [-0.9, 0.9], velocity-rad-s = 25.0, torque-nm = 20.0 }}
+simulation = {{ initial-position-rad = 0.0 }}
+"""
+
+
+class Pad:
+    """A gamepad of uinput."""
+
+    def __init__(self):
+        self.file = os.open("/dev/uinput", os.O_WRONLY | os.O_NONBLOCK)
+        for request, values in [(0x40045564, [KEY, ABS]), (0x40045565, [SOUTH, EAST, TL]), (0x40045567, [X, Y, RX])]:
+            for value in values:
+                fcntl.ioctl(self.file, request, value)
+        for axis in (X, Y, RX):
+            fcntl.ioctl(self.file, 0x401C5504, struct.pack("=HH6i", axis, 0, 0, -32768, 32767, 0, 128, 0))
+        fcntl.ioctl(self.file, 0x405C5503, struct.pack("=4H80sI", 3, 0x1234, 0x5678, 1, NAME.encode(), 0))
+        fcntl.ioctl(self.file, 0x5501)
+
+    def send(self, *events):
+        """One report."""
+        for kind, code, value in [*events, (SYN, 0, 0)]:
+            os.write(self.file, struct.pack("@llHHi", 0, 0, kind, code, value))
+
+    def unplug(self):
+        fcntl.ioctl(self.file, 0x5502)
+        os.close(self.file)
+
+
+class Chip:
+    """The USB side of an MCP2221, whose line 0 is open or closed to ground."""
+
+    # A report of 64 bytes in each direction.
+    REPORTS = bytes([0x06, 0, 0xFF, 0x09, 1, 0xA1, 1, 0x15, 0, 0x26, 0xFF, 0, 0x75, 8, 0x95, 64, 0x09, 1, 0x81, 2, 0x09, 2, 0x91, 2, 0xC0])
+
+    def __init__(self, is_open=False):
+        self.is_open, self.answers, self.requests = is_open, True, 0
+        before = set(glob.glob("/dev/gpiochip*"))
+        self.file = os.open("/dev/uhid", os.O_RDWR)
+        create = struct.pack("=I128s64s64sHHIIII", 11, b"MCP2221 of the rig", b"", b"", len(self.REPORTS), 3, 0x04D8, 0x00DD, 0, 0)
+        os.write(self.file, create + self.REPORTS.ljust(4096, b"\0"))
+        threading.Thread(target=self.serve, daemon=True).start()
+        added = lambda: sorted(set(glob.glob("/dev/gpiochip*")) - before)
+        await_that("the chip has a device", added)
+        # Its number may change, as at a real port: a link has the name that stays.
+        if os.path.islink("chip"):
+            os.unlink("chip")
+        os.symlink(added()[0], "chip")
+
+    def serve(self):
+        while True:
+            try:
+                event = os.read(self.file, 8192)
+            except OSError:
+                return
+            if not event:
+                return
+            if struct.unpack_from("=I", event)[0] != 6:
+                continue
+            command = event[4]
+            self.requests += 1
+            if self.answers:
+                # Of each line the value and the direction, in an order that differs among versions of the driver.
+                lines = [int(self.is_open)] * 2 + [1] * 6 if command == 0x51 else []
+                answer = bytes([command, 0, *lines]).ljust(64, b"\0")
+                os.write(self.file, struct.pack("=IH", 12, 64) + answer.ljust(4096, b"\0"))
+
+    def unplug(self):
+        os.write(self.file, struct.pack("=I", 1))
+        os.close(self.file)
+
+
+def await_that(what, holds, seconds=60):
+    end = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > end:
+            fail(f"not within {seconds} s: {what}")
+        time.sleep(0.02)
+
+
+def fail(why):
+    for log in ("bridge.log", "motord.log"):
+        print(f"--- {log}\n" + "".join(open(log).readlines()[-30:]))
+    sys.exit(f"test-bridge-inputs: {why}: {json.dumps(group())}")
+
+
+def group():
+    status = subprocess.run(["motorctl", "status", "--json"], capture_output=True, text=True).stdout
+    return json.loads(status)["groups"][0]
+
+
+def cause():
+    stop = group()["stop"]
+    return stop and stop["cause"]
+
+
+def log():
+    return open("bridge.log").read()
+
+
+def stops():
+    """The number of receipts."""
+    return log().count("emergency stop by ")
+
+
+def start(*command, log="/dev/null"):
+    return subprocess.Popen(command, stdout=open(log, "a"), stderr=subprocess.STDOUT)
+
+
+class Bridge:
+    def __init__(self, lines):
+        with open("bridge.toml", "w") as file:
+            file.write('[robot]\ninstance = "demo"\n[ros2]\njoint-states-hz = 0.0\nimu-hz = 0.0\ngroup-states-hz = 0.0\n' + lines)
+        open("bridge.log", "w").close()
+        self.process = start("motord-bridge", "run", "--config", "bridge.toml", log="bridge.log")
+
+    def end(self):
+        self.process.terminate()
+        if self.process.wait() != 0:
+            fail("the bridge did not end with status 0")
+
+
+def hold():
+    """Clears the stop, and has a controller hold the pose."""
+    subprocess.run(["motorctl", "reset", "--wait"], capture_output=True)
+    start("hold", "--group", "legs", log="hold.log")
+    await_that("the robot holds its pose", lambda: group()["phase"] == "active")
+
+
+def expect_stop(what, *parts):
+    """One latched stop, whose cause names the bridge and the source."""
+    # The state and its history come one after the other.
+    await_that(f"stopped by {what}", lambda: cause() == "emergency-stop" and (group()["stop"].get("asked_by") or {}).get("program"))
+    by = group()["stop"]["asked_by"]["program"]
+    if not by.startswith("motord-bridge: ") or not all(part in by for part in parts):
+        fail(f"the cause of {what} names {by!r}")
+    await_that("a receipt", lambda: "confirmed after" in log())
+    print(f"  {what}: {by}")
+
+
+def expect_no_stop(what, seconds=1.0):
+    time.sleep(seconds)
+    if group()["phase"] != "active":
+        fail(f"{what} stopped the robot")
+    print(f"  {what}: the robot holds its pose")
+
+
+def reset_leads_to_stop(what):
+    before = stops()
+    subprocess.run(["motorctl", "reset"], capture_output=True)
+    await_that(f"another stop by {what}", lambda: stops() > before and cause() == "emergency-stop")
+    time.sleep(0.5)
+    if stops() != before + 1:
+        fail(f"{stops() - before} stops after one reset")
+    print(f"  {what}: a reset leads to one more stop")
+
+
+def reset():
+    subprocess.run(["motorctl", "reset", "--wait"], capture_output=True)
+    time.sleep(0.5)
+    if cause():
+        fail("a reset is followed by a stop")
+
+
+def gamepad_alone():
+    print("--- gamepad: button B")
+    pad = Pad()
+    bridge = Bridge("[gamepad]\nenabled = true\n")
+    await_that("the gamepad is found", lambda: NAME in log())
+    hold()
+    pad.send((ABS, X, 32767), (KEY, SOUTH, 1))
+    expect_no_stop("another button")
+    for value in (100000, -100000, 2**31 - 1):
+        pad.send((ABS, X, value))
+    for number in range(5000):
+        pad.send((ABS, X, number), (ABS, Y, -number), (ABS, RX, number))
+    expect_no_stop("20 000 events")
+    # Both in the queue before the bridge reads one.
+    pad.send((KEY, EAST, 1))
+    pad.send((KEY, EAST, 0))
+    expect_stop("a short press of B", NAME, "button B")
+    reset()
+    pad.send((KEY, EAST, 1))
+    expect_stop("a press of B", NAME)
+    reset_leads_to_stop("a pressed B")
+    pad.send((KEY, EAST, 0))
+    reset()
+    hold()
+    pad.unplug()
+    await_that("the loss is logged", lambda: "is lost" in log())
+    expect_no_stop("a gamepad that is unplugged, without a dead man's button")
+    pad = Pad()
+    await_that("the gamepad is found again", lambda: log().count(f"gamepad {NAME} at") == 2)
+    pad.send((KEY, EAST, 1))
+    expect_stop("B of the gamepad that returned", NAME)
+    pad.unplug()
+    bridge.end()
+    reset()
+
+
+def dead_man():
+    print("--- gamepad: dead man's button")
+    pad = Pad()
+    bridge = Bridge('[gamepad]\nenabled = true\ndead-man = "tl"\n')
+    await_that("the gamepad is found", lambda: NAME in log())
+    time.sleep(1)
+    if cause():
+        fail("a resting robot is stopped")
+    pad.send((KEY, TL, 1))
+    time.sleep(0.1)
+    hold()
+    expect_no_stop("a held button")
+    pad.send((KEY, TL, 0))
+    expect_stop("the released button", "dead man's button tl released")
+    reset()
+    start("hold", "--group", "legs", log="hold.log")
+    expect_stop("a start without the button", "dead man's button")
+    reset()
+    pad.send((KEY, TL, 1))
+    time.sleep(0.1)
+    hold()
+    pad.unplug()
+    # The kernel releases the buttons of a device before it removes the device.
+    expect_stop("the unplugged gamepad", "the gamepad")
+    bridge.end()
+    reset()
+
+
+def circuit():
+    print("--- GPIO")
+    chip = Chip()
+    bridge = Bridge('[gpio]\nenabled = true\nchip = "/tmp/rig/chip"\nline = 0\nrun-level = "low"\ndebounce-ms = 50.0\n')
+    await_that("the line is closed", lambda: "is closed" in log())
+    hold()
+    expect_no_stop("a closed line")
+    chip.is_open = True
+    time.sleep(0.01)
+    chip.is_open = False
+    expect_no_stop("a pulse of 10 ms")
+    chip.is_open = True
+    expect_stop("the open line", "line 0 of /tmp/rig/chip", "open")
+    reset_leads_to_stop("an open line")
+    chip.is_open = False
+    time.sleep(0.5)
+    reset()
+    hold()
+    chip.answers = False
+    expect_stop("a chip that does not answer", "does not answer")
+    chip.answers = True
+    await_that("the chip answers", lambda: log().count("is closed") >= 3)
+    reset()
+    hold()
+    chip.unplug()
+    expect_stop("the unplugged chip", "line 0")
+    reset_leads_to_stop("a missing chip")
+    chip = Chip()
+    await_that("the line is closed again", lambda: log().count("is closed") >= 4)
+    reset()
+    hold()
+    expect_no_stop("the chip that returned")
+    bridge.end()
+    chip.unplug()
+
+
+def values():
+    print("--- motord-bridge gamepad --json")
+    pad = Pad()
+    shown = subprocess.Popen(["motord-bridge", "gamepad", "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+
+    def await_line(what, holds):
+        for line in shown.stdout:
+            if holds(json.loads(line)):
+                print(f"  {what}: {line.strip()[:70]}")
+                return
+        fail(what)
+
+    await_line("connected", lambda line: line["connected"] and line["name"] == NAME)
+    pad.send((ABS, X, -32768), (KEY, SOUTH, 1))
+    await_line("a stick and a button", lambda line: line["axes"]["left-x"] == 1.0 and line["buttons"]["south"])
+    pad.send((ABS, X, 40000))
+    await_line("a value out of its range", lambda line: line["axes"]["left-x"] == 0.0 and line["buttons"]["south"])
+    pad.unplug()
+    released = lambda line: not line["connected"] and not any(line["axes"].values()) and not any(line["buttons"].values())
+    await_line("unplugged", released)
+    shown.kill()
+
+
+with open("robot.toml", "w") as file:
+    file.write(ROBOT.format(MOTOR.format("hip", 1) + MOTOR.format("knee", 2)))
+open("motord.log", "w").close()
+open("bridge.log", "w").close()
+motord = start("motord", "run", "--config", "robot.toml", log="motord.log")
+await_that("motord is ready", lambda: " ready " in open("motord.log").read())
+values()
+gamepad_alone()
+dead_man()
+circuit()
+motord.terminate()
+print("passed")

@@ -1,0 +1,244 @@
+"""The sources of test-bridge-stops: `bridge-stops.py ORDERS SEED`. A failed check ends it with an error."""
+
+import asyncio
+import http.client
+import json
+import random
+import re
+import struct
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+
+import websockets
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import int64, uint8, uint64
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+JOINTS = {f"{leg}-{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "thigh", "knee")}
+LONGEST = 30
+RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=5)), Policy.History.KeepLast(100))
+
+
+@dataclass
+class Empty(IdlStruct, typename="std_msgs::msg::dds_::Empty_"):
+    structure_needs_at_least_one_member: uint8
+
+
+# rmw_cyclonedds puts this header before each request and response: the half of the client's GUID, and a number.
+@dataclass
+class Request(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
+    guid: uint64
+    number: int64
+    structure_needs_at_least_one_member: uint8
+
+
+@dataclass
+class Response(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
+    guid: uint64
+    number: int64
+    success: bool
+    message: str
+
+
+def await_that(what, holds):
+    end = time.monotonic() + LONGEST
+    while not holds():
+        assert time.monotonic() < end, f"not within {LONGEST} s: {what}"
+        time.sleep(0.01)
+
+
+class Page:
+    name = "the page"
+
+    def stop(self, dies, delay):
+        connection = http.client.HTTPConnection("127.0.0.1", 8642, timeout=LONGEST)
+        connection.request("POST", "/api/stop", headers={"Origin": "http://127.0.0.1:8642"})
+        if dies:
+            # The head has arrived, and the caller goes.
+            time.sleep(0.05)
+            connection.close()
+            return None
+        answer = connection.getresponse()
+        receipt = json.loads(answer.read())
+        assert answer.status == 200 and set(receipt["joints_confirmed"]) == JOINTS and not receipt["joints_unconfirmed"], receipt
+        return receipt
+
+
+class Foxglove:
+    name = "the Foxglove viewer"
+
+    async def call(self, dies):
+        socket = await websockets.connect("ws://127.0.0.1:8765", subprotocols=["foxglove.sdk.v1"], max_size=None, max_queue=None)
+        service = None
+        while service is None:
+            message = await asyncio.wait_for(socket.recv(), LONGEST)
+            if isinstance(message, str) and json.loads(message)["op"] == "advertiseServices":
+                services = {service["name"]: service["id"] for service in json.loads(message)["services"]}
+                service = services.get("/motord/stop")
+        await socket.send(struct.pack("<BIII", 2, service, 1, 4) + b"json{}")
+        if dies:
+            await asyncio.sleep(0.05)
+            await socket.close()
+            return None
+        while True:
+            message = await asyncio.wait_for(socket.recv(), LONGEST)
+            if isinstance(message, bytes) and message[0] == 3:
+                _, _, length = struct.unpack_from("<III", message, 1)
+                receipt = json.loads(message[13 + length:])
+                assert set(receipt["confirmed"]) == JOINTS, receipt
+                await socket.close()
+                return receipt
+            assert not isinstance(message, str) or json.loads(message)["op"] != "serviceCallFailure", message
+
+    def stop(self, dies, delay):
+        return asyncio.run(self.call(dies))
+
+
+class RosTopic:
+    name = "the topic /motord/stop"
+
+    def __init__(self, participant):
+        self.writer = DataWriter(participant, Topic(participant, "rt/motord/stop", Empty, qos=RELIABLE), qos=RELIABLE)
+        await_that("the bridge reads the topic", self.writer.get_matched_subscriptions)
+
+    def stop(self, dies, delay):
+        # A topic has no receipt: the line in the log is all.
+        self.writer.write(Empty(0))
+
+
+class RosService:
+    name = "the service /motord/stop"
+
+    def __init__(self, participant):
+        topic = lambda name, kind: Topic(participant, name, kind, qos=RELIABLE)
+        self.writer = DataWriter(participant, topic("rq/motord/stopRequest", Request), qos=RELIABLE)
+        self.reader = DataReader(participant, topic("rr/motord/stopReply", Response), qos=RELIABLE)
+        self.number = 0
+        await_that("the bridge serves the stop", lambda: self.writer.get_matched_subscriptions() and self.reader.get_matched_publications())
+
+    def stop(self, dies, delay):
+        self.number += 1
+        self.writer.write(Request(0x1234_5678, self.number, 0))
+        if dies:
+            return None
+        end = time.monotonic() + LONGEST
+        while time.monotonic() < end:
+            for response in self.reader.take(N=10):
+                if response.sample_info.valid_data and response.number == self.number:
+                    assert response.success, response.message
+                    return response.message
+            time.sleep(0.001)
+        raise AssertionError("no answer of the service")
+
+
+class Program:
+    """A process with a stop of its own, which may be killed at any moment."""
+
+    def __init__(self, name, *command):
+        self.name, self.command = name, command
+
+    def stop(self, dies, delay):
+        process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        if dies:
+            time.sleep(delay)
+            process.kill()
+            process.communicate()
+            return None
+        text, _ = process.communicate(timeout=LONGEST)
+        assert process.returncode == 0, text
+        return text
+
+
+def group():
+    return json.loads(subprocess.run(["motorctl", "status", "--json"], capture_output=True, text=True, check=True).stdout)["groups"][0]
+
+
+def lines(file, pattern):
+    return len(re.findall(pattern, open(file).read()))
+
+
+def requests_in_log(sources):
+    text = open("bridge.log").read()
+    return {source.name: text.count(f"emergency stop by {source.name}") for source in sources}
+
+
+def order(number, dice, sources):
+    """All sources at once, shifted by some milliseconds. Returns how many died."""
+    before, failures, threads, latches = requests_in_log(sources), [], [], lines("motord.log", LATCH)
+    dying = {source for source in sources if dice.random() < 0.2}
+    dying -= {sources[number % len(sources)]}
+
+    def run(source, wait, dies, delay):
+        time.sleep(wait)
+        try:
+            assert dies or source.stop(dies, delay) or isinstance(source, RosTopic), "no receipt"
+            if dies:
+                source.stop(dies, delay)
+        except BaseException as error:
+            failures.append(f"{source.name}: {error!r}")
+
+    for source in dice.sample(sources, len(sources)):
+        threads.append(threading.Thread(target=run, args=(source, dice.random() * 0.02, source in dying, dice.random() * 0.02)))
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(2 * LONGEST)
+        assert not thread.is_alive(), "a source hangs"
+    assert not failures, failures
+    # A source that died without a process of its own had sent its request.
+    bridged = [source for source in sources if not isinstance(source, Program)]
+    added = lambda: {source: requests_in_log(sources)[source.name] - before[source.name] for source in bridged}
+    # Both subscriptions of the topic, the reliable one and the other, get the message of a reliable writer.
+    complete = lambda: all(count in ((1, 2) if isinstance(source, RosTopic) else (1,)) for source, count in added().items())
+    await_that(f"one line for each request: {before} {requests_in_log(sources)}", complete)
+    stop = group()["stop"]
+    assert stop and stop["cause"] == "emergency-stop", stop
+    by = stop["asked_by"]["program"]
+    names = ["motord-bridge: " + source.name for source in bridged] + ["motorctl", "stop: the client of the rig"]
+    assert any(by.startswith(name) for name in names), by
+    await_that("one latch", lambda: lines("motord.log", LATCH) == latches + 1)
+    if number % 10 == 0:
+        print(f"  order {number}: {len(dying)} of {len(sources)} die; stopped by {by}")
+    subprocess.run(["motorctl", "reset", "--wait"], capture_output=True, check=True)
+    assert group()["stop"] is None, "only a reset clears it, and it does"
+    assert lines("motord.log", LATCH) == latches + 1, "a second latch"
+    return len(dying), by
+
+
+LATCH = r"cause=\"?emergency-stop"
+
+
+def main(orders, seed):
+    print(f"seed {seed}")
+    dice = random.Random(seed)
+    await_that("the bridge serves", lambda: lines("bridge.log", "page: http"))
+    participant = DomainParticipant(0)
+    sources = [
+        Page(),
+        Foxglove(),
+        RosTopic(participant),
+        RosService(participant),
+        Program("motorctl", "motorctl", "estop"),
+        Program("the client", "stop", "the client of the rig"),
+    ]
+    died, first = 0, {}
+    for number in range(orders):
+        dead, by = order(number, dice, sources)
+        died += dead
+        by = by.split(",")[0]
+        first[by] = first.get(by, 0) + 1
+    print(f"{orders} orders of {len(sources)} sources: {orders * len(sources)} requests, {died} of sources that died; one latch each")
+    for by, count in sorted(first.items(), key=lambda item: -item[1]):
+        print(f"  {count} named {by}")
+    print("passed")
+
+
+main(int(sys.argv[1]), int(sys.argv[2]))
