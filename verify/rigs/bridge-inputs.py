@@ -2,8 +2,10 @@
 
 import fcntl
 import glob
+import importlib
 import json
 import os
+import random
 import struct
 import subprocess
 import sys
@@ -75,7 +77,7 @@ class Chip:
     REPORTS = bytes([0x06, 0, 0xFF, 0x09, 1, 0xA1, 1, 0x15, 0, 0x26, 0xFF, 0, 0x75, 8, 0x95, 64, 0x09, 1, 0x81, 2, 0x09, 2, 0x91, 2, 0xC0])
 
     def __init__(self, is_open=False):
-        self.is_open, self.answers, self.requests = is_open, True, 0
+        self.is_open, self.answers = is_open, True
         before = set(glob.glob("/dev/gpiochip*"))
         self.file = os.open("/dev/uhid", os.O_RDWR)
         create = struct.pack("=I128s64s64sHHIIII", 11, b"MCP2221 of the rig", b"", b"", len(self.REPORTS), 3, 0x04D8, 0x00DD, 0, 0)
@@ -89,26 +91,24 @@ class Chip:
         os.symlink(added()[0], "chip")
 
     def serve(self):
-        while True:
-            try:
-                event = os.read(self.file, 8192)
-            except OSError:
-                return
-            if not event:
-                return
-            if struct.unpack_from("=I", event)[0] != 6:
-                continue
-            command = event[4]
-            self.requests += 1
-            if self.answers:
-                # Of each line the value and the direction, in an order that differs among versions of the driver.
-                lines = [int(self.is_open)] * 2 + [1] * 6 if command == 0x51 else []
-                answer = bytes([command, 0, *lines]).ljust(64, b"\0")
-                os.write(self.file, struct.pack("=IH", 12, 64) + answer.ljust(4096, b"\0"))
+        try:
+            while event := os.read(self.file, 8192):
+                if struct.unpack_from("=I", event)[0] == 6:
+                    self.answer(event[4])
+        except OSError:
+            # It was unplugged.
+            pass
+
+    def answer(self, command):
+        if self.answers:
+            # Of each line the value and the direction, in an order that differs among versions of the driver.
+            lines = [int(self.is_open)] * 2 + [1] * 6 if command == 0x51 else []
+            answer = bytes([command, 0, *lines]).ljust(64, b"\0")
+            os.write(self.file, struct.pack("=IH", 12, 64) + answer.ljust(4096, b"\0"))
 
     def unplug(self):
+        # The thread may still read the file, whose number another chip would get.
         os.write(self.file, struct.pack("=I", 1))
-        os.close(self.file)
 
 
 def await_that(what, holds, seconds=60):
@@ -326,6 +326,67 @@ def values():
     shown.kill()
 
 
+class PadSource:
+    """Button B of a gamepad, which is unplugged where it dies."""
+
+    name = f"the gamepad {NAME}"
+
+    def __init__(self):
+        self.pad, self.found = Pad(), 1
+
+    def stop(self, dies, delay):
+        before = log().count(f"emergency stop by {self.name}")
+        self.pad.send((KEY, EAST, 1))
+        await_that("a receipt of the gamepad", lambda: log().count(f"emergency stop by {self.name}") > before)
+        if dies:
+            self.pad.unplug()
+            self.pad = Pad()
+            self.found += 1
+            await_that("the gamepad is found again", lambda: log().count(f"gamepad {NAME} at") == self.found)
+        else:
+            self.pad.send((KEY, EAST, 0))
+        # The bridge has seen the release before the reset.
+        time.sleep(0.1)
+        return True
+
+
+class LineSource:
+    """A stop circuit that is opened, and closed after the receipt. Where it dies, its chip is unplugged."""
+
+    name = "the GPIO line 0 of /tmp/rig/chip"
+
+    def __init__(self):
+        self.chip = Chip()
+
+    def stop(self, dies, delay):
+        before, closed = log().count(f"emergency stop by {self.name}"), log().count("is closed")
+        self.chip.is_open = True
+        await_that("a receipt of the line", lambda: log().count(f"emergency stop by {self.name}") > before)
+        if dies:
+            self.chip.unplug()
+            self.chip = Chip()
+        self.chip.is_open = False
+        await_that("the line is closed", lambda: log().count("is closed") > closed)
+        return True
+
+
+def together(orders):
+    print("--- eight sources at once")
+    stops_of_all = importlib.import_module("bridge-stops")
+    stops_of_all.JOINTS = {"hip", "knee"}
+    line, pad = LineSource(), PadSource()
+    bridge = Bridge(
+        '[gamepad]\nenabled = true\n[gpio]\nenabled = true\nchip = "/tmp/rig/chip"\nline = 0\n'
+        "[web]\nenabled = true\n[foxglove]\nenabled = true\n"
+    )
+    await_that("both devices are found", lambda: NAME in log() and "is closed" in log())
+    seed = random.randrange(10000)
+    print(f"seed {seed}")
+    participant = stops_of_all.DomainParticipant(0)
+    stops_of_all.repeat(orders, random.Random(seed), [*stops_of_all.all_sources(participant), pad, line])
+    bridge.end()
+
+
 with open("robot.toml", "w") as file:
     file.write(ROBOT.format(MOTOR.format("hip", 1) + MOTOR.format("knee", 2)))
 open("motord.log", "w").close()
@@ -336,5 +397,6 @@ values()
 gamepad_alone()
 dead_man()
 circuit()
+together(int(sys.argv[1]))
 motord.terminate()
 print("passed")

@@ -97,6 +97,17 @@ close_work() {
     rm -rf "$work"
 }
 
+# stops_python: the Python of the sources in bridge-stops.py. Makes its environment where it is missing.
+stops_python() {
+    local environment=$cache_root/bridge-stops
+    if ! "$environment/bin/python3" -c 'import websockets, cyclonedds' 2>/dev/null; then
+        python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
+        python3 -m venv "$environment"
+        "$environment/bin/pip" install --disable-pip-version-check --quiet websockets cyclonedds
+    fi
+    echo "$environment/bin/python3"
+}
+
 # hand_over COMMAND...: makes the folder $rig, from which `guest` reads the command, its directory and its environment.
 hand_over() {
     rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)

@@ -111,7 +111,8 @@ impl Programs {
         let source = stop.filter(|(stopped_by, _)| *stopped_by == pid).map(|(_, source)| source);
         match (program, source.as_ref().and_then(StopSource::text)) {
             (Some(program), Some(source)) => Some(format!("{program}: {source}")),
-            (program, _) => program,
+            (None, Some(source)) => Some(format!("a program that has ended: {source}")),
+            (program, None) => program,
         }
     }
 }
@@ -158,6 +159,14 @@ mod tests {
         programs.note_request(&reset);
         programs.note_source(1, StopSource::new("another"));
         assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program));
+    }
+
+    #[test]
+    fn source_of_ended_program_is_still_named() {
+        let programs = Programs::default();
+        programs.note_source(0, StopSource::new("button B"));
+        let named = programs.of_stop(Cause::EmergencyStop, 0).unwrap();
+        assert_eq!(named, "a program that has ended: button B");
     }
 
     /// Process 1 of a container is not process 1 of this computer.
