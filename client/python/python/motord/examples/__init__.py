@@ -47,9 +47,6 @@ EXAMPLES = {
         ("policy.py", CONFIG),
         "python policy.py FILE.onnx",
     ),
-    "lerobot": Example(
-        "is a robot of LeRobot", f"lerobot, and {_DAEMON}", None, ("lerobot_robot.py", CONFIG), "python -c 'import lerobot_robot'"
-    ),
 }
 
 
