@@ -109,6 +109,9 @@ impl Programs {
         }
         let stop = unless_taken(&self.stop).and_then(|stop| *stop);
         let source = stop.filter(|(stopped_by, _)| *stopped_by == pid).map(|(_, source)| source);
+        // The socket names processes of this namespace only, so the kernel may be asked while another
+        // thread has the list.
+        let program = program.or_else(|| source.and_then(|_| process::program(pid)));
         match (program, source.as_ref().and_then(StopSource::text)) {
             (Some(program), Some(source)) => Some(format!("{program}: {source}")),
             (None, Some(source)) => Some(format!("a program that has ended: {source}")),
@@ -159,6 +162,15 @@ mod tests {
         programs.note_request(&reset);
         programs.note_source(1, StopSource::new("another"));
         assert_eq!(programs.of_stop(Cause::EmergencyStop, own), Some(program));
+    }
+
+    #[test]
+    fn program_of_stop_needs_no_list() {
+        let (programs, own) = (Programs::default(), std::process::id());
+        programs.note_source(own, StopSource::NONE);
+        let held = programs.requesters.lock().unwrap();
+        assert!(programs.of_stop(Cause::EmergencyStop, own).is_some());
+        drop(held);
     }
 
     #[test]
