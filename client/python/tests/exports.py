@@ -1,5 +1,6 @@
 """Makes exports of policies as mjlab, Isaac Lab and legged_gym write them: python exports.py FOLDER."""
 
+import json
 import sys
 from collections.abc import Mapping
 from copy import deepcopy
@@ -78,6 +79,23 @@ def mjlab(folder: Path, **changes: list[Any]) -> Path:
         "action_scale": [0.25] * 12,
     }
     return network(folder / "mjlab.onnx", 69, 18, {"run_path": "a/b/c"} | {key: csv(each) for key, each in (values | changes).items()})
+
+
+def manifest(folder: Path, **changes: Any) -> list[Path]:
+    """manifest.json of microduck beside a network of mjlab."""
+    values: dict[str, Any] = {
+        "schema_version": 2,
+        "model_api": 1,
+        "obs_len": 69,
+        "action_len": 12,
+        "robot": {"model": "quadruped", "control_hz": 50},
+        "name": "trot",
+        "kind": "perpetual",
+        "command": {"encoding": "constant", "idle": [0, 0, 0]},
+    }
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(values | changes))
+    return [mjlab(folder), path]
 
 
 def descriptors(folder: Path, change: Any = None) -> Path:

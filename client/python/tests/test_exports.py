@@ -37,6 +37,7 @@ def import_of(folder: Path, *arguments: Any, observed: int | None = None) -> Pat
 
 FORMATS: dict[str, tuple[Callable[[Path], Path], float]] = {
     "mjlab": (lambda folder: import_of(folder, exports.mjlab(folder), *MJLAB), 40.0),
+    "manifest": (lambda folder: import_of(folder, *exports.manifest(folder), *MJLAB[2:]), 40.0),
     "descriptors": (lambda folder: import_of(folder, exports.descriptors(folder), *RENAME, observed=45), 29.0),
     "env": (lambda folder: import_of(folder, exports.env(folder), *ORDER, *RENAME, observed=51), 30.0),
     "deploy": (lambda folder: import_of(folder, exports.deploy(folder), *ORDER, *RENAME, observed=90), 40.0),
@@ -85,6 +86,13 @@ def test_history_and_scales_of_mjlab_apply(tmp_path: Path) -> None:
     assert observed[18:54].reshape(3, 12) == pytest.approx(np.tile(0.05 * state.dq, (3, 1)))
 
 
+def test_manifest_of_set_has_an_entry(tmp_path: Path) -> None:
+    entry = {"file": "mjlab.onnx", "action_scale": 0.5, "kind": "perpetual"}
+    files = exports.manifest(tmp_path, kind="episodic", policies=[{"file": "kick.onnx"}, entry])
+    policy = motord.Policy(import_of(tmp_path, *files, *MJLAB[2:]))
+    assert policy.scale["fl-hip"] == 0.5 and policy.rate_hz == 50.0
+
+
 def test_action_clip_of_agent_applies(tmp_path: Path) -> None:
     agent = tmp_path / "agent.yaml"
     agent.write_text("seed: 42\nnum_steps_per_env: 24\nclip_actions: 0.001\n")
@@ -127,6 +135,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], int | None, str]] = {
         "flatten_history_dim of joint_vel is 0.000: export it with a flat history"),
     "mjlab-heights": (
         lambda f: [exports.mjlab(f, observation_names=[*"abcde", "height_scan"]), *MJLAB], None, "which motord does not observe"),
+    "manifest-schema": (lambda f: exports.manifest(f, schema_version=3), None, "schema_version: it is 3: schema 2 fits"),
+    "manifest-kind": (lambda f: exports.manifest(f, kind="episodic"), None, "kind: it is episodic: .* one of the kind perpetual fits"),
+    "manifest-phase": (
+        lambda f: exports.manifest(f, command={"encoding": "phase"}), None, "command.encoding: it is phase: .* a constant command fits"),
+    "manifest-memory": (lambda f: exports.manifest(f, model_api=2), None, "model_api: .* a feed-forward network, model_api 1, fits"),
+    "manifest-joints": (lambda f: exports.manifest(f, action_len=14), None, "action_len: it is 14, and the network has 12 joints"),
+    "manifest-set": (
+        lambda f: exports.manifest(f, policies=[{"file": "kick.onnx"}]), None, "policies: it has no mjlab.onnx; it has kick.onnx"),
     "bare": (lambda f: [], 45, "it has no metadata: give the file of its robot too, params/env.yaml"),
     "torch": (lambda f: [f / "policy.pt"], 45, "opens no file of PyTorch: export the actor with torch.onnx.export"),
     "two": (lambda f: [exports.env(f), exports.deploy(f)], 45, "more than one describes the robot"),

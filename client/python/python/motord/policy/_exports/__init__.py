@@ -14,7 +14,7 @@ from ..._install import command
 from ..._signals import deferred
 from ..._untrusted import FileError, check_regular
 from .. import BYTES_MAX, Policy, PolicyError
-from . import deploy, descriptors, env, legged_gym
+from . import deploy, descriptors, env, legged_gym, manifest
 from ._export import Export, Given
 from ._tree import Tree, read_yaml
 
@@ -38,7 +38,10 @@ def write(options: argparse.Namespace) -> Policy:
     model = _network(onnx, network)
     known = {entry.key: entry.value for entry in model.metadata_props}
     given = Given(tuple(options.joints.split(",")) if options.joints else (), options.joint_pos, options.observations)
-    metadata = {**known, **_described(network, others, known, given)}
+    manifests = [path for path in others if path.endswith(".json")]
+    metadata = {**known, **_described(network, [path for path in others if path not in manifests], known, given)}
+    for path in manifests:
+        metadata.update(manifest.read(path, network, metadata))
     metadata["joint_names"] = _renamed(metadata["joint_names"], options.rename)
     if options.rate_hz is not None:
         metadata["rate_hz"] = f"{options.rate_hz:g}"
