@@ -199,8 +199,8 @@ mod tests {
                 7 => good.push(("vcan1", ODRIVE_MODE)),
                 _ => {}
             }
-            for (place, (interface, frame)) in sent(cycle, good).into_iter().enumerate() {
-                log += &format!("(1000.{cycle:03}{place:03}) {interface} {frame}\n");
+            for (index, (interface, frame)) in sent(cycle, good).into_iter().enumerate() {
+                log += &format!("(1000.{cycle:03}{index:03}) {interface} {frame}\n");
             }
         }
         let wiring = wiring();
