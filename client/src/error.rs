@@ -427,7 +427,11 @@ impl Error {
             Obstacle::Missing => Self::not_running(instance),
             Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
             Obstacle::Version => Self::version(error.part, instance),
-            _ => Self::Service(error),
+            Obstacle::Full { .. }
+            | Obstacle::FullHere { .. }
+            | Obstacle::NoSpace
+            | Obstacle::NoDescriptors
+            | Obstacle::Damaged => Self::Service(error),
         }
     }
 

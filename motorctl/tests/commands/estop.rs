@@ -125,7 +125,6 @@ fn stop_before_a_loss_is_noticed_fails() {
     assert!(text(&output.stderr).ends_with("cut the power: arm\n"), "{output:?}");
 }
 
-/// A person who presses the emergency stop because of a fault must still find the fault.
 #[test]
 fn cause_of_stop_names_its_source() {
     let daemon = Daemon::start(BENCH);
@@ -150,6 +149,7 @@ fn cause_of_stop_names_its_source() {
     assert_eq!(source_of(&|| client.emergency_stop().unwrap()), None, "another stop of the same process");
 }
 
+/// A person who presses the emergency stop because of a fault must still find the fault.
 #[test]
 fn first_cause_survives_emergency_stop() {
     let daemon = Daemon::start(BENCH);
