@@ -3,7 +3,7 @@
 use crate::controls::{AXES, Button, Values};
 use crate::ros2::bounded::Bounded;
 use crate::ros2::messages::{Header, Typed};
-use crate::ros2::publish::publisher;
+use crate::ros2::publish::{publisher, send};
 use crate::ros2::stamp::header;
 use crate::shared::Shared;
 use ros2_client::Message;
@@ -53,10 +53,7 @@ pub(crate) fn run(topic: &Publisher<Joy>, shared: &Shared) {
     let mut values = Values::default();
     while !shared.ends() {
         values = shared.gamepad.wait(SILENCE).unwrap_or(values);
-        // A value that is not sent is followed by another one.
-        if let Err(error) = topic.publish(Joy::from(&values)) {
-            log::debug!("a message of /joy was dropped: {error}");
-        }
+        send(topic, Joy::from(&values));
         std::thread::sleep(PERIOD);
     }
 }

@@ -151,7 +151,7 @@ impl States {
 }
 
 /// A message that does not fit into the window of a slow subscription is dropped.
-fn send<M: Serialize>(publisher: &Publisher<M>, message: M) {
+pub(crate) fn send<M: Serialize>(publisher: &Publisher<M>, message: M) {
     if let Err(error) = publisher.publish(message) {
         log::debug!("a message was dropped: {error}");
     }
