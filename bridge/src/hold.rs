@@ -32,7 +32,7 @@ pub(crate) enum Demand {
     Latch,
 }
 
-/// The robot, as far as it is known.
+/// The known state of the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum View {
     /// The bridge has begun, and the first state may still arrive.

@@ -379,7 +379,7 @@ impl Client {
     }
 
     /// As [`emergency_stop`](Self::emergency_stop). The log of the daemon and the history of the
-    /// groups show `source`, who or what requested the stop, behind the process: at most 128 bytes.
+    /// groups show `source`, such as a person or a button, behind the process: at most 128 bytes.
     ///
     /// # Errors
     /// Those of [`emergency_stop`](crate::emergency_stop).

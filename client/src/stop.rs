@@ -35,8 +35,8 @@ pub fn emergency_stop(instance: &str) -> Result<(), Error> {
     emergency_stop_for(instance, "")
 }
 
-/// As [`emergency_stop`]. The log of the daemon and the history of the groups show `source`, who or
-/// what requested the stop, behind the process: at most 128 bytes.
+/// As [`emergency_stop`]. The log of the daemon and the history of the groups show `source`, such as
+/// a person or a button, behind the process: at most 128 bytes.
 ///
 /// # Errors
 /// Those of [`emergency_stop`].
@@ -241,8 +241,8 @@ pub(crate) fn unchecked(reason: Error) -> Error {
 }
 
 impl Connection {
-    /// Takes what [`check_answers`](Self::check_answers) needs, as far as it is free: a stop without
-    /// the check is better than none.
+    /// Opens the ports that [`check_answers`](Self::check_answers) needs, if descriptors are free: a
+    /// stop without the check is better than none.
     pub(crate) fn prepare_check(&self) {
         let _later = self.poll();
         let _later = self.sleep(None, Duration::ZERO);

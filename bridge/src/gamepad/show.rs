@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 /// Longest time between two lines of JSON: a reader notices a frozen program.
 const SILENCE: Duration = Duration::from_millis(100);
 
-/// Prints the values of the gamepad, or of the one called `name`, at each change, until nobody reads them.
-/// It stops nothing.
+/// Prints the values of the gamepad, or of the one called `name`, at each change, until the reader of the
+/// output exits. It stops nothing.
 pub(crate) fn show(name: Option<String>, json: bool) -> io::Result<()> {
     let mut finder = Finder::new(name);
     let mut printed: Option<(Values, Instant)> = None;

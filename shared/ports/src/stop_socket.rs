@@ -3,8 +3,8 @@
 //!
 //! It is an abstract Unix socket (unix(7)) of the type `SOCK_SEQPACKET`, called
 //! `motord-stop:<instance>:<runtime directory>`. A requester connects, sends [`REQUEST`], and
-//! receives one of the replies. A line
-//! break and a text may follow the request: its [source](crate::stop_source). A connection without a request has no effect. Abstract sockets
+//! receives one of the replies. A line break and a text may follow the request: its
+//! [source](crate::stop_source). A connection without a request has no effect. Abstract sockets
 //! exist per network namespace.
 //!
 //! Any process may take a free name. Therefore a requester trusts only users who could also answer

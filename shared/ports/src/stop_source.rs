@@ -1,4 +1,4 @@
-//! Who or what makes a process request an emergency stop, in its own words: a button, a person, a
+//! The source of an emergency stop, as the process that requests it names it: a button, a person, a
 //! page. The log and the history of a group show it behind the process. Nothing else depends on it.
 
 /// The request for an emergency stop.
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn source_survives_the_way() {
+    fn request_carries_its_source() {
         for text in ["", "the gamepad, button B", "ärm ✋", &"✋".repeat(100)] {
             assert_eq!(returned(text), Some(StopSource::new(text)));
         }

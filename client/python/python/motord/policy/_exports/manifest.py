@@ -40,7 +40,7 @@ def _entry(tree: Tree, file: str) -> Tree:
     entries = {each["file"].text(): each for each in tree["policies"].entries()}
     if file not in entries:
         raise tree["policies"].fault(f"it has no {file}; it has {', '.join(entries)[:200]}")
-    # What holds for each entry stands at the top.
+    # The keys at the top are those of every entry; an entry may replace them.
     found = entries[file]
     return Tree(tree.file, {**tree.value, **found.value}, found.at)
 
