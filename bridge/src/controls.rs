@@ -45,60 +45,43 @@ pub(crate) enum Button {
     Thumbr,
 }
 
+/// Each button with its name in the configuration and the kernel's code.
+const BUTTONS: [(Button, &str, u16); 13] = [
+    (Button::South, "south", 0x130),
+    (Button::East, "east", 0x131),
+    (Button::North, "north", 0x133),
+    (Button::West, "west", 0x134),
+    (Button::Tl, "tl", 0x136),
+    (Button::Tr, "tr", 0x137),
+    (Button::Tl2, "tl2", 0x138),
+    (Button::Tr2, "tr2", 0x139),
+    (Button::Select, "select", 0x13a),
+    (Button::Start, "start", 0x13b),
+    (Button::Mode, "mode", 0x13c),
+    (Button::Thumbl, "thumbl", 0x13d),
+    (Button::Thumbr, "thumbr", 0x13e),
+];
+
 impl Button {
     /// Every button, in the order of [`Values::buttons`].
-    pub(crate) const ALL: [Self; 13] = [
-        Self::South,
-        Self::East,
-        Self::North,
-        Self::West,
-        Self::Tl,
-        Self::Tr,
-        Self::Tl2,
-        Self::Tr2,
-        Self::Select,
-        Self::Start,
-        Self::Mode,
-        Self::Thumbl,
-        Self::Thumbr,
-    ];
+    pub(crate) const ALL: [Self; BUTTONS.len()] = {
+        let mut all = [Self::South; BUTTONS.len()];
+        let mut index = 0;
+        while index < all.len() {
+            all[index] = BUTTONS[index].0;
+            index += 1;
+        }
+        all
+    };
 
     /// Returns its name in the configuration.
     pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::South => "south",
-            Self::East => "east",
-            Self::North => "north",
-            Self::West => "west",
-            Self::Tl => "tl",
-            Self::Tr => "tr",
-            Self::Tl2 => "tl2",
-            Self::Tr2 => "tr2",
-            Self::Select => "select",
-            Self::Start => "start",
-            Self::Mode => "mode",
-            Self::Thumbl => "thumbl",
-            Self::Thumbr => "thumbr",
-        }
+        BUTTONS[self as usize].1
     }
 
     /// Returns the kernel's code.
     pub(crate) fn code(self) -> u16 {
-        match self {
-            Self::South => 0x130,
-            Self::East => 0x131,
-            Self::North => 0x133,
-            Self::West => 0x134,
-            Self::Tl => 0x136,
-            Self::Tr => 0x137,
-            Self::Tl2 => 0x138,
-            Self::Tr2 => 0x139,
-            Self::Select => 0x13a,
-            Self::Start => 0x13b,
-            Self::Mode => 0x13c,
-            Self::Thumbl => 0x13d,
-            Self::Thumbr => 0x13e,
-        }
+        BUTTONS[self as usize].2
     }
 }
 
