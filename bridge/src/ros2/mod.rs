@@ -30,6 +30,7 @@ use ros2_client::qos::{History, QosProfile, WhenFull};
 use ros2_client::{Name, NodeName, NodeOptions};
 use service::{MAPPINGS, TriggerServer};
 use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
 use std::pin::Pin;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -55,16 +56,27 @@ const OPERATIONS: [(&str, Operation); 5] = [
 pub(crate) struct Ros2Node {
     _node: Node,
     threads: Vec<JoinHandle<()>>,
-    /// Threads of the DDS library when the node was created.
-    dds_threads: usize,
+    dds_threads: DdsThreads,
 }
 
-/// Returns the number of threads of the DDS library. They end when the process continues after
+/// The threads of the DDS library, as folders of /proc. They end when the process continues after
 /// SIGSTOP, and the library reports that to no caller.
-fn dds_threads() -> usize {
-    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0 };
-    let name = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("comm")).ok();
-    tasks.flatten().filter_map(name).filter(|name| name.starts_with("RustDDS")).count()
+struct DdsThreads(Vec<PathBuf>);
+
+impl DdsThreads {
+    /// Finds those that run.
+    fn find() -> Self {
+        let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+        let is_of_dds = |task: &PathBuf| {
+            std::fs::read_to_string(task.join("comm")).is_ok_and(|name| name.starts_with("RustDDS"))
+        };
+        Self(tasks.map(|task| task.path()).filter(is_of_dds).collect())
+    }
+
+    /// Returns `true` if one of them has ended. Needs no file descriptor: peers may use them up.
+    fn have_ended(&self) -> bool {
+        self.0.iter().any(|task| matches!(task.try_exists(), Ok(false)))
+    }
 }
 
 fn open(network: &Network) -> Result<Node, String> {
@@ -104,14 +116,14 @@ pub(crate) fn start(
     }
     let publishing = Arc::clone(shared);
     threads.push(spawn("ros2-publish", move || states.run(&publishing))?);
-    Ok(Ros2Node { _node: node, threads, dds_threads: dds_threads() })
+    Ok(Ros2Node { _node: node, threads, dds_threads: DdsThreads::find() })
 }
 
 impl Ros2Node {
     /// Returns `true` if a thread has ended, also one of the DDS library: it panicked, or the bridge
     /// ends.
     pub(crate) fn has_ended(&self) -> bool {
-        self.threads.iter().any(JoinHandle::is_finished) || dds_threads() < self.dds_threads
+        self.threads.iter().any(JoinHandle::is_finished) || self.dds_threads.have_ended()
     }
 
     /// Waits for the threads, and leaves the graph.
@@ -234,4 +246,29 @@ fn operations(node: &mut Node, topic: &str) -> Result<Vec<(Operation, TriggerSer
         }
     }
     Ok(servers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn ended_thread_of_dds_is_noticed() {
+        let (end, ends) = channel::<()>();
+        let (begun, begins) = channel();
+        let thread = spawn("RustDDS test", move || {
+            begun.send(()).unwrap();
+            let _closed = ends.recv();
+        })
+        .unwrap();
+        begins.recv().unwrap();
+        let threads = DdsThreads::find();
+        assert!(!threads.0.is_empty() && !threads.have_ended());
+        drop(end);
+        thread.join().unwrap();
+        while !threads.have_ended() {
+            std::thread::yield_now();
+        }
+    }
 }
