@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import float64, int32, sequence, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from trigger import Request, Response
 
 
 @dataclass
@@ -36,22 +37,6 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     position: sequence[float64]
     velocity: sequence[float64]
     effort: sequence[float64]
-
-
-# rmw_cyclonedds puts this header before each request and response: the half of the client's GUID, and a number.
-@dataclass
-class Request(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
-    guid: uint64
-    number: int64
-    structure_needs_at_least_one_member: uint8
-
-
-@dataclass
-class Response(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
-    guid: uint64
-    number: int64
-    success: bool
-    message: str
 
 
 GUID = 0x1234_5678_9ABC_DEF0

@@ -16,11 +16,12 @@ import websockets
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import int64, uint8, uint64
+from cyclonedds.idl.types import uint8
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from trigger import Request, Response
 
 JOINTS = {f"{leg}-{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "thigh", "knee")}
 LONGEST = 30
@@ -30,22 +31,6 @@ RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=5)), Policy.History.
 @dataclass
 class Empty(IdlStruct, typename="std_msgs::msg::dds_::Empty_"):
     structure_needs_at_least_one_member: uint8
-
-
-# rmw_cyclonedds puts this header before each request and response: the half of the client's GUID, and a number.
-@dataclass
-class Request(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
-    guid: uint64
-    number: int64
-    structure_needs_at_least_one_member: uint8
-
-
-@dataclass
-class Response(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
-    guid: uint64
-    number: int64
-    success: bool
-    message: str
 
 
 def await_that(what, holds):

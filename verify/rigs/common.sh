@@ -83,6 +83,15 @@ build_bridge() {
     RIG_BRIDGE=$target/release/motord-bridge
 }
 
+# await SECONDS WHAT COMMAND...: repeats the command until it succeeds, at most for so long. Then the rig's `fail` ends it.
+await() {
+    local end=$((SECONDS + $1)) what=$2
+    until "${@:3}"; do
+        [ $SECONDS -lt $end ] || fail "not within $1 s: $what"
+        sleep 0.05
+    done
+}
+
 # open_work: makes the folder $work. At its end the rig kills $processes, and removes the folder with what is mounted in it.
 open_work() {
     work=$(mktemp -d)
