@@ -380,10 +380,7 @@ impl Error {
             | Self::NotStopped { .. } => true,
             Self::Refused { refusal, .. } => refusal.is_transient(),
             Self::Stopped { stop, .. } => matches!(stop, Stop::Starting),
-            // A starting daemon removes damaged files, and a client may connect meanwhile.
-            Self::Service(error) => {
-                matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::NoDescriptors | Obstacle::Damaged)
-            }
+            Self::Service(error) => error.obstacle.is_transient(),
             // Any process may end the lock, and the daemon may be running.
             Self::Instance(error) => matches!(error, InstanceError::Locked { .. }),
             Self::Version { .. }

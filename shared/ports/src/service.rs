@@ -307,6 +307,15 @@ obstacles! {
     }
 }
 
+impl Obstacle {
+    /// Returns `true` when another attempt may succeed. A starting daemon removes damaged files, and a
+    /// client may connect meanwhile.
+    #[must_use]
+    pub const fn is_transient(self) -> bool {
+        matches!(self, Self::Full { .. } | Self::NoDescriptors | Self::Damaged)
+    }
+}
+
 impl From<Errno> for Obstacle {
     fn from(errno: Errno) -> Self {
         match errno {
