@@ -7,6 +7,7 @@
 //! - [`BusState`]: the state of a bus, from the table [`bus_counters!`].
 //! - [`codes`]: the meaning of the integers. A number becomes a code by `TryFrom`, and every code
 //!   has a name and a sentence.
+//! - [`packed`]: messages as bytes for a network.
 //! - [`Lease`]: the right to command a group.
 //! - [`description`]: names and limits of the joints, and telemetry, as text.
 //! - [`limits`]: all limits, as constants.
@@ -23,6 +24,7 @@ mod joint;
 mod lease;
 pub mod limits;
 pub mod message;
+pub mod packed;
 pub mod plain;
 
 pub use codes::{

@@ -9,6 +9,12 @@ use core::fmt::Debug;
 pub trait Plain: Copy {
     /// The value whose bytes are zero.
     const ZERO: Self;
+
+    /// Appends its bytes, little-endian, in the order of the memory.
+    fn write(&self, bytes: &mut Vec<u8>);
+
+    /// Takes its bytes from the front of `bytes`. `None` when there are fewer.
+    fn read(bytes: &mut &[u8]) -> Option<Self>;
 }
 
 /// A message of a service.
@@ -67,6 +73,14 @@ macro_rules! numbers {
     ($($number:ident),+) => {
         $(impl Plain for $number {
             const ZERO: Self = 0 as Self;
+
+            fn write(&self, bytes: &mut Vec<u8>) {
+                bytes.extend_from_slice(&self.to_le_bytes());
+            }
+
+            fn read(bytes: &mut &[u8]) -> Option<Self> {
+                bytes.split_off(..size_of::<Self>())?.try_into().ok().map(Self::from_le_bytes)
+            }
         })+
     };
 }
@@ -75,6 +89,16 @@ numbers!(u8, u32, u64, f32, f64);
 
 impl<T: Plain, const N: usize> Plain for [T; N] {
     const ZERO: Self = [T::ZERO; N];
+
+    fn write(&self, bytes: &mut Vec<u8>) {
+        self.iter().for_each(|entry| entry.write(bytes));
+    }
+
+    fn read(bytes: &mut &[u8]) -> Option<Self> {
+        let mut entries = Self::ZERO;
+        entries.iter_mut().try_for_each(|entry| T::read(bytes).map(|read| *entry = read))?;
+        Some(entries)
+    }
 }
 
 /// Declares a structure of a message. Its fields must be [`Plain`], and must leave no padding
@@ -95,6 +119,15 @@ macro_rules! plain {
                 assert!(size_of::<Self>() == 0 $(+ size_of::<$type>())+, "this layout has padding");
                 Self { $($field: <$type as $crate::plain::Plain>::ZERO,)+ }
             };
+
+            fn write(&self, bytes: &mut Vec<u8>) {
+                $($crate::plain::Plain::write(&self.$field, bytes);)+
+            }
+
+            fn read(bytes: &mut &[u8]) -> Option<Self> {
+                // In the order of the memory.
+                Some(Self { $($field: $crate::plain::Plain::read(bytes)?,)+ })
+            }
         }
 
         impl Default for $name {
