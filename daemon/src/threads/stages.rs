@@ -14,7 +14,7 @@ use crate::buses::claims::SharedClaims;
 use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
 use crate::buses::watch::{BusWatch, Task};
-use crate::emergency_stop;
+use crate::emergency_stop::CycleStop;
 use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
 use crate::imus::{Sources, World};
 use crate::ipc::CycleEnd;
@@ -250,7 +250,7 @@ impl Stops {
         // This thread sleeps until a stop arrives. No other load of the computer may delay that
         // stop.
         starter.detach_below_the_cycle("stop", move |orders| {
-            emergency_stop::run(&instance, stops, programs, || orders.are(Orders::END));
+            motord_stop::run(&instance, CycleStop { stops, programs }, || orders.are(Orders::END));
         })?;
         injectors.map_or(Ok(()), |injectors| start_simulation(starter, injectors))
     }
