@@ -1,0 +1,250 @@
+//! Decides on the robot's side which frames of mirrors count.
+//!
+//! A frame counts when it is newer than each one before it of its session, and when it provably left
+//! the mirror at most `age-max-ms` ago: by the echo in it, which needs no common clock. So nothing
+//! that a network delays, repeats or reorders moves a motor, and no capture that is sent again.
+
+use crate::frame::{Echo, FrameError, Head, SESSIONS_MAX, Up, nanos};
+use motord_shared::{Lease, Operation};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// The session of a mirror that has been silent for longer gives its slot to another one.
+const SILENT_NS: u64 = 2_000_000_000;
+/// The echo of an older state proves nothing: two clocks drift apart by up to 1 ms in this time.
+const HELD: Duration = Duration::from_secs(2);
+/// The daemon's states name a lease at most so long after it was granted.
+const GRANTED_NS: u64 = 1_000_000_000;
+
+/// The reason why a frame does not count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Refused {
+    /// It is damaged.
+    Malformed,
+    /// Another version of motord-remote sent it.
+    Layout,
+    /// A frame of its session with this number, or a later one, has arrived already.
+    Old,
+    /// It repeats no state of this run: the mirror has received none yet.
+    Unechoed,
+    /// It may be older than `age-max-ms`.
+    Late,
+    /// Its lease was not granted to its session.
+    Foreign,
+    /// Too many mirrors are connected.
+    Full,
+}
+
+impl Refused {
+    /// All reasons.
+    pub(crate) const ALL: [Self; 7] =
+        [Self::Malformed, Self::Layout, Self::Old, Self::Unechoed, Self::Late, Self::Foreign, Self::Full];
+}
+
+impl From<FrameError> for Refused {
+    fn from(error: FrameError) -> Self {
+        match error {
+            FrameError::Layout => Self::Layout,
+            FrameError::Malformed => Self::Malformed,
+        }
+    }
+}
+
+/// A mirror.
+#[derive(Debug)]
+struct Session {
+    id: u64,
+    /// Number of its newest frame.
+    sequence: u64,
+    /// When that left, by the mirror's clock, ns.
+    sent_ns: u64,
+    /// When it arrived, by the own clock, ns.
+    arrived_ns: u64,
+}
+
+/// The mirrors that are connected, and the leases that they hold.
+#[derive(Debug)]
+pub(crate) struct Admission {
+    /// A random number of this process.
+    run: u64,
+    age_max: Duration,
+    sessions: Vec<Session>,
+    /// By lease, the session that it was granted to, and when, ns.
+    leases: BTreeMap<u64, (u64, u64)>,
+}
+
+impl Admission {
+    pub(crate) fn new(run: u64, age_max: Duration) -> Self {
+        Self { run, age_max, sessions: Vec::new(), leases: BTreeMap::new() }
+    }
+
+    /// Takes a frame that arrived at `now_ns`. Returns an upper bound of the time since it left.
+    pub(crate) fn admit(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
+        self.note(&up.head, now_ns)?;
+        let age = up.echo.age(self.run, now_ns).ok_or(Refused::Unechoed)?;
+        let is_proof = up.echo.held_ns <= nanos(HELD);
+        if age <= self.age_max && is_proof { Ok(age) } else { Err(Refused::Late) }
+    }
+
+    /// Notes the newest frame of a session.
+    fn note(&mut self, head: &Head, now_ns: u64) -> Result<(), Refused> {
+        if head.from == 0 {
+            return Err(Refused::Malformed);
+        }
+        let Head { from: id, sequence, sent_ns } = *head;
+        let session = Session { id, sequence, sent_ns, arrived_ns: now_ns };
+        match self.sessions.iter_mut().find(|known| known.id == id) {
+            Some(known) if sequence <= known.sequence => return Err(Refused::Old),
+            Some(known) => *known = session,
+            None => *self.slot(now_ns)? = session,
+        }
+        Ok(())
+    }
+
+    /// Returns a slot for a new session: a free one, or that of a silent session without a lease.
+    fn slot(&mut self, now_ns: u64) -> Result<&mut Session, Refused> {
+        if self.sessions.len() < SESSIONS_MAX {
+            let empty = Session { id: 0, sequence: 0, sent_ns: 0, arrived_ns: 0 };
+            self.sessions.push(empty);
+            return self.sessions.last_mut().ok_or(Refused::Full);
+        }
+        let Self { sessions, leases, .. } = self;
+        let is_silent = |session: &Session| now_ns.saturating_sub(session.arrived_ns) > SILENT_NS;
+        let is_free = |session: &&mut Session| {
+            is_silent(session) && !leases.values().any(|(owner, _)| *owner == session.id)
+        };
+        let eldest = sessions.iter_mut().filter(is_free).min_by_key(|session| session.arrived_ns);
+        eldest.ok_or(Refused::Full)
+    }
+
+    /// Checks that `session` holds the lease of a setpoint or a request.
+    pub(crate) fn check_lease(&self, session: u64, lease: u64) -> Result<Lease, Refused> {
+        let is_owner = self.leases.get(&lease).is_some_and(|(owner, _)| *owner == session);
+        Lease::from_raw(lease).filter(|_| is_owner).ok_or(Refused::Foreign)
+    }
+
+    /// Notes that `session` was granted `lease` at `now_ns`. An earlier lease of the group has ended.
+    pub(crate) fn granted(&mut self, session: u64, lease: Lease, now_ns: u64) {
+        let other_group =
+            |raw: &u64| Lease::from_raw(*raw).is_some_and(|other| other.group() != lease.group());
+        self.leases.retain(|raw, _| other_group(raw));
+        self.leases.insert(lease.raw(), (session, now_ns));
+    }
+
+    /// Keeps only the leases that the daemon's states still name, and new ones.
+    pub(crate) fn keep(&mut self, owned: impl Fn(u64) -> bool, now_ns: u64) {
+        self.leases.retain(|lease, (_, granted_ns)| {
+            owned(*lease) || now_ns.saturating_sub(*granted_ns) < GRANTED_NS
+        });
+    }
+
+    /// Returns the echoes of all sessions for a frame that leaves at `now_ns`.
+    pub(crate) fn echoes(&self, now_ns: u64) -> Vec<Echo> {
+        let echo = |session: &Session| Echo {
+            of: session.id,
+            sent_ns: session.sent_ns,
+            held_ns: now_ns.saturating_sub(session.arrived_ns),
+        };
+        self.sessions.iter().map(echo).collect()
+    }
+}
+
+/// Returns `true` for a request that only reads: any watcher may send it.
+pub(crate) fn only_reads(operation: Operation) -> bool {
+    matches!(operation, Operation::Describe | Operation::Telemetry | Operation::Histograms)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RUN: u64 = 99;
+    const MS: u64 = 1_000_000;
+
+    fn admission() -> Admission {
+        Admission::new(RUN, Duration::from_millis(50))
+    }
+
+    /// A frame that repeats a state of the run sent at `echoed_ns`.
+    fn up(from: u64, sequence: u64, echoed_ns: u64) -> Up {
+        let head = Head { from, sequence, sent_ns: 17 };
+        Up { head, echo: Echo { of: RUN, sent_ns: echoed_ns, held_ns: 0 } }
+    }
+
+    #[test]
+    fn repeated_and_reordered_frames_are_old() {
+        let mut admission = admission();
+        assert_eq!(admission.admit(&up(1, 5, 0), 3), Ok(Duration::from_nanos(3)));
+        assert_eq!(admission.admit(&up(1, 5, 0), 3), Err(Refused::Old));
+        assert_eq!(admission.admit(&up(1, 4, 0), 3), Err(Refused::Old));
+        assert!(admission.admit(&up(2, 4, 0), 3).is_ok(), "numbers belong to a session");
+        assert!(admission.admit(&up(1, 6, 0), 3).is_ok());
+    }
+
+    #[test]
+    fn frame_that_may_be_late_is_refused() {
+        let mut admission = admission();
+        assert!(admission.admit(&up(1, 1, 0), 50 * MS).is_ok());
+        assert_eq!(admission.admit(&up(1, 2, 0), 50 * MS + 1), Err(Refused::Late));
+        assert_eq!(admission.admit(&up(1, 2, 50 * MS), 51 * MS), Err(Refused::Old), "a late one counts");
+    }
+
+    #[test]
+    fn echo_of_long_ago_proves_nothing() {
+        let held = |held: Duration| Echo { of: RUN, sent_ns: 0, held_ns: nanos(held) };
+        let up = |sequence, held_for| Up { echo: held(held_for), ..up(1, sequence, 0) };
+        let later = HELD + Duration::from_millis(1);
+        assert!(admission().admit(&up(1, HELD), nanos(HELD)).is_ok());
+        assert_eq!(admission().admit(&up(2, later), nanos(later)), Err(Refused::Late));
+    }
+
+    #[test]
+    fn capture_of_an_earlier_run_is_refused() {
+        let echo = Echo { of: RUN - 1, sent_ns: 0, held_ns: 0 };
+        let captured = Up { echo, ..up(1, 1, 0) };
+        assert_eq!(admission().admit(&captured, 3), Err(Refused::Unechoed));
+        assert_eq!(admission().admit(&up(1, 1, 4), 3), Err(Refused::Unechoed), "of the future");
+        assert_eq!(admission().admit(&up(0, 1, 0), 3), Err(Refused::Malformed));
+    }
+
+    #[test]
+    fn lease_belongs_to_session_it_was_granted_to() {
+        let mut admission = admission();
+        let (first, second) = (Lease::new(1, 1, 0).unwrap(), Lease::new(1, 2, 0).unwrap());
+        let other = Lease::new(1, 3, 1).unwrap();
+        admission.granted(7, first, 0);
+        admission.granted(8, other, 0);
+        assert_eq!(admission.check_lease(7, first.raw()), Ok(first));
+        assert_eq!(admission.check_lease(8, first.raw()), Err(Refused::Foreign));
+        assert_eq!(admission.check_lease(7, 0), Err(Refused::Foreign));
+        admission.granted(8, second, 0);
+        assert_eq!(admission.check_lease(7, first.raw()), Err(Refused::Foreign), "the group has another");
+        admission.keep(|_| false, GRANTED_NS - 1);
+        assert_eq!(admission.check_lease(8, other.raw()), Ok(other), "the states may not name it yet");
+        admission.keep(|lease| lease == second.raw(), GRANTED_NS);
+        assert_eq!(admission.check_lease(8, other.raw()), Err(Refused::Foreign));
+        assert_eq!(admission.check_lease(8, second.raw()), Ok(second));
+    }
+
+    #[test]
+    fn silent_session_without_lease_leaves_its_slot() {
+        let mut admission = admission();
+        for session in 1..=SESSIONS_MAX as u64 {
+            admission.admit(&up(session, 1, 0), session).unwrap();
+        }
+        assert_eq!(admission.admit(&up(100, 1, 0), 50), Err(Refused::Full));
+        admission.granted(1, Lease::new(1, 1, 0).unwrap(), 0);
+        let later = 3 * SILENT_NS;
+        assert!(admission.admit(&up(100, 1, later), later).is_ok());
+        let sessions: Vec<_> = admission.echoes(later).iter().map(|echo| echo.of).collect();
+        assert!(sessions.contains(&1) && !sessions.contains(&2) && sessions.contains(&100));
+    }
+
+    #[test]
+    fn echo_tells_how_long_a_frame_was_held() {
+        let mut admission = admission();
+        admission.admit(&up(1, 1, 0), 1000).unwrap();
+        assert_eq!(admission.echoes(1300), [Echo { of: 1, sent_ns: 17, held_ns: 300 }]);
+    }
+}

@@ -1,0 +1,168 @@
+//! `motord-remote`: a robot of motord on another computer.
+//!
+//! ```text
+//!  motord ◀ shared memory ▶ motord-remote serve ◀═ zenoh ═▶ motord-remote mirror ◀ shared memory ▶ controller
+//! ```
+//!
+//! On the other computer the robot is an instance of motord: programs in all languages, `motorctl`
+//! and `motord-bridge` use it as they use a local one.
+
+mod admission;
+mod clocks;
+mod config;
+mod frame;
+mod measure;
+mod mirror;
+mod network;
+mod serve;
+
+use clap::{Parser, Subcommand};
+use config::{Config, ConfigError};
+use network::NetworkError;
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
+
+/// Examples in the help.
+const EXAMPLES: &str = "\
+Examples:
+  motord-remote check                          check /etc/motord/remote.toml without starting anything
+  motord-remote serve --config remote.toml     on the robot: serve its states, claims and stop
+  motord-remote mirror --config remote.toml    on another computer: the robot as an instance of motord
+
+Then, on the other computer, as with a robot of its own:
+  motorctl status
+  motorctl --instance go7 latency";
+
+/// Serves a robot of motord to other computers, and mirrors it there.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Serves the robot of this computer, as [serve] of the configuration says, until SIGTERM.
+    Serve(File),
+    /// Makes a robot of another computer an instance on this one, as [mirror] says, until SIGTERM.
+    Mirror(File),
+    /// Checks the configuration, and prints what `serve` and `mirror` would do.
+    Check(File),
+}
+
+#[derive(clap::Args)]
+struct File {
+    /// The configuration.
+    #[arg(long, default_value = config::DEFAULT_FILE)]
+    config: PathBuf,
+}
+
+/// The reason why the program ends with an error.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    #[error("{path} has no table [{table}], which `motord-remote {table}` needs", path = path.display())]
+    Missing { table: &'static str, path: PathBuf },
+    #[error("cannot handle signals: {0}")]
+    Signals(std::io::Error),
+}
+
+impl Failure {
+    /// Returns the exit status, after `sysexits.h`.
+    fn exit_status(&self) -> u8 {
+        match self {
+            Self::Config(ConfigError::Read { .. }) => 66,
+            Self::Config(_) | Self::Missing { .. } => 78,
+            Self::Network(_) => 69,
+            Self::Signals(_) => 71,
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let ours =
+        Targets::new().with_target("motord_remote", LevelFilter::INFO).with_default(LevelFilter::ERROR);
+    let lines = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .without_time()
+        .with_target(false);
+    tracing_subscriber::registry().with(ours).with(lines).init();
+    let outcome = match Arguments::parse().command {
+        Command::Serve(file) => serve(file),
+        Command::Mirror(file) => mirror(file),
+        Command::Check(file) => check(&file),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("motord-remote: {failure}");
+            failure.exit_status().into()
+        }
+    }
+}
+
+fn serve(File { config: path }: File) -> Result<(), Failure> {
+    let config = Config::read(&path)?;
+    let serve = config.serve.as_ref().ok_or(Failure::Missing { table: "serve", path })?;
+    Ok(serve::run(serve, &config.network, &ends()?)?)
+}
+
+fn mirror(File { config: path }: File) -> Result<(), Failure> {
+    let config = Config::read(&path)?;
+    let mirror = config.mirror.as_ref().ok_or(Failure::Missing { table: "mirror", path })?;
+    Ok(mirror::run(mirror, &config.network, &ends()?)?)
+}
+
+/// Returns what a signal sets.
+fn ends() -> Result<Arc<AtomicBool>, Failure> {
+    let ends = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&ends)).map_err(Failure::Signals)?;
+    }
+    Ok(ends)
+}
+
+fn check(File { config: path }: &File) -> Result<(), Failure> {
+    let config = Config::read(path)?;
+    println!("{}: good", path.display());
+    if let Some(serve) = &config.serve {
+        let claims = match (&config.network.tls, serve.may_claim.as_slice()) {
+            (None, _) => "everybody who reaches the port may claim it".to_owned(),
+            (Some(_), []) => "nobody may claim it".to_owned(),
+            (Some(_), names) => format!("{} may claim it", names.join(", ")),
+        };
+        println!(
+            "serve: instance {} as {}, {} states a second, {claims}",
+            serve.instance, serve.robot, serve.states_hz
+        );
+    }
+    if let Some(mirror) = &config.mirror {
+        println!("mirror: {} as instance {}", mirror.robot, mirror.instance);
+    }
+    for address in &config.network.listen {
+        println!("listens on {address}");
+    }
+    for address in &config.network.connect {
+        println!("connects to {address}");
+    }
+    Ok(())
+}
+
+/// Returns a random number that is not 0.
+fn random() -> Result<u64, NetworkError> {
+    let mut bytes = [0; 8];
+    std::fs::File::open("/dev/urandom")
+        .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut bytes))
+        .map_err(NetworkError::of)?;
+    Ok(u64::from_ne_bytes(bytes).max(1))
+}

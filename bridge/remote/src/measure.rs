@@ -1,0 +1,116 @@
+//! Counters and latencies of one side of the network.
+
+use crate::admission::Refused;
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::{Serializer as _, V2DeflateSerializer};
+use motord_shared::description::{EncodedHistogram, Percentiles};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// Largest latency that is recorded as it is, ns.
+const LARGEST: u64 = 60_000_000_000;
+
+/// Latencies of one quantity, ns.
+#[derive(Debug)]
+pub(crate) struct Latencies(Mutex<Histogram<u64>>);
+
+impl Default for Latencies {
+    fn default() -> Self {
+        Self(Mutex::new(Histogram::new_with_bounds(1, LARGEST, 3).expect("these bounds are valid")))
+    }
+}
+
+impl Latencies {
+    /// Records a latency; one above a minute counts as a minute.
+    pub(crate) fn record(&self, latency: Duration) {
+        let ns = crate::frame::nanos(latency).clamp(1, LARGEST);
+        self.with(|histogram| histogram.saturating_record(ns));
+    }
+
+    pub(crate) fn percentiles(&self) -> Percentiles {
+        self.with(|histogram| {
+            Percentiles::of(histogram.len(), histogram.max(), |share| histogram.value_at_quantile(share))
+        })
+    }
+
+    /// Returns the histogram under `name`, as the daemon returns its own.
+    pub(crate) fn encoded(&self, name: &str) -> Option<EncodedHistogram> {
+        let mut bytes = Vec::new();
+        self.with(|histogram| V2DeflateSerializer::new().serialize(histogram, &mut bytes)).ok()?;
+        Some(EncodedHistogram { name: name.to_owned(), encoded: base64(&bytes) })
+    }
+
+    pub(crate) fn reset(&self) {
+        self.with(|histogram| histogram.reset());
+    }
+
+    fn with<T>(&self, read: impl FnOnce(&mut Histogram<u64>) -> T) -> T {
+        read(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// What arrived on the robot's side.
+#[derive(Debug, Default)]
+pub(crate) struct Counters {
+    counts: Mutex<Counts>,
+    /// Upper bounds of the times from a controller's `send` to the arrival of its setpoint.
+    pub(crate) setpoint_age: Latencies,
+}
+
+/// Numbers since the start.
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+pub(crate) struct Counts {
+    /// Setpoints that were passed to the daemon.
+    pub(crate) setpoints: u64,
+    /// Requests that were passed to the daemon.
+    pub(crate) requests: u64,
+    /// Emergency stops.
+    pub(crate) stops: u64,
+    /// Frames that did not count, by reason.
+    pub(crate) refused: BTreeMap<Refused, u64>,
+}
+
+impl Counters {
+    pub(crate) fn refuse(&self, reason: Refused) {
+        self.change(|counts| *counts.refused.entry(reason).or_default() += 1);
+    }
+
+    pub(crate) fn change(&self, change: impl FnOnce(&mut Counts)) {
+        change(&mut self.counts.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    pub(crate) fn counts(&self) -> Counts {
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Returns the counters and latencies as JSON.
+    pub(crate) fn json(&self) -> String {
+        let counts = self.counts();
+        let Percentiles { count, p50, p99, p99_9, max } = self.setpoint_age.percentiles();
+        serde_json::json!({
+            "setpoints": counts.setpoints,
+            "requests": counts.requests,
+            "stops": counts.stops,
+            "refused": Refused::ALL.map(|reason| (reason, counts.refused.get(&reason).copied().unwrap_or(0)))
+                .into_iter()
+                .map(|(reason, count)| (name(reason), count.into()))
+                .collect::<serde_json::Map<_, _>>(),
+            "setpoint_age_us": {"count": count, "p50": p50, "p99": p99, "p99_9": p99_9, "max": max},
+        })
+        .to_string()
+    }
+}
+
+fn name(reason: Refused) -> String {
+    match serde_json::to_value(reason) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::new(),
+    }
+}
+
+/// Base64 as RFC 4648, section 4, with padding.
+fn base64(bytes: &[u8]) -> String {
+    use base64::Engine as _;
+    base64::engine::general_purpose::STANDARD.encode(bytes)
+}

@@ -1,0 +1,202 @@
+//! The instance of this computer: the daemon's ports, with a robot behind the network.
+
+use super::requests::{self, Requests, extended, refuse};
+use super::{Wire, beats, stop_socket};
+use motord_ports::instance::pid_namespace;
+use motord_ports::{DaemonPorts, Housekeeper, Instance, InstanceLock, Request};
+use motord_realtime::process::{Deaths, Watched, deaths};
+use motord_shared::limits::GROUPS_MAX;
+use motord_shared::{AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use zenoh::Wait;
+use zenoh::pubsub::Publisher;
+
+/// Interval of the checks for setpoints while a client of this computer owns a group.
+const OWNED_POLL: Duration = Duration::from_micros(200);
+/// The same without owners: for requests.
+const IDLE_POLL: Duration = Duration::from_millis(2);
+/// Interval of the checks for clients that have died.
+const CLEAN: Duration = Duration::from_secs(1);
+/// Requests taken in a turn.
+const REQUESTS_PER_TURN: usize = 64;
+
+/// The instance, for one run of the robot's daemon.
+pub(super) struct Served {
+    wire: Arc<Wire>,
+    ports: DaemonPorts,
+    housekeeper: Option<Housekeeper>,
+    description: Vec<u8>,
+    requests: Requests,
+    /// By group, the lease of a client of this computer.
+    leases: [Option<Lease>; GROUPS_MAX],
+    owners: Watched,
+    deaths: Deaths,
+    ends: Arc<AtomicBool>,
+    // Dropped last.
+    _lock: InstanceLock,
+}
+
+impl Served {
+    pub(super) fn open(
+        instance: &str,
+        wire: &Arc<Wire>,
+        description: Vec<u8>,
+    ) -> Result<Self, Box<dyn std::error::Error>> {
+        let lock = Instance::find(instance)?.lock()?;
+        let ports = DaemonPorts::open(&lock)?;
+        let (owners, deaths) = deaths(GROUPS_MAX)?;
+        let ends = Arc::new(AtomicBool::new(false));
+        stop_socket::start(lock.instance(), Arc::clone(wire), Arc::clone(&ends));
+        Ok(Self {
+            wire: Arc::clone(wire),
+            ports,
+            housekeeper: Housekeeper::open(&lock).ok(),
+            description,
+            requests: Requests::new(Arc::clone(wire)),
+            leases: [None; GROUPS_MAX],
+            owners,
+            deaths,
+            ends,
+            _lock: lock,
+        })
+    }
+
+    /// Serves clients until `ends`, or until the robot's daemon is another one than that of `first`.
+    pub(super) fn run(&mut self, first: &StateMessage, ends: &AtomicBool) {
+        let wire = Arc::clone(&self.wire);
+        let Some(setpoints) = beats(&wire) else { return };
+        self.publish(first);
+        let (mut beaten, mut cleaned) = (Instant::now(), Instant::now());
+        while !ends.load(Ordering::Relaxed) {
+            if let Some(state) = self.wire.newest() {
+                if state.boot_id != first.boot_id {
+                    tracing::warn!("motord on the robot was restarted");
+                    break;
+                }
+                self.publish(&state);
+            }
+            let has_sent = self.pass_setpoints(&setpoints);
+            if has_sent || beaten.elapsed() >= super::BEAT / 4 {
+                if !has_sent {
+                    let _dropped = setpoints.put(self.wire.up().beat()).wait();
+                }
+                beaten = Instant::now();
+            }
+            self.serve_requests();
+            if cleaned.elapsed() >= CLEAN {
+                cleaned = Instant::now();
+                let _removed = self.housekeeper.as_ref().map(Housekeeper::clean);
+            }
+            let is_owned = self.leases.iter().any(Option::is_some);
+            std::thread::park_timeout(if is_owned { OWNED_POLL } else { IDLE_POLL });
+        }
+        self.leave();
+    }
+
+    fn publish(&mut self, state: &StateMessage) {
+        // A damaged connection must not keep other clients asleep.
+        let _damaged = self.ports.publish(state).and(self.ports.notify());
+        self.ports.prepare();
+    }
+
+    /// Passes the newest setpoints of each owner on. Returns whether there were any.
+    fn pass_setpoints(&self, publisher: &Publisher<'_>) -> bool {
+        let mut newest: [Option<SetpointMessage>; GROUPS_MAX] = [None; GROUPS_MAX];
+        let _damaged = self.ports.take_setpoint(|message| {
+            let Some(lease) = Lease::from_raw(message.lease) else { return };
+            if self.leases[lease.group()] == Some(lease) {
+                newest[lease.group()] = Some(*message);
+            }
+        });
+        for message in newest.iter().flatten() {
+            let up = self.wire.up();
+            let age = up.head.sent_ns.saturating_sub(message.time_ns);
+            // A slow link drops the setpoint.
+            let _dropped = publisher.put(up.with_setpoint(message, Duration::from_nanos(age))).wait();
+        }
+        newest.iter().any(Option::is_some)
+    }
+
+    fn serve_requests(&mut self) {
+        for _ in 0..REQUESTS_PER_TURN {
+            let Ok(Some(request)) = self.ports.next_request() else { break };
+            self.serve(request);
+        }
+        while let Some((request, answer)) = self.requests.answered() {
+            let payload = *request.payload();
+            let operation = payload.operation();
+            if let Some((head, _)) = &answer
+                && let Some(lease) = Lease::from_raw(head.lease)
+            {
+                self.own(lease, &payload);
+            }
+            let answer = operation.map_or(None, |operation| extended(&self.wire, operation, answer));
+            requests::reply(request, answer);
+        }
+        while let Some(lease) = self.deaths.next(Duration::ZERO).and_then(Lease::from_raw) {
+            self.release(lease);
+        }
+    }
+
+    fn serve(&mut self, request: Request) {
+        let payload = *request.payload();
+        match payload.operation() {
+            Ok(Operation::Describe) => {
+                let _disconnected = request.reply(motord_shared::AdminReply::default(), &self.description);
+            }
+            // A stop goes on without the network's queue of requests.
+            Ok(Operation::EmergencyStop) => self.requests.pass(request),
+            Ok(_) if self.wire.time_since_state() > Duration::from_secs(1) => refuse(request, Refusal::Busy),
+            operation => {
+                if operation == Ok(Operation::ResetTelemetry) {
+                    self.wire.latencies.reset();
+                }
+                if let (Ok(Operation::Release), Some(lease)) = (operation, Lease::from_raw(payload.lease)) {
+                    self.leases[lease.group()] = None;
+                    self.owners.forget(lease.group());
+                }
+                self.requests.pass(request);
+            }
+        }
+    }
+
+    /// Notes the owner of a group, and watches its process.
+    fn own(&mut self, lease: Lease, request: &AdminRequest) {
+        self.leases[lease.group()] = Some(lease);
+        let namespace = pid_namespace();
+        if namespace != 0 && request.pid_namespace == namespace {
+            if self.owners.watch(lease.group(), request.pid, lease.raw()) {
+                self.release(lease);
+            }
+        } else {
+            self.owners.forget(lease.group());
+        }
+    }
+
+    /// Releases a group whose owner has died: the daemon damps it.
+    fn release(&mut self, lease: Lease) {
+        if self.leases[lease.group()] != Some(lease) {
+            return;
+        }
+        tracing::warn!(group = lease.group(), "the process of the owner has ended");
+        self.leases[lease.group()] = None;
+        let operation = Operation::Release.code();
+        let request = AdminRequest {
+            lease: lease.raw(),
+            operation,
+            group: lease.group() as u32,
+            ..AdminRequest::default()
+        };
+        requests::send_without_answer(&self.wire, &request);
+    }
+
+    /// Releases all groups of this computer's clients.
+    fn leave(&mut self) {
+        for lease in self.leases.into_iter().flatten() {
+            self.release(lease);
+        }
+        self.ends.store(true, Ordering::Relaxed);
+    }
+}

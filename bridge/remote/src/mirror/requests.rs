@@ -1,0 +1,151 @@
+//! Requests of clients, passed on to the robot. None of them holds up the states.
+
+use super::Wire;
+use crate::frame::read_reply;
+use motord_ports::Request;
+use motord_shared::description::Histograms;
+use motord_shared::message::{AdminReply, NO_JOINT};
+use motord_shared::plain::Plain;
+use motord_shared::{AdminRequest, Operation, Refusal, StateMessage};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+use zenoh::Wait;
+
+/// Longest time for an answer of the robot: a little less than clients wait.
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(950);
+
+/// An answer of the robot: its head and its text. `None` when it did not come.
+type Answer = Option<(AdminReply, Vec<u8>)>;
+
+/// The requests that wait for an answer of the robot.
+pub(super) struct Requests {
+    wire: Arc<Wire>,
+    waiting: BTreeMap<u64, Request>,
+    next: u64,
+    sender: Sender<(u64, Answer)>,
+    answers: Receiver<(u64, Answer)>,
+}
+
+impl Requests {
+    pub(super) fn new(wire: Arc<Wire>) -> Self {
+        let (sender, answers) = channel();
+        Self { wire, waiting: BTreeMap::new(), next: 0, sender, answers }
+    }
+
+    /// Passes a request on. Never waits for the answer.
+    pub(super) fn pass(&mut self, request: Request) {
+        let payload = *request.payload();
+        let (number, sender) = (self.next, self.sender.clone());
+        self.next += 1;
+        self.waiting.insert(number, request);
+        send(&self.wire, &payload, move |answer| {
+            // The mirror has ended.
+            let _ended = sender.send((number, answer));
+        });
+    }
+
+    /// Returns the answers that have arrived, with their requests.
+    pub(super) fn answered(&mut self) -> Option<(Request, Answer)> {
+        self.waiting.retain(|_, request| request.is_awaited());
+        loop {
+            let (number, answer) = self.answers.try_recv().ok()?;
+            if let Some(request) = self.waiting.remove(&number) {
+                return Some((request, answer));
+            }
+        }
+    }
+}
+
+/// Answers a client.
+pub(super) fn reply(request: Request, answer: Answer) {
+    // A request that is dropped is an error for its requester.
+    let Some((head, text)) = answer else { return };
+    let _disconnected = request.reply(head, &text);
+}
+
+/// Refuses a request.
+pub(super) fn refuse(request: Request, refusal: Refusal) {
+    reply(request, Some((AdminReply { lease: 0, refusal: refusal.code(), detail: NO_JOINT }, Vec::new())));
+}
+
+/// Sends a request, and calls `done` once: with the answer, or without one after a second.
+fn send(wire: &Wire, payload: &AdminRequest, done: impl FnOnce(Answer) + Send + 'static) {
+    let only_reads = payload.operation().is_ok_and(crate::admission::only_reads);
+    let (key, bytes) = if only_reads {
+        let mut bytes = Vec::new();
+        payload.write(&mut bytes);
+        (wire.keys.ask(), bytes)
+    } else {
+        (wire.keys.request(), wire.up().with_request(payload))
+    };
+    let once = Once(Some(done));
+    let cell = std::sync::Mutex::new(once);
+    let sent = wire.session.get(key).payload(bytes).timeout(ANSWER_TIMEOUT).callback(move |reply| {
+        let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
+        let answer = bytes.and_then(|bytes| read_reply(&bytes).map(|(head, text)| (head, text.to_vec())));
+        cell.lock().unwrap_or_else(std::sync::PoisonError::into_inner).call(answer);
+    });
+    // Dropped with its callback: it is called without an answer.
+    let _failed = sent.wait();
+}
+
+/// Calls a function once: at the latest when it is dropped.
+struct Once<F: FnOnce(Answer)>(Option<F>);
+
+impl<F: FnOnce(Answer)> Once<F> {
+    fn call(&mut self, answer: Answer) {
+        if let Some(done) = self.0.take() {
+            done(answer);
+        }
+    }
+}
+
+impl<F: FnOnce(Answer)> Drop for Once<F> {
+    fn drop(&mut self) {
+        self.call(None);
+    }
+}
+
+/// Reads the description of the robot whose state this is. `None` when it does not answer, and when
+/// another daemon runs already.
+pub(super) fn describe(wire: &Wire, state: &StateMessage) -> Option<Vec<u8>> {
+    let (sender, answers) = channel();
+    let request = AdminRequest { operation: Operation::Describe.code(), ..AdminRequest::default() };
+    send(wire, &request, move |answer| {
+        let _ended = sender.send(answer);
+    });
+    let (_, text) = answers.recv_timeout(ANSWER_TIMEOUT).ok()??;
+    let robot: motord_shared::description::RobotDescription = serde_json::from_slice(&text).ok()?;
+    (robot.boot_id == state.boot_id).then_some(text)
+}
+
+/// Adds the network's latencies to an answer of the robot.
+pub(super) fn extended(wire: &Wire, operation: Operation, answer: Answer) -> Answer {
+    let (head, text) = answer?;
+    let text = match operation {
+        Operation::Histograms => with_histograms(wire, &text).unwrap_or(text),
+        _ => text,
+    };
+    Some((head, text))
+}
+
+/// The last part of the daemon's histograms is followed by those of the network.
+fn with_histograms(wire: &Wire, text: &[u8]) -> Option<Vec<u8>> {
+    let mut part: Histograms = serde_json::from_slice(text).ok()?;
+    let of_network = [
+        ("network_round_trip", &wire.latencies.round_trip),
+        ("network_state_age", &wire.latencies.state_age),
+        ("network_state_interval", &wire.latencies.state_interval),
+    ];
+    if part.next.is_none() {
+        part.histograms.extend(of_network.iter().filter_map(|(name, latencies)| latencies.encoded(name)));
+    }
+    serde_json::to_vec(&part).ok()
+}
+
+/// Sends a request whose answer nobody waits for.
+pub(super) fn send_without_answer(wire: &Wire, payload: &AdminRequest) {
+    send(wire, payload, |_| ());
+}

@@ -1,0 +1,91 @@
+//! Emergency stops of this computer's programs: from the socket that they know to the robot.
+//!
+//! ```text
+//! client ─ socket ─▶ thread of the socket ── name ──▶ thread of the network ─ zenoh ─▶ robot
+//! ```
+//!
+//! The thread of the socket has descriptors of its own, so it cannot use zenoh.
+
+use super::Wire;
+use motord_ports::Instance;
+use motord_ports::stop_socket::StopError;
+use motord_ports::stop_source::StopSource;
+use motord_realtime::process;
+use motord_stop::Robot;
+use serde::Deserialize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::time::Duration;
+use zenoh::Wait;
+
+/// Longest time for the receipt of the robot.
+const RECEIPT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The end of the thread of the socket.
+struct Remote(Sender<Stop>);
+
+/// A requested stop: the name of its requester, and where the receipt goes.
+struct Stop(String, Sender<Result<(), StopError>>);
+
+/// As far as this side reads it.
+#[derive(Deserialize)]
+struct Receipt {
+    sent: bool,
+    message: String,
+}
+
+/// Serves the socket of `instance` until `ends`, on threads of its own.
+pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>) {
+    let (sender, stops) = channel::<Stop>();
+    std::thread::spawn(move || {
+        while let Ok(Stop(name, receipt)) = stops.recv() {
+            // The thread of the socket has given up.
+            let _late = receipt.send(stop(&wire, name));
+        }
+    });
+    let instance = instance.clone();
+    std::thread::spawn(move || {
+        motord_stop::run(&instance, Remote(sender), || ends.load(Ordering::Relaxed));
+    });
+}
+
+/// Stops the robot, and waits for its receipt.
+fn stop(wire: &Wire, name: String) -> Result<(), StopError> {
+    let (sender, receipts) = channel();
+    let sent = wire.session.get(wire.keys.stop()).payload(name).timeout(RECEIPT_TIMEOUT);
+    let sent = sent.callback(move |reply| {
+        let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
+        let _late = sender.send(bytes);
+    });
+    sent.wait().map_err(|_| StopError::NoReply)?;
+    let bytes = receipts.recv_timeout(RECEIPT_TIMEOUT).ok().flatten().ok_or(StopError::NoCycle)?;
+    let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|_| StopError::NoCycle)?;
+    if !receipt.sent {
+        tracing::error!("the robot was not stopped: {}", receipt.message);
+    }
+    if receipt.sent { Ok(()) } else { Err(StopError::NoCycle) }
+}
+
+impl Robot for Remote {
+    fn stop(&self, pid: u32, source: StopSource) -> Result<(), StopError> {
+        let (sender, receipts) = channel();
+        self.0.send(Stop(self.name(pid, &source), sender)).map_err(|_| StopError::NoCycle)?;
+        receipts.recv_timeout(RECEIPT_TIMEOUT).unwrap_or(Err(StopError::NoCycle))
+    }
+
+    fn program(&self, pid: u32) -> Option<String> {
+        process::program(pid)
+    }
+}
+
+impl Remote {
+    /// Returns the name of the requester, which the robot's log shows.
+    fn name(&self, pid: u32, source: &StopSource) -> String {
+        let program = self.program(pid).unwrap_or_else(|| format!("process {pid}"));
+        match source.text() {
+            Some(source) => format!("{program}: {source}"),
+            None => program,
+        }
+    }
+}

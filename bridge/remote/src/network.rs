@@ -1,0 +1,183 @@
+//! The zenoh session: links, certificates, and who may do what.
+
+use crate::config::{Network, Tls};
+use serde_json::{Value, json};
+use std::time::Duration;
+use zenoh::{Config, Session, Wait};
+
+/// A peer that is silent for longer is gone, and its link is closed.
+const LINK_LEASE: Duration = Duration::from_secs(2);
+/// Longest time that a message waits for the queue of a slow link before it is dropped, µs.
+const DROP_AFTER_US: u64 = 100;
+/// Limit on the bytes of one message: an answer has at most 48 KiB of text.
+const MESSAGE_MAX: usize = 128 * 1024;
+
+/// The keys of a robot.
+#[derive(Debug, Clone)]
+pub(crate) struct Keys(String);
+
+impl Keys {
+    pub(crate) fn of(robot: &str) -> Self {
+        Self(format!("motord/{robot}"))
+    }
+
+    /// States, for all mirrors.
+    pub(crate) fn state(&self) -> String {
+        self.key("state")
+    }
+
+    /// Setpoints, and frames that only measure.
+    pub(crate) fn setpoint(&self) -> String {
+        self.key("setpoint")
+    }
+
+    /// Requests that change something.
+    pub(crate) fn request(&self) -> String {
+        self.key("request")
+    }
+
+    /// Requests that only read.
+    pub(crate) fn ask(&self) -> String {
+        self.key("ask")
+    }
+
+    /// Emergency stops.
+    pub(crate) fn stop(&self) -> String {
+        self.key("stop")
+    }
+
+    /// Counters and latencies of this side of the network.
+    pub(crate) fn link(&self) -> String {
+        self.key("link")
+    }
+
+    /// The token of a robot whose states are served.
+    pub(crate) fn alive(&self) -> String {
+        self.key("alive")
+    }
+
+    fn key(&self, name: &str) -> String {
+        format!("{}/{name}", self.0)
+    }
+}
+
+/// The reason why a session was not opened.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum NetworkError {
+    #[error("the network: {0}")]
+    Zenoh(String),
+}
+
+impl NetworkError {
+    pub(crate) fn of(error: impl std::fmt::Display) -> Self {
+        Self::Zenoh(error.to_string())
+    }
+}
+
+/// Opens the session of `network`. With `served`, other computers may do with this robot what
+/// [`permissions`] says.
+pub(crate) fn open(network: &Network, served: Option<&Served<'_>>) -> Result<Session, NetworkError> {
+    let mut config = Config::default();
+    for (key, value) in settings(network, served) {
+        config
+            .insert_json5(key, &value.to_string())
+            .map_err(|error| NetworkError::Zenoh(format!("{key} = {value}: {error}")))?;
+    }
+    zenoh::open(config).wait().map_err(NetworkError::of)
+}
+
+/// A robot that is served, and the certificates that may claim it.
+#[derive(Debug)]
+pub(crate) struct Served<'a> {
+    pub(crate) keys: &'a Keys,
+    pub(crate) may_claim: &'a [String],
+}
+
+fn settings(network: &Network, served: Option<&Served<'_>>) -> Vec<(&'static str, Value)> {
+    let mut settings = vec![
+        ("mode", json!("peer")),
+        ("listen/endpoints", json!(network.listen)),
+        ("connect/endpoints", json!(network.connect)),
+        // Keeps trying in the background.
+        ("connect/timeout_ms", json!(0)),
+        ("connect/exit_on_failure", json!(false)),
+        ("connect/retry", json!({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2})),
+        // Robots and routers are named in the configuration, and nowhere else.
+        ("scouting/multicast/enabled", json!(false)),
+        ("scouting/gossip/enabled", json!(false)),
+        ("transport/link/tx/lease", json!(LINK_LEASE.as_millis() as u64)),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(DROP_AFTER_US)),
+        ("transport/link/rx/max_message_size", json!(MESSAGE_MAX)),
+    ];
+    if let Some(tls) = &network.tls {
+        settings.push(("transport/link/tls", tls_settings(tls)));
+        settings.push(("transport/link/protocols", json!(["tls", "quic"])));
+    }
+    if let Some(served) = served {
+        settings.push(("access_control", permissions(served, network.tls.is_some())));
+    }
+    settings
+}
+
+/// Both sides show a certificate of the same authority.
+fn tls_settings(tls: &Tls) -> Value {
+    json!({
+        "root_ca_certificate": tls.authority,
+        "listen_certificate": tls.certificate,
+        "listen_private_key": tls.key,
+        "connect_certificate": tls.certificate,
+        "connect_private_key": tls.key,
+        "enable_mtls": true,
+        "verify_name_on_connect": tls.verify_name,
+        "close_link_on_expiration": true,
+    })
+}
+
+/// Who may do what. All that is not listed is refused at the link of its sender.
+///
+/// | who | may |
+/// |---|---|
+/// | every certificate of the authority | receive states, read the description and telemetry, stop |
+/// | a certificate in `may-claim` | also send setpoints and all other requests |
+///
+/// Without TLS there are no certificates: everybody who reaches the port may do everything.
+fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
+    let keys = served.keys;
+    let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
+    let read = [keys.ask(), keys.stop(), keys.link()];
+    let from_robot =
+        [keys.state(), keys.alive(), keys.ask(), keys.stop(), keys.link(), keys.request(), keys.setpoint()];
+    let rules = json!([
+        rule(
+            "watch",
+            "ingress",
+            &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
+            &["motord/**".to_owned()]
+        ),
+        rule("read", "ingress", &["query"], &read),
+        rule(
+            "robot",
+            "egress",
+            &["put", "reply", "declare_subscriber", "declare_queryable", "liveliness_token"],
+            &from_robot
+        ),
+        rule("claim", "ingress", &["put"], &[keys.setpoint()]),
+        rule("request", "ingress", &["query"], &[keys.request()]),
+    ]);
+    let everybody = json!({"id": "everybody"});
+    let claimers = json!({"id": "claimers", "cert_common_names": served.may_claim});
+    let watching = json!({"rules": ["watch", "read", "robot"], "subjects": ["everybody"]});
+    let claiming = |who: &str| json!({"rules": ["claim", "request"], "subjects": [who]});
+    let (subjects, policies) = match (has_certificates, served.may_claim.is_empty()) {
+        (false, _) => (json!([everybody]), json!([watching, claiming("everybody")])),
+        (true, true) => (json!([everybody]), json!([watching])),
+        (true, false) => (json!([everybody, claimers]), json!([watching, claiming("claimers")])),
+    };
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    })
+}
