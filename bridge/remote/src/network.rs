@@ -99,7 +99,7 @@ fn settings(network: &Network, served: Option<&Served<'_>>) -> Vec<(&'static str
         ("listen/endpoints", json!(network.listen)),
         ("connect/endpoints", json!(network.connect)),
         // Keeps trying in the background.
-        ("connect/timeout_ms", json!(0)),
+        ("connect/timeout_ms", json!(-1)),
         ("connect/exit_on_failure", json!(false)),
         ("connect/retry", json!({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2})),
         // Robots and routers are named in the configuration, and nowhere else.

@@ -45,6 +45,8 @@ impl Served {
         description: Vec<u8>,
     ) -> Result<Self, Box<dyn std::error::Error>> {
         let lock = Instance::find(instance)?.lock()?;
+        // Whatever happens to this process, the daemon on the robot damps its motors.
+        lock.rest();
         let ports = DaemonPorts::open(&lock)?;
         let (owners, deaths) = deaths(GROUPS_MAX)?;
         let ends = Arc::new(AtomicBool::new(false));

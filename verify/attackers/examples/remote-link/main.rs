@@ -1,0 +1,65 @@
+//! A slow, lossy network, and a controller behind it whose setpoints are judged on the robot.
+//! `verify/rigs/test-remote` runs it.
+//!
+//! ```text
+//! remote-link link LISTEN TARGET                         the network alone, UDP
+//! remote-link judge LISTEN TARGET ROBOT OTHER HZ SECONDS the network, and the controller
+//! ```
+//!
+//! `ROBOT` and `OTHER` are `RUNTIME/INSTANCE`: of the robot, and of its mirror behind the network. A
+//! line on standard input changes the network:
+//!
+//! ```text
+//! quality DELAY_MS JITTER_MS LOSS REORDER DUPLICATE      each way; shares of the packets, 0 to 1
+//! cut MS                                                 no packet passes for so long
+//! drive                                                  the controller drives; a line of JSON follows
+//! ```
+
+mod controller;
+mod network;
+
+use controller::Judge;
+use network::{Network, Quality};
+use std::io::BufRead;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+fn main() {
+    let arguments: Vec<_> = std::env::args().skip(1).collect();
+    let texts: Vec<_> = arguments.iter().map(String::as_str).collect();
+    let (addresses, judge) = match texts[..] {
+        ["link", listen, target] => ([listen, target], None),
+        ["judge", listen, target, robot, other, hz, seconds] => {
+            let [hz, seconds] = [hz, seconds].map(|number| number.parse().expect("a number"));
+            ([listen, target], Some(Judge::new(robot, other, hz, seconds)))
+        }
+        _ => panic!("see the head of main.rs"),
+    };
+    let [listen, target] = addresses.map(|address| address.parse::<SocketAddr>().expect("an address"));
+    let network = Network::start(listen, target);
+    for line in std::io::stdin().lock().lines() {
+        obey(&line.expect("text"), &network, judge.as_ref());
+    }
+}
+
+fn obey(line: &str, network: &Arc<Network>, judge: Option<&Judge>) {
+    let words: Vec<_> = line.split_whitespace().collect();
+    let number = |word: &str| word.parse::<f64>().expect("a number");
+    let milliseconds = |word: &str| Duration::from_secs_f64(number(word) / 1e3);
+    match words[..] {
+        ["quality", delay, jitter, loss, reorder, duplicate] => network.set(Quality {
+            delay: milliseconds(delay),
+            jitter: milliseconds(jitter),
+            loss: number(loss),
+            reorder: number(reorder),
+            duplicate: number(duplicate),
+        }),
+        ["cut", time] => network.cut(milliseconds(time)),
+        ["drive"] => println!("{}", judge.expect("a controller").drive(None, network)),
+        ["drive", "cut", time] => {
+            println!("{}", judge.expect("a controller").drive(Some(milliseconds(time)), network));
+        }
+        _ => panic!("unknown line {line:?}"),
+    }
+}
