@@ -14,6 +14,7 @@ mod exit_status;
 mod explain;
 mod failure;
 mod fault;
+mod fleet;
 mod hold;
 mod identify;
 mod imu;
@@ -299,6 +300,17 @@ enum Command {
         after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  sudo motorctl doctor --tune --seconds 0\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
     )]
     Doctor(doctor::Arguments),
+    /// List the robots of a network, or stop them: `motord-remote fleet`.
+    ///
+    /// All arguments are passed on, so `motorctl fleet -- --help` is the help of that program.
+    #[command(
+        after_help = "Examples:\n  motorctl fleet list\n  motorctl fleet list --json | jq length\n  motorctl fleet stop --all"
+    )]
+    Fleet {
+        /// The arguments of `motord-remote fleet`.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, required = true, value_name = "ARGUMENT")]
+        arguments: Vec<std::ffi::OsString>,
+    },
     /// Explain a name from the log or from `status`: what happened, what to check, and what to do.
     ///
     /// The names are causes of a stop, faults of motors, refusals, and lines of the log (`see=`).
@@ -414,6 +426,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         }
         Command::Direct(command) => Ok(direct::run(command)?),
         Command::Imu(command) => imu::run(instance, &command),
+        Command::Fleet { arguments } => fleet::run(&arguments),
         Command::Doctor(arguments) => run_doctor(instance, &arguments),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),

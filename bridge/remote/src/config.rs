@@ -30,6 +30,8 @@ pub(crate) enum ConfigError {
 pub(crate) struct Config {
     pub(crate) serve: Option<Serve>,
     pub(crate) mirror: Option<Mirror>,
+    #[serde(default)]
+    pub(crate) fleet: Fleet,
     pub(crate) network: Network,
 }
 
@@ -62,6 +64,15 @@ pub(crate) struct Mirror {
     /// Instance under which programs of this computer find it.
     #[serde(default = "default_instance")]
     pub(crate) instance: String,
+}
+
+/// Robots for `motord-remote fleet`.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Fleet {
+    /// Those that should be there.
+    #[serde(default)]
+    pub(crate) robots: Vec<String>,
 }
 
 /// The links.
@@ -128,7 +139,10 @@ impl Config {
     }
 
     fn check(&self) -> Result<(), String> {
-        let Self { serve, mirror, network } = self;
+        let Self { serve, mirror, fleet, network } = self;
+        for robot in &fleet.robots {
+            check_name("fleet", robot)?;
+        }
         if let Some(serve) = serve {
             check_name("serve", &serve.robot)?;
             serve.check()?;

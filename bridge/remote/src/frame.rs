@@ -119,9 +119,10 @@ impl Up {
         bytes
     }
 
-    /// Returns the bytes of a frame with a request.
-    pub(crate) fn with_request(&self, request: &AdminRequest) -> Vec<u8> {
+    /// Returns the bytes of a frame with a request. Each attempt to send it has the same `number`.
+    pub(crate) fn with_request(&self, number: u64, request: &AdminRequest) -> Vec<u8> {
         let mut bytes = self.beat();
+        number.write(&mut bytes);
         request.write(&mut bytes);
         bytes
     }
@@ -146,11 +147,12 @@ impl Up {
         Ok((up, Some((setpoint, Duration::from_nanos(age)))))
     }
 
-    /// Returns a frame and its request.
-    pub(crate) fn read_request(mut bytes: &[u8]) -> Result<(Self, AdminRequest), FrameError> {
+    /// Returns a frame, and its request with the number.
+    pub(crate) fn read_request(mut bytes: &[u8]) -> Result<(Self, u64, AdminRequest), FrameError> {
         let up = Self::read(&mut bytes)?;
+        let number = u64::read(&mut bytes).ok_or(FrameError::Malformed)?;
         let request = AdminRequest::read(&mut bytes).filter(|_| bytes.is_empty());
-        Ok((up, request.ok_or(FrameError::Malformed)?))
+        Ok((up, number, request.ok_or(FrameError::Malformed)?))
     }
 }
 
@@ -231,7 +233,7 @@ mod tests {
         assert_eq!(Up::read_setpoint(&UP.with_setpoint(&setpoint, age)), Ok((UP, Some((setpoint, age)))));
         assert_eq!(Up::read_setpoint(&UP.beat()), Ok((UP, None)));
         let request = AdminRequest { operation: 4, group: 1, ..Default::default() };
-        assert_eq!(Up::read_request(&UP.with_request(&request)), Ok((UP, request)));
+        assert_eq!(Up::read_request(&UP.with_request(13, &request)), Ok((UP, 13, request)));
         let state = StateMessage { boot_id: 3, joint_count: 12, ..Default::default() };
         let bytes = Down::bytes(&UP.head, &[UP.echo; 3], &state);
         let down = Down::read(&bytes).unwrap();

@@ -10,11 +10,13 @@
 mod admission;
 mod clocks;
 mod config;
+mod fleet;
 mod frame;
 mod measure;
 mod mirror;
 mod network;
 mod serve;
+mod summary;
 
 use clap::{Parser, Subcommand};
 use config::{Config, ConfigError};
@@ -38,6 +40,15 @@ Then, on the other computer, as with a robot of its own:
   motorctl status
   motorctl --instance go7 latency";
 
+/// Examples in the help of `fleet`.
+const FLEET_EXAMPLES: &str = "\
+Examples:
+  motord-remote fleet list                     the robots of /etc/motord/remote.toml and others in its network
+  motord-remote fleet list --watch
+  motord-remote fleet list --json | jq -r '.[] | select(.is != \"well\") | .robot'
+  motord-remote fleet stop go7
+  motord-remote fleet stop --all";
+
 /// Serves a robot of motord to other computers, and mirrors it there.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
@@ -52,8 +63,42 @@ enum Command {
     Serve(File),
     /// Makes a robot of another computer an instance on this one, as [mirror] says, until SIGTERM.
     Mirror(File),
+    /// Lists the robots of a network, or stops them.
+    #[command(subcommand, after_help = FLEET_EXAMPLES)]
+    Fleet(Fleet),
     /// Checks the configuration, and prints what `serve` and `mirror` would do.
     Check(File),
+}
+
+#[derive(Subcommand)]
+enum Fleet {
+    /// Prints each robot with its state. Exit status 1: one that is expected is absent, or one needs a look.
+    List {
+        #[command(flatten)]
+        file: File,
+        /// Prints JSON.
+        #[arg(long)]
+        json: bool,
+        /// Prints again and again, until Ctrl-C.
+        #[arg(long)]
+        watch: bool,
+    },
+    /// Damps and stops robots, and prints the receipt of each. Exit status 1: one is not confirmed.
+    ///
+    /// A convenience, not the safety of a robot: a network may be down.
+    Stop {
+        /// The robots.
+        #[arg(required_unless_present = "all", conflicts_with = "all")]
+        robots: Vec<String>,
+        /// All that are in the network.
+        #[arg(long)]
+        all: bool,
+        #[command(flatten)]
+        file: File,
+        /// Prints JSON.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 #[derive(clap::Args)]
@@ -98,12 +143,14 @@ fn main() -> ExitCode {
         .with_target(false);
     tracing_subscriber::registry().with(ours).with(lines).init();
     let outcome = match Arguments::parse().command {
-        Command::Serve(file) => serve(file),
-        Command::Mirror(file) => mirror(file),
-        Command::Check(file) => check(&file),
+        Command::Serve(file) => serve(file).map(|()| true),
+        Command::Mirror(file) => mirror(file).map(|()| true),
+        Command::Fleet(command) => fleet(command),
+        Command::Check(file) => check(&file).map(|()| true),
     };
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
         Err(failure) => {
             eprintln!("motord-remote: {failure}");
             failure.exit_status().into()
@@ -121,6 +168,19 @@ fn mirror(File { config: path }: File) -> Result<(), Failure> {
     let config = Config::read(&path)?;
     let mirror = config.mirror.as_ref().ok_or(Failure::Missing { table: "mirror", path })?;
     Ok(mirror::run(mirror, &config.network, &ends()?)?)
+}
+
+fn fleet(command: Fleet) -> Result<bool, Failure> {
+    match command {
+        Fleet::List { file: File { config: path }, json, watch } => {
+            let config = Config::read(&path)?;
+            Ok(fleet::list(&config.fleet, &config.network, json, watch)?)
+        }
+        Fleet::Stop { robots, all: _, file: File { config: path }, json } => {
+            let config = Config::read(&path)?;
+            Ok(fleet::stop(&robots, &config.network, json)?)
+        }
+    }
 }
 
 /// Returns what a signal sets.

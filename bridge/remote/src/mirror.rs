@@ -39,6 +39,8 @@ pub(crate) struct Wire {
     /// A random number of this process.
     id: u64,
     sequence: AtomicU64,
+    /// Number of the last request.
+    requests: AtomicU64,
     received: Mutex<Received>,
     pub(crate) latencies: Measured,
 }
@@ -121,6 +123,7 @@ impl Wire {
             keys,
             id: random()?,
             sequence: AtomicU64::new(0),
+            requests: AtomicU64::new(0),
             received: Mutex::default(),
             latencies: Measured::default(),
         })
@@ -160,6 +163,11 @@ impl Wire {
         let now_ns = clock::now_ns();
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
         Up { head: Head { from: self.id, sequence, sent_ns: now_ns }, echo: received.echo(now_ns) }
+    }
+
+    /// Returns the number of another request.
+    fn next_request(&self) -> u64 {
+        self.requests.fetch_add(1, Ordering::Relaxed) + 1
     }
 
     fn received(&self) -> std::sync::MutexGuard<'_, Received> {

@@ -12,6 +12,9 @@ const DROP_AFTER_US: u64 = 100;
 /// Limit on the bytes of one message: an answer has at most 48 KiB of text.
 const MESSAGE_MAX: usize = 128 * 1024;
 
+/// Every robot, in keys.
+pub(crate) const FLEET: &str = "motord/*";
+
 /// The keys of a robot.
 #[derive(Debug, Clone)]
 pub(crate) struct Keys(String);
@@ -44,6 +47,21 @@ impl Keys {
     /// Emergency stops.
     pub(crate) fn stop(&self) -> String {
         self.key("stop")
+    }
+
+    /// The summary of the robot, as JSON.
+    pub(crate) fn status(&self) -> String {
+        self.key("status")
+    }
+
+    /// Changes of its groups, as JSON.
+    pub(crate) fn events(&self) -> String {
+        self.key("events")
+    }
+
+    /// The daemon's latencies, as JSON.
+    pub(crate) fn latency(&self) -> String {
+        self.key("latency")
     }
 
     /// Counters and latencies of this side of the network.
@@ -145,8 +163,18 @@ fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
     let keys = served.keys;
     let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
     let read = [keys.ask(), keys.stop(), keys.link()];
-    let from_robot =
-        [keys.state(), keys.alive(), keys.ask(), keys.stop(), keys.link(), keys.request(), keys.setpoint()];
+    let from_robot = [
+        keys.state(),
+        keys.status(),
+        keys.events(),
+        keys.latency(),
+        keys.alive(),
+        keys.ask(),
+        keys.stop(),
+        keys.link(),
+        keys.request(),
+        keys.setpoint(),
+    ];
     let rules = json!([
         rule(
             "watch",

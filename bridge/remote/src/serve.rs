@@ -11,6 +11,7 @@
 //! The daemon damps the robot whenever setpoints stay away: after a partition, after the death of a
 //! mirror or its controller, and after the death of this process.
 
+mod fleet;
 mod link;
 mod requests;
 mod stops;
@@ -21,6 +22,7 @@ use crate::frame::{Down, Head, Up, nanos};
 use crate::measure::Counters;
 use crate::network::{self, Keys, NetworkError, Served};
 use crate::random;
+use fleet::Fleet;
 use link::Link;
 use motord_ports::clock;
 use motord_shared::StateMessage;
@@ -130,8 +132,9 @@ pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> R
         .map_err(NetworkError::of)?;
     tracing::info!(robot = serve.robot, instance = serve.instance, "serves");
     let period = Duration::from_secs_f64(1.0 / serve.states_hz);
+    let fleet = Fleet::new(&serve.robot, &session, &keys)?;
     let mut sender =
-        Sender { robot: &robot, states, run, sequence: 0, period, due_ns: 0, has_reported: false };
+        Sender { robot: &robot, states, run, sequence: 0, period, due_ns: 0, has_reported: false, fleet };
     while !ends.load(Ordering::Relaxed) {
         sender.serve_daemon(&serve.instance, &session, &keys, ends);
     }
@@ -149,6 +152,7 @@ struct Sender<'a> {
     due_ns: u64,
     /// The log says already that no daemon runs.
     has_reported: bool,
+    fleet: Fleet<'a>,
 }
 
 impl Sender<'_> {
@@ -174,6 +178,7 @@ impl Sender<'_> {
                 Ok(Some(state)) => {
                     newest = Instant::now();
                     self.send(&state);
+                    self.fleet.take(&state, self.robot, &ports);
                     if alive.is_none() {
                         alive = session.liveliness().declare_token(keys.alive()).wait().ok();
                     }

@@ -126,6 +126,7 @@ impl Served {
             let Ok(Some(request)) = self.ports.next_request() else { break };
             self.serve(request);
         }
+        self.requests.retry();
         while let Some((request, answer)) = self.requests.answered() {
             let payload = *request.payload();
             let operation = payload.operation();
@@ -191,7 +192,7 @@ impl Served {
             group: lease.group() as u32,
             ..AdminRequest::default()
         };
-        requests::send_without_answer(&self.wire, &request);
+        requests::release(&self.wire, &request);
     }
 
     /// Releases all groups of this computer's clients.

@@ -10,11 +10,14 @@ use motord_shared::{AdminRequest, Operation, Refusal, StateMessage};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::Wait;
 
 /// Longest time for an answer of the robot: a little less than clients wait.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(950);
+/// Time until a request is sent again: its answer, or itself, may be lost. The robot carries it out
+/// once.
+const ATTEMPT: Duration = Duration::from_millis(150);
 
 /// An answer of the robot: its head and its text. `None` when it did not come.
 type Answer = Option<(AdminReply, Vec<u8>)>;
@@ -22,37 +25,67 @@ type Answer = Option<(AdminReply, Vec<u8>)>;
 /// The requests that wait for an answer of the robot.
 pub(super) struct Requests {
     wire: Arc<Wire>,
-    waiting: BTreeMap<u64, Request>,
-    next: u64,
+    waiting: BTreeMap<u64, Waiting>,
     sender: Sender<(u64, Answer)>,
     answers: Receiver<(u64, Answer)>,
+}
+
+/// A request, when it is given up, and when it is sent again.
+struct Waiting {
+    request: Request,
+    until: Instant,
+    again: Instant,
 }
 
 impl Requests {
     pub(super) fn new(wire: Arc<Wire>) -> Self {
         let (sender, answers) = channel();
-        Self { wire, waiting: BTreeMap::new(), next: 0, sender, answers }
+        Self { wire, waiting: BTreeMap::new(), sender, answers }
     }
 
     /// Passes a request on. Never waits for the answer.
     pub(super) fn pass(&mut self, request: Request) {
-        let payload = *request.payload();
-        let (number, sender) = (self.next, self.sender.clone());
-        self.next += 1;
-        self.waiting.insert(number, request);
-        send(&self.wire, &payload, move |answer| {
+        let (number, now) = (self.wire.next_request(), Instant::now());
+        self.send(number, &request);
+        let waiting = Waiting { request, until: now + ANSWER_TIMEOUT, again: now + ATTEMPT };
+        self.waiting.insert(number, waiting);
+    }
+
+    fn send(&self, number: u64, request: &Request) {
+        let sender = self.sender.clone();
+        send(&self.wire, number, request.payload(), move |answer| {
             // The mirror has ended.
             let _ended = sender.send((number, answer));
         });
     }
 
-    /// Returns the answers that have arrived, with their requests.
+    /// Sends requests again whose answer may be lost, and drops those that nobody waits for.
+    pub(super) fn retry(&mut self) {
+        let now = Instant::now();
+        self.waiting.retain(|_, waiting| now < waiting.until && waiting.request.is_awaited());
+        let mut late = Vec::new();
+        for (number, waiting) in &mut self.waiting {
+            if now >= waiting.again {
+                waiting.again = now + ATTEMPT;
+                late.push(*number);
+            }
+        }
+        for number in late {
+            if let Some(waiting) = self.waiting.get(&number) {
+                self.send(number, &waiting.request);
+            }
+        }
+    }
+
+    /// Returns a request whose answer has arrived.
     pub(super) fn answered(&mut self) -> Option<(Request, Answer)> {
-        self.waiting.retain(|_, request| request.is_awaited());
         loop {
             let (number, answer) = self.answers.try_recv().ok()?;
-            if let Some(request) = self.waiting.remove(&number) {
-                return Some((request, answer));
+            // An attempt that failed is followed by another one.
+            if answer.is_some()
+                && let Some(waiting) = self.waiting.remove(&number)
+            {
+                return Some((waiting.request, answer));
             }
         }
     }
@@ -71,14 +104,14 @@ pub(super) fn refuse(request: Request, refusal: Refusal) {
 }
 
 /// Sends a request, and calls `done` once: with the answer, or without one after a second.
-fn send(wire: &Wire, payload: &AdminRequest, done: impl FnOnce(Answer) + Send + 'static) {
+fn send(wire: &Wire, number: u64, payload: &AdminRequest, done: impl FnOnce(Answer) + Send + 'static) {
     let only_reads = payload.operation().is_ok_and(crate::admission::only_reads);
     let (key, bytes) = if only_reads {
         let mut bytes = Vec::new();
         payload.write(&mut bytes);
         (wire.keys.ask(), bytes)
     } else {
-        (wire.keys.request(), wire.up().with_request(payload))
+        (wire.keys.request(), wire.up().with_request(number, payload))
     };
     let once = Once(Some(done));
     let cell = std::sync::Mutex::new(once);
@@ -113,7 +146,7 @@ impl<F: FnOnce(Answer)> Drop for Once<F> {
 pub(super) fn describe(wire: &Wire, state: &StateMessage) -> Option<Vec<u8>> {
     let (sender, answers) = channel();
     let request = AdminRequest { operation: Operation::Describe.code(), ..AdminRequest::default() };
-    send(wire, &request, move |answer| {
+    send(wire, 0, &request, move |answer| {
         let _ended = sender.send(answer);
     });
     let (_, text) = answers.recv_timeout(ANSWER_TIMEOUT).ok()??;
@@ -145,7 +178,11 @@ fn with_histograms(wire: &Wire, text: &[u8]) -> Option<Vec<u8>> {
     serde_json::to_vec(&part).ok()
 }
 
-/// Sends a request whose answer nobody waits for.
-pub(super) fn send_without_answer(wire: &Wire, payload: &AdminRequest) {
-    send(wire, payload, |_| ());
+/// Releases a group whose owner has died: twice, since a network may lose it. The daemon's timeout
+/// does the same later.
+pub(super) fn release(wire: &Wire, request: &AdminRequest) {
+    let number = wire.next_request();
+    for _ in 0..2 {
+        send(wire, number, request, |_| ());
+    }
 }

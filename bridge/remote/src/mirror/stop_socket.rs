@@ -15,12 +15,16 @@ use motord_stop::Robot;
 use serde::Deserialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
-use std::time::Duration;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
 use zenoh::Wait;
 
 /// Longest time for the receipt of the robot.
 const RECEIPT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time until a stop is sent again. A stop of a robot whose motors do not answer takes 0.3 s longer
+/// than another one.
+const ATTEMPT: Duration = Duration::from_millis(150);
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// The end of the thread of the socket.
 struct Remote(Sender<Stop>);
@@ -41,7 +45,7 @@ pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>)
     std::thread::spawn(move || {
         while let Ok(Stop(name, receipt)) = stops.recv() {
             // The thread of the socket has given up.
-            let _late = receipt.send(stop(&wire, name));
+            let _late = receipt.send(stop(&wire, &name));
         }
     });
     let instance = instance.clone();
@@ -50,21 +54,38 @@ pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>)
     });
 }
 
-/// Stops the robot, and waits for its receipt.
-fn stop(wire: &Wire, name: String) -> Result<(), StopError> {
+/// Stops the robot, and waits for its receipt. A network may lose the request or the receipt: it is
+/// sent again and again.
+fn stop(wire: &Wire, name: &str) -> Result<(), StopError> {
+    let begun = Instant::now();
+    while begun.elapsed() < RECEIPT_TIMEOUT {
+        if let Some(receipt) = attempt(wire, name) {
+            if !receipt.sent {
+                tracing::error!("the robot was not stopped: {}", receipt.message);
+            }
+            return if receipt.sent { Ok(()) } else { Err(StopError::NoCycle) };
+        }
+    }
+    Err(StopError::NoCycle)
+}
+
+fn attempt(wire: &Wire, name: &str) -> Option<Receipt> {
     let (sender, receipts) = channel();
     let sent = wire.session.get(wire.keys.stop()).payload(name).timeout(RECEIPT_TIMEOUT);
     let sent = sent.callback(move |reply| {
         let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
         let _late = sender.send(bytes);
     });
-    sent.wait().map_err(|_| StopError::NoReply)?;
-    let bytes = receipts.recv_timeout(RECEIPT_TIMEOUT).ok().flatten().ok_or(StopError::NoCycle)?;
-    let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|_| StopError::NoCycle)?;
-    if !receipt.sent {
-        tracing::error!("the robot was not stopped: {}", receipt.message);
+    sent.wait().ok()?;
+    match receipts.recv_timeout(ATTEMPT) {
+        Ok(bytes) => serde_json::from_slice(&bytes?).ok(),
+        // No robot answers at all: the next attempt must not follow at once.
+        Err(RecvTimeoutError::Disconnected) => {
+            std::thread::sleep(PAUSE);
+            None
+        }
+        Err(RecvTimeoutError::Timeout) => None,
     }
-    if receipt.sent { Ok(()) } else { Err(StopError::NoCycle) }
 }
 
 impl Robot for Remote {

@@ -81,6 +81,8 @@ impl Judge {
 
     fn try_control(&self, cut: Option<Duration>, network: &Network, seen: &Seen) -> Result<(), Error> {
         let client = self.connect()?;
+        // It goes on where others would give up: the robot must stop by itself.
+        client.set_silence(PATIENCE);
         let group = client.description().groups[0].name.clone();
         client.reset(&group)?;
         let mut claim = client.claim(&group)?;
@@ -96,7 +98,6 @@ impl Judge {
                 network.cut(cut);
                 is_cut = true;
             }
-            // A controller that does not look: the robot must stop by itself.
             commit(&mut claim, seen)?;
             next += period;
             std::thread::sleep(next.saturating_duration_since(Instant::now()));

@@ -12,7 +12,8 @@
 //! ```text
 //! quality DELAY_MS JITTER_MS LOSS REORDER DUPLICATE      each way; shares of the packets, 0 to 1
 //! cut MS                                                 no packet passes for so long
-//! drive                                                  the controller drives; a line of JSON follows
+//! replay                                                 the last packets to TARGET are sent again
+//! drive [cut MS]                                         the controller drives; a line of JSON follows
 //! ```
 
 mod controller;
@@ -56,6 +57,7 @@ fn obey(line: &str, network: &Arc<Network>, judge: Option<&Judge>) {
             duplicate: number(duplicate),
         }),
         ["cut", time] => network.cut(milliseconds(time)),
+        ["replay"] => network.replay(),
         ["drive"] => println!("{}", judge.expect("a controller").drive(None, network)),
         ["drive", "cut", time] => {
             println!("{}", judge.expect("a controller").drive(Some(milliseconds(time)), network));

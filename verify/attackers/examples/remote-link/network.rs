@@ -1,7 +1,7 @@
 //! A network between two computers: UDP packets with delay, jitter, loss, reordering and repetition.
 
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::{BinaryHeap, HashMap, VecDeque};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
@@ -18,6 +18,9 @@ pub(crate) struct Quality {
     pub(crate) duplicate: f64,
 }
 
+/// Packets that are captured.
+const CAPTURED: usize = 2000;
+
 /// A packet on its way: when it arrives, its number, and where.
 type OnTheWay = Reverse<(Instant, u64, usize)>;
 
@@ -31,6 +34,8 @@ struct State {
     latest: [Option<Instant>; 2],
     next: u64,
     random: u64,
+    /// Packets to the target, for their repetition.
+    captured: VecDeque<(Vec<u8>, Arc<UdpSocket>, SocketAddr)>,
 }
 
 impl State {
@@ -45,6 +50,12 @@ impl State {
     }
 
     fn send(&mut self, way: usize, packet: &[u8], socket: &Arc<UdpSocket>, target: SocketAddr) {
+        if way == 0 {
+            self.captured.push_back((packet.to_vec(), Arc::clone(socket), target));
+            if self.captured.len() > CAPTURED {
+                self.captured.pop_front();
+            }
+        }
         let now = Instant::now();
         let Quality { delay, jitter, loss, reorder, duplicate } = self.quality;
         if self.cut_until.is_some_and(|until| now < until) || self.random() < loss {
@@ -94,6 +105,14 @@ impl Network {
     /// From now on no packet passes for `time`.
     pub(crate) fn cut(&self, time: Duration) {
         self.state.lock().unwrap().cut_until = Some(Instant::now() + time);
+    }
+
+    /// Sends the newest packets to the target again.
+    pub(crate) fn replay(&self) {
+        let captured = self.state.lock().unwrap().captured.clone();
+        for (packet, socket, target) in captured {
+            let _gone = socket.send_to(&packet, target);
+        }
     }
 
     /// Each sender has a socket to the target, by which the answers come back.

@@ -1,0 +1,266 @@
+//! Many robots: who is there, how they are, and their stop.
+
+use crate::config::{Fleet, Network};
+use crate::network::{self, FLEET, Keys, NetworkError};
+use crate::summary::Summary;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use zenoh::query::QueryTarget;
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+
+/// Two summaries and the time that a link needs.
+const LISTEN: Duration = Duration::from_millis(1500);
+/// Longest time for the receipts of a stop.
+const RECEIPTS: Duration = Duration::from_secs(3);
+/// Time until a stop is sent again to the robots without a receipt.
+const ATTEMPT: Duration = Duration::from_millis(300);
+/// The same robot is quiet from here on.
+const QUIET: Duration = Duration::from_secs(3);
+
+/// What is known of a robot.
+#[derive(Debug, Default)]
+struct Known {
+    is_alive: bool,
+    summary: Option<Summary>,
+    at: Option<Instant>,
+}
+
+type Robots = Arc<Mutex<BTreeMap<String, Known>>>;
+
+/// The receipt of a stop.
+#[derive(Debug, Clone, Deserialize, serde::Serialize)]
+struct Receipt {
+    sent: bool,
+    confirmed: bool,
+    message: String,
+    unconfirmed: Vec<String>,
+}
+
+/// Lists the robots. Returns `true` if each expected one is there and well.
+pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) -> Result<bool, NetworkError> {
+    let session = network::open(network, None)?;
+    let robots = Robots::default();
+    for name in &fleet.robots {
+        locked(&robots).insert(name.clone(), Known::default());
+    }
+    let _listening = listen(&session, &robots)?;
+    loop {
+        std::thread::sleep(LISTEN);
+        let known = locked(&robots);
+        print(&known, json);
+        if !watch {
+            return Ok(!known.is_empty() && known.values().all(Known::is_well));
+        }
+    }
+}
+
+/// Stops robots: those named, or all that are there. Returns `true` if each gave a receipt and was
+/// stopped.
+pub(crate) fn stop(names: &[String], network: &Network, json: bool) -> Result<bool, NetworkError> {
+    let session = network::open(network, None)?;
+    let robots = Robots::default();
+    let alive = session.liveliness().declare_subscriber(format!("{FLEET}/alive")).history(true);
+    let of_tokens = Arc::clone(&robots);
+    let _alive = alive
+        .callback(move |sample| note_token(&of_tokens, sample.key_expr().as_str(), sample.kind()))
+        .wait()
+        .map_err(NetworkError::of)?;
+    let begun = Instant::now();
+    let receipts: Arc<Mutex<BTreeMap<String, (Receipt, Duration)>>> = Arc::default();
+    let missing = || {
+        let known = locked(&robots);
+        let alive = known.iter().filter(|(_, known)| known.is_alive).map(|(name, _)| name.clone());
+        let wanted: Vec<_> = if names.is_empty() { alive.collect() } else { names.to_vec() };
+        let received = receipts.lock().unwrap_or_else(PoisonError::into_inner);
+        wanted.into_iter().filter(|name| !received.contains_key(name)).collect::<Vec<_>>()
+    };
+    // The first requests go out at once; tokens of robots behind a router follow.
+    let mut is_first = true;
+    while begun.elapsed() < RECEIPTS {
+        let wanted = if is_first && names.is_empty() { vec!["*".to_owned()] } else { missing() };
+        if wanted.is_empty() && !is_first {
+            break;
+        }
+        is_first = false;
+        wanted.iter().for_each(|name| request(&session, name, begun, &receipts));
+        let attempt = Instant::now();
+        while attempt.elapsed() < ATTEMPT
+            && (receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty() || !missing().is_empty())
+        {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+    let missing = missing();
+    let receipts = receipts.lock().unwrap_or_else(PoisonError::into_inner);
+    print_receipts(&receipts, &missing, json);
+    Ok(missing.is_empty() && !receipts.is_empty() && receipts.values().all(|(receipt, _)| receipt.confirmed))
+}
+
+/// Requests the stop of a robot, or of all with the name `*`.
+fn request(
+    session: &Session,
+    name: &str,
+    begun: Instant,
+    receipts: &Arc<Mutex<BTreeMap<String, (Receipt, Duration)>>>,
+) {
+    let receipts = Arc::clone(receipts);
+    let query =
+        session.get(Keys::of(name).stop()).target(QueryTarget::All).payload(requester()).timeout(RECEIPTS);
+    let sent = query.callback(move |reply| {
+        let Ok(sample) = reply.result() else { return };
+        let Some(robot) = robot_of(sample.key_expr().as_str()) else { return };
+        if let Ok(receipt) = serde_json::from_slice(&sample.payload().to_bytes()) {
+            let mut receipts = receipts.lock().unwrap_or_else(PoisonError::into_inner);
+            receipts.entry(robot.to_owned()).or_insert((receipt, begun.elapsed()));
+        }
+    });
+    if let Err(error) = sent.wait() {
+        tracing::error!("the network: {error}");
+    }
+}
+
+/// Returns the name that robots log.
+fn requester() -> String {
+    let of = |variable| std::env::var(variable).unwrap_or_default();
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    format!("fleet: {}@{}", of("USER"), host.trim_end())
+}
+
+fn listen(
+    session: &Session,
+    robots: &Robots,
+) -> Result<(zenoh::pubsub::Subscriber<()>, zenoh::pubsub::Subscriber<()>), NetworkError> {
+    let (of_tokens, of_summaries) = (Arc::clone(robots), Arc::clone(robots));
+    let tokens = session.liveliness().declare_subscriber(format!("{FLEET}/alive")).history(true);
+    let tokens = tokens
+        .callback(move |sample| note_token(&of_tokens, sample.key_expr().as_str(), sample.kind()))
+        .wait()
+        .map_err(NetworkError::of)?;
+    let summaries = session
+        .declare_subscriber(format!("{FLEET}/status"))
+        .callback(move |sample| {
+            let Some(name) = robot_of(sample.key_expr().as_str()) else { return };
+            if let Ok(summary) = serde_json::from_slice(&sample.payload().to_bytes()) {
+                let mut robots = locked(&of_summaries);
+                let known = robots.entry(name.to_owned()).or_default();
+                (known.summary, known.at) = (Some(summary), Some(Instant::now()));
+            }
+        })
+        .wait()
+        .map_err(NetworkError::of)?;
+    Ok((tokens, summaries))
+}
+
+fn note_token(robots: &Robots, key: &str, kind: SampleKind) {
+    let Some(name) = robot_of(key) else { return };
+    locked(robots).entry(name.to_owned()).or_default().is_alive = kind == SampleKind::Put;
+}
+
+/// Returns the robot in a key `motord/<robot>/…`.
+fn robot_of(key: &str) -> Option<&str> {
+    key.strip_prefix("motord/")?.split('/').next()
+}
+
+fn locked(robots: &Robots) -> std::sync::MutexGuard<'_, BTreeMap<String, Known>> {
+    robots.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Known {
+    fn is_well(&self) -> bool {
+        self.word() == "well"
+    }
+
+    /// One word for the robot.
+    fn word(&self) -> &'static str {
+        let is_quiet = self.at.is_none_or(|at| at.elapsed() > QUIET);
+        match &self.summary {
+            _ if !self.is_alive => "absent",
+            _ if is_quiet => "silent",
+            Some(summary) if summary.is_well() => "well",
+            _ => "look",
+        }
+    }
+
+    fn details(&self) -> String {
+        let Some(summary) = self.summary.as_ref().filter(|_| self.is_alive) else { return String::new() };
+        let groups = summary.groups.iter().map(|group| match &group.cause {
+            Some(cause) => {
+                let joint = group.joint.as_ref().map_or_else(String::new, |joint| format!(" at {joint}"));
+                format!("{} {} ({cause}{joint})", group.name, group.phase)
+            }
+            None => format!("{} {}", group.name, group.phase),
+        });
+        let mut parts: Vec<_> = groups.collect();
+        parts
+            .extend((!summary.offline.is_empty()).then(|| format!("offline: {}", summary.offline.join(" "))));
+        parts.extend((!summary.faulty.is_empty()).then(|| format!("faults: {}", summary.faulty.join(" "))));
+        parts.join("; ")
+    }
+}
+
+fn print(robots: &BTreeMap<String, Known>, json: bool) {
+    if json {
+        let list: Vec<_> = robots
+            .iter()
+            .map(|(name, known)| {
+                serde_json::json!({"robot": name, "is": known.word(), "status": known.summary})
+            })
+            .collect();
+        println!("{}", serde_json::Value::from(list));
+        return;
+    }
+    println!("{:<16} {:<7} {:>9} {:>5}  groups", "robot", "is", "battery V", "°C");
+    for (name, known) in robots {
+        let number = |value: Option<f32>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
+        let of = |part: fn(&Summary) -> Option<f32>| number(known.summary.as_ref().and_then(part));
+        let (battery, hottest) = (of(|summary| summary.battery_v), of(|summary| summary.hottest_celsius));
+        println!("{name:<16} {:<7} {battery:>9} {hottest:>5}  {}", known.word(), known.details());
+    }
+    if robots.is_empty() {
+        println!("no robot is in this network");
+    }
+}
+
+fn print_receipts(receipts: &BTreeMap<String, (Receipt, Duration)>, missing: &[String], json: bool) {
+    if json {
+        let mut list: Vec<_> = receipts
+            .iter()
+            .map(|(robot, (receipt, after))| {
+                serde_json::json!({"robot": robot, "after_ms": after.as_secs_f64() * 1e3, "receipt": receipt})
+            })
+            .collect();
+        list.extend(missing.iter().map(|robot| serde_json::json!({"robot": robot, "receipt": null})));
+        println!("{}", serde_json::Value::from(list));
+        return;
+    }
+    for (robot, (receipt, after)) in receipts {
+        println!("{robot:<16} {} ({:.0} ms)", receipt.message, after.as_secs_f64() * 1e3);
+    }
+    for robot in missing {
+        println!("{robot:<16} NO RECEIPT: it may still move; cut its power");
+    }
+    if receipts.is_empty() && missing.is_empty() {
+        println!("NO ROBOT ANSWERED: cut the power of those that move");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robot_is_in_the_key() {
+        assert_eq!(robot_of("motord/go7/alive"), Some("go7"));
+        assert_eq!(robot_of("other/go7/alive"), None);
+    }
+
+    #[test]
+    fn robot_without_token_is_absent() {
+        assert_eq!(Known::default().word(), "absent");
+        let silent = Known { is_alive: true, ..Known::default() };
+        assert_eq!(silent.word(), "silent");
+    }
+}
