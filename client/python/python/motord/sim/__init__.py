@@ -12,11 +12,28 @@
 A twin has the methods of motord.connect. The same calls with the same seed give the same run.
 """
 
+from ._run import Plan
 from .compare import Gap, JointGap, compare
 from .ideal import Ideal
 from .live import live, serve
 from .mujoco import Mujoco, fit_mjcf
 from .plant import Plant
+from .sweep import Sweep, sweep
 from .twin import Twin, TwinClaim
 
-__all__ = ["Gap", "Ideal", "JointGap", "Mujoco", "Plant", "Twin", "TwinClaim", "compare", "fit_mjcf", "live", "serve"]
+__all__ = [
+    "Gap",
+    "Ideal",
+    "JointGap",
+    "Mujoco",
+    "Plan",
+    "Plant",
+    "Sweep",
+    "Twin",
+    "TwinClaim",
+    "compare",
+    "fit_mjcf",
+    "live",
+    "serve",
+    "sweep",
+]
