@@ -15,6 +15,7 @@ mod explain;
 mod failure;
 mod fault;
 mod fleet;
+mod health;
 mod hold;
 mod identify;
 mod imu;
@@ -110,6 +111,20 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Check whether the robot is fit to be used, and print the reasons if it is not: for scripts and updates.
+    ///
+    /// The robot is healthy if the daemon answers, no group is stopped, every motor answers without a fault, and every bus and
+    /// IMU works. It misses no ticks during --seconds, and runs in real time; a robot on simulated buses need not. The daemon
+    /// has the version of this motorctl and the program that is installed, and its configuration file has not changed.
+    ///
+    /// Exit status: 0 healthy; 1 the robot has troubles, such as a latched stop, a silent motor or a bus that is down; 2 the
+    /// cycle is late; 3 the daemon must be restarted, because another version or another configuration is installed; 69 no
+    /// daemon answers; 76 the daemon has other versions of the messages; 77 no permission; 130 interrupted. Where several
+    /// apply, the status is that of the daemon, otherwise the lowest, and all are printed.
+    #[command(
+        after_help = "Examples:\n  motorctl health --seconds 1 || motorctl status\n  motorctl health --wait 1 --missed-percent 10 || echo \"roll back\"\n  motorctl health --json >health.json || echo \"not healthy\""
+    )]
+    Health(health::Arguments),
     /// Show the daemons of this computer, whatever their instance and runtime directory.
     ///
     /// They are those of this user, of root, and of the service. A process of another user may have the name of a daemon.
@@ -400,6 +415,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
     match command {
         Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
         Command::Status { check, json } => status::run(instance, check, json),
+        Command::Health(arguments) => health::run(instance, &arguments),
         Command::Instances { json, all } => instances::run(json, all),
         Command::Monitor { hz } => monitor::run(instance, hz),
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),

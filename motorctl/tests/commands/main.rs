@@ -12,6 +12,7 @@ mod estop;
 mod frame;
 mod frame_logs;
 mod guide;
+mod health;
 mod help;
 mod hold;
 mod identify;

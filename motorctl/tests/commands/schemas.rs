@@ -77,6 +77,7 @@ fn daemon_commands_print_what_schemas_state() {
     let stopped = daemon.await_status(|status| status["groups"][0]["stop"].is_object());
     assert_status(&stopped);
     assert_eq!(stopped["groups"][0]["stop"]["cause"], "emergency-stop");
+    assert_valid("motorctl-health", &printed("health --seconds 0.1 --json"));
     assert_valid("motorctl-instances", &printed("instances --json"));
     assert_valid("motorctl-latency", &printed("latency --json"));
     let intervals = printed("latency --watch --json --interval 0.2 --seconds 0.5");

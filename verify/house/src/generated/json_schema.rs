@@ -21,6 +21,7 @@ const fn schema(name: &'static str, printed: &'static str, files: &'static [&'st
 
 pub(super) const SCHEMAS: &[Schema] = &[
     schema("motorctl-fault", "FaultReport", &["motorctl/src/fault.rs", "motorctl/direct/src/status.rs"]),
+    schema("motorctl-health", "Health", &["motorctl/src/health.rs"]),
     schema("motorctl-hold", "Line", &["motorctl/src/hold/report.rs"]),
     schema("motorctl-imu-level", "Level", &["motorctl/src/imu/level.rs"]),
     schema("motorctl-instances", "Vec<Entry>", &["motorctl/src/instances.rs"]),
