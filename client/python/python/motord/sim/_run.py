@@ -6,7 +6,7 @@ import random
 import runpy
 import sys
 import traceback
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,11 @@ class Plan:
     seconds: float = 30.0
     fallen_below: float | None = None
     timeout: float = 600.0
+
+    def absolute(self) -> "Plan":
+        """The plan with absolute paths, for workers in other folders."""
+        model = None if self.model is None else str(Path(self.model).absolute())
+        return replace(self, controller=str(Path(self.controller).absolute()), config=str(Path(self.config).absolute()), model=model)
 
     def twin(self, seed: int, delay_us: float) -> WatchedTwin:
         """The twin of a run. ValueError for a configuration or a model that does not fit."""

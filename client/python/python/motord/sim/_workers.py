@@ -102,7 +102,10 @@ def on_ray(plan: Plan, tasks: list[Task], count: int | None, address: str | None
     # Nothing is reported to others, and no port is open to them.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     alone = {"_node_ip_address": "127.0.0.1", "include_dashboard": False, "num_cpus": count or processors()}
-    ray.init(address=address, log_to_driver=False, logging_level="ERROR", **({} if address else alone))
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **({} if address else alone))
+    except Exception as error:  # Ray raises many kinds, also Exception itself.
+        raise RuntimeError(f"Ray does not start: {error}") from error
     try:
         most = count or int(ray.cluster_resources().get("CPU", 1))
         yield from _on_actors(ray, plan, tasks, min(most, len(tasks)))

@@ -154,6 +154,7 @@ def sweep(
     cluster with this address. progress gets the number of ended runs, of all, and of those that passed. Equal plans and seeds
     have equal hashes. ValueError for a configuration or a model that does not fit.
     """
+    shown, plan = plan.controller, plan.absolute()
     files = plan.files()
     chosen = list(seeds)
     tasks: list[Task] = [{"seed": seed, "delay_us": float(delay), "files": files} for delay in delays_us for seed in chosen]
@@ -169,4 +170,4 @@ def sweep(
         runs.append(row)
         progress(len(runs), len(tasks), sum(one["result"] == "passed" for one in runs))
     runs.sort(key=lambda row: (row["delay_us"], row["seed"]))
-    return Sweep(plan.controller, plan.seconds, runs)
+    return Sweep(shown, plan.seconds, runs)
