@@ -6,7 +6,7 @@ use motord_client::{Client, CycleRecord, Error, Records, State};
 use motord_mcap::{Clock, Counts};
 use motord_terminal::{FileError, Interrupt, json, printable, within};
 use serde::Serialize;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -28,9 +28,48 @@ pub struct RecordArguments {
     /// End at this size of the file, MB (10⁶ bytes). The file becomes a few MB longer.
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     max_size: Option<u64>,
+    /// Write to FILE.unfinished, and give the file its name when it is complete: for programs that collect recordings.
+    #[arg(long)]
+    rename: bool,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
+}
+
+impl RecordArguments {
+    /// Returns the path under which the file grows.
+    fn growing(&self) -> PathBuf {
+        let mut name = self.file.clone().into_os_string();
+        if self.rename {
+            name.push(".unfinished");
+        }
+        name.into()
+    }
+
+    /// Creates the file.
+    fn create(&self) -> io::Result<File> {
+        if self.file.symlink_metadata().is_ok() {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        File::create_new(self.growing())
+    }
+
+    /// Gives a complete file its name.
+    fn complete(&self) -> io::Result<()> {
+        let (growing, file) = (self.growing(), &self.file);
+        if growing == *file || is_stdout(file) {
+            return Ok(());
+        }
+        match file.symlink_metadata() {
+            // Another program made it meanwhile.
+            Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),
+            Err(_) => fs::rename(growing, file),
+        }
+    }
+}
+
+fn is_stdout(path: &Path) -> bool {
+    path.as_os_str() == "-"
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
@@ -78,10 +117,10 @@ pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFa
     // remains.
     let records = client.records()?;
     let path = &arguments.file;
-    match path.as_os_str() == "-" {
+    match is_stdout(path) {
         true => record(&client, records, arguments, &interrupt, io::stdout()),
         false => {
-            let file = File::create_new(path).map_err(FileError::unwritable(path))?;
+            let file = arguments.create().map_err(FileError::unwritable(path))?;
             record(&client, records, arguments, &interrupt, file)
         }
     }
@@ -106,6 +145,7 @@ fn record(
         true => session.disk.join(),
         false => Err(io::Error::other("interrupted while the disk did not answer")),
     };
+    let written = written.and_then(|()| arguments.complete());
     if written.is_err() {
         ended = End::Disk;
     }

@@ -4,6 +4,8 @@
 use motord_harness::daemon;
 use motord_harness::daemon::{Daemon, slow_quadruped};
 use motord_harness::tmux::Tmux;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use serde_json::Value;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -80,6 +82,22 @@ fn exiting_daemon_ends_recording_with_complete_file() {
     assert_eq!((&report["ended"], &report["dropped"]), (&"daemon".into(), &0.into()), "{report}");
     let picture = daemon.motorctl(&["plot", file.to_str().unwrap(), "fl-hip"]);
     assert!(picture.status.success() && printed(&picture).is_empty(), "{}", printed(&picture));
+}
+
+#[test]
+fn renamed_recording_has_its_name_when_complete() {
+    let daemon = Daemon::start(&slow_quadruped());
+    drop(daemon.connect());
+    let file = daemon.directory.path().join("run.mcap");
+    let (path, growing) = (file.to_str().unwrap(), daemon.directory.path().join("run.mcap.unfinished"));
+    let recorder = daemon.command(&["record", path, "--rename"]).spawn().unwrap();
+    daemon::until("the growing file", || growing.is_file().then_some(()));
+    assert!(!file.exists());
+    kill(Pid::from_raw(recorder.id().cast_signed()), Signal::SIGINT).unwrap();
+    assert!(recorder.wait_with_output().unwrap().status.success());
+    assert!(file.is_file() && !growing.exists());
+    let again = daemon.motorctl(&["record", path, "--seconds", "1", "--rename"]);
+    assert!(status(&again) == 74 && !growing.exists(), "an old recording is kept: {}", printed(&again));
 }
 
 #[test]
