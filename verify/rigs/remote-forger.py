@@ -56,18 +56,19 @@ def main() -> None:
             head = struct.pack("<QQQQII", lease, 1 << 20, 1, 0, 12, 0)
             return struct.pack("<Q", 0) + head + 12 * struct.pack("<5fI", 1.0, 0.0, 100.0, 1.0, 0.0, 1)
 
-        def send(frame: bytes) -> None:
-            session.put(f"{ROBOT}/setpoint", frame)
+        def send(frame: bytes, key: str = "setpoint") -> None:
+            session.put(f"{ROBOT}/{key}", frame)
 
         def fresh() -> int:
             return struct.unpack_from(HEAD, newest(session))[3]
 
         # Leases of the first claims of this daemon, with a fresh echo and numbers that rise.
         for number in range(1, 65):
-            send(up(77, number, run, fresh() if number % 16 == 1 else sent) + setpoint((boot & 0xFFFFFFFF) << 32 | number << 8 | 1))
-        send(up(77, 1, run, fresh()))
-        send(up(78, 1, run ^ 1, sent))
-        send(up(79, 1, run, fresh())[:-3])
+            send(up(77, number, run, fresh() if number % 4 == 1 else sent) + setpoint((boot & 0xFFFFFFFF) << 32 | number << 8 | 1))
+        send(up(77, 1, run, fresh()), "beat")
+        send(up(77, 100, run, fresh() - 1_000_000_000), "beat")
+        send(up(78, 1, run ^ 1, sent), "beat")
+        send(up(79, 1, run, fresh())[:-3], "beat")
         send(struct.pack("<I", layout ^ 1) + b"\0" * 60)
         time.sleep(1.0)
         after = ask(session)

@@ -11,6 +11,8 @@ use std::time::Duration;
 
 /// The session of a mirror that has been silent for longer gives its slot to another one.
 const SILENT_NS: u64 = 2_000_000_000;
+/// Slots that watchers cannot take: a controller finds one.
+const RESERVED: usize = 2;
 /// The echo of an older state proves nothing: two clocks drift apart by up to 1 ms in this time.
 const HELD: Duration = Duration::from_secs(2);
 /// The daemon's states name a lease at most so long after it was granted.
@@ -79,16 +81,25 @@ impl Admission {
         Self { run, age_max, sessions: Vec::new(), leases: BTreeMap::new() }
     }
 
+    /// Takes a frame that only measures, of whoever may watch.
+    pub(crate) fn admit_watcher(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
+        self.admit_as(up, now_ns, SESSIONS_MAX - RESERVED)
+    }
+
     /// Takes a frame that arrived at `now_ns`. Returns an upper bound of the time since it left.
     pub(crate) fn admit(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
-        self.note(&up.head, now_ns)?;
+        self.admit_as(up, now_ns, SESSIONS_MAX)
+    }
+
+    fn admit_as(&mut self, up: &Up, now_ns: u64, slots: usize) -> Result<Duration, Refused> {
+        self.note(&up.head, now_ns, slots)?;
         let age = up.echo.age(self.run, now_ns).ok_or(Refused::Unechoed)?;
         let is_proof = up.echo.held_ns <= nanos(HELD);
         if age <= self.age_max && is_proof { Ok(age) } else { Err(Refused::Late) }
     }
 
-    /// Notes the newest frame of a session.
-    fn note(&mut self, head: &Head, now_ns: u64) -> Result<(), Refused> {
+    /// Notes the newest frame of a session; one that is new may use so many slots.
+    fn note(&mut self, head: &Head, now_ns: u64, slots: usize) -> Result<(), Refused> {
         if head.from == 0 {
             return Err(Refused::Malformed);
         }
@@ -97,14 +108,14 @@ impl Admission {
         match self.sessions.iter_mut().find(|known| known.id == id) {
             Some(known) if sequence <= known.sequence => return Err(Refused::Old),
             Some(known) => *known = session,
-            None => *self.slot(now_ns)? = session,
+            None => *self.slot(now_ns, slots)? = session,
         }
         Ok(())
     }
 
     /// Returns a slot for a new session: a free one, or that of a silent session without a lease.
-    fn slot(&mut self, now_ns: u64) -> Result<&mut Session, Refused> {
-        if self.sessions.len() < SESSIONS_MAX {
+    fn slot(&mut self, now_ns: u64, slots: usize) -> Result<&mut Session, Refused> {
+        if self.sessions.len() < slots {
             let empty = Session { id: 0, sequence: 0, sent_ns: 0, arrived_ns: 0 };
             self.sessions.push(empty);
             return self.sessions.last_mut().ok_or(Refused::Full);
@@ -239,6 +250,15 @@ mod tests {
         assert!(admission.admit(&up(100, 1, later), later).is_ok());
         let sessions: Vec<_> = admission.echoes(later).iter().map(|echo| echo.of).collect();
         assert!(sessions.contains(&1) && !sessions.contains(&2) && sessions.contains(&100));
+    }
+
+    #[test]
+    fn watchers_leave_slots_for_controllers() {
+        let mut admission = admission();
+        let admitted = (1..=20).filter(|session| admission.admit_watcher(&up(*session, 1, 0), 3).is_ok());
+        assert_eq!(admitted.count(), SESSIONS_MAX - RESERVED);
+        assert!(admission.admit(&up(50, 1, 0), 3).is_ok() && admission.admit(&up(51, 1, 0), 3).is_ok());
+        assert_eq!(admission.admit(&up(52, 1, 0), 3), Err(Refused::Full));
     }
 
     #[test]

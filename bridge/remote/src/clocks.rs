@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn time_of_robot_is_never_newer_than_it_is() {
+    fn time_of_robot_never_becomes_newer() {
         let offset = Offset { offset_ns: 500, bound: Duration::ZERO };
         assert_eq!([offset.own(1500, 2000), offset.own(9000, 2000), offset.own(0, 2000)], [1000, 2000, 0]);
         assert_eq!(offset.own(100, 2000), 1, "before the own clock began");

@@ -100,9 +100,6 @@ pub(crate) struct Tls {
     pub(crate) authority: PathBuf,
     pub(crate) certificate: PathBuf,
     pub(crate) key: PathBuf,
-    /// Compares the address or name in `connect` with the certificate of the other side.
-    #[serde(default = "default_verify_name")]
-    pub(crate) verify_name: bool,
 }
 
 fn default_instance() -> String {
@@ -115,10 +112,6 @@ const fn default_states_hz() -> f64 {
 
 const fn default_age_max_ms() -> u32 {
     50
-}
-
-const fn default_verify_name() -> bool {
-    true
 }
 
 impl Serve {

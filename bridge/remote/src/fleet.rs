@@ -13,14 +13,18 @@ use zenoh::{Session, Wait};
 
 /// Two summaries and the time that a link needs.
 const LISTEN: Duration = Duration::from_millis(1500);
+/// Time in which the tokens of all robots arrive.
+const SETTLE: Duration = Duration::from_millis(700);
 /// Longest time for the receipts of a stop.
 const RECEIPTS: Duration = Duration::from_secs(3);
-/// Time until a stop is sent again to the robots without a receipt.
+/// Time until a stop is sent again to the robots without a receipt, and before the first receipt:
+/// the link may not be there yet.
 const ATTEMPT: Duration = Duration::from_millis(300);
-/// The same robot is quiet from here on.
+const FIRST_ATTEMPT: Duration = Duration::from_millis(20);
+/// A robot without a summary for longer is silent.
 const QUIET: Duration = Duration::from_secs(3);
 
-/// What is known of a robot.
+/// A robot, as far as it is known.
 #[derive(Debug, Default)]
 struct Known {
     is_alive: bool,
@@ -77,19 +81,18 @@ pub(crate) fn stop(names: &[String], network: &Network, json: bool) -> Result<bo
         let received = receipts.lock().unwrap_or_else(PoisonError::into_inner);
         wanted.into_iter().filter(|name| !received.contains_key(name)).collect::<Vec<_>>()
     };
-    // The first requests go out at once; tokens of robots behind a router follow.
-    let mut is_first = true;
     while begun.elapsed() < RECEIPTS {
-        let wanted = if is_first && names.is_empty() { vec!["*".to_owned()] } else { missing() };
-        if wanted.is_empty() && !is_first {
+        // The first requests go to all: the tokens of robots may come later.
+        let has_receipts = !receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty();
+        let wanted = if names.is_empty() && !has_receipts { vec!["*".to_owned()] } else { missing() };
+        if wanted.is_empty() && (!names.is_empty() || begun.elapsed() >= SETTLE) {
             break;
         }
-        is_first = false;
         wanted.iter().for_each(|name| request(&session, name, begun, &receipts));
         let attempt = Instant::now();
-        while attempt.elapsed() < ATTEMPT
-            && (receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty() || !missing().is_empty())
-        {
+        let is_first = receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty();
+        let pause = if is_first { FIRST_ATTEMPT } else { ATTEMPT };
+        while attempt.elapsed() < pause {
             std::thread::sleep(Duration::from_millis(2));
         }
     }

@@ -133,18 +133,18 @@ impl Up {
         Ok(Self { head, echo })
     }
 
-    /// Returns a frame, and its setpoint with the setpoint's age when the frame was sent. `None`
-    /// for a frame that only measures.
-    pub(crate) fn read_setpoint(
-        mut bytes: &[u8],
-    ) -> Result<(Self, Option<(SetpointMessage, Duration)>), FrameError> {
+    /// Returns a frame that only measures.
+    pub(crate) fn read_beat(mut bytes: &[u8]) -> Result<Self, FrameError> {
         let up = Self::read(&mut bytes)?;
-        if bytes.is_empty() {
-            return Ok((up, None));
-        }
+        if bytes.is_empty() { Ok(up) } else { Err(FrameError::Malformed) }
+    }
+
+    /// Returns a frame, its setpoint, and the setpoint's age when the frame was sent.
+    pub(crate) fn read_setpoint(mut bytes: &[u8]) -> Result<(Self, SetpointMessage, Duration), FrameError> {
+        let up = Self::read(&mut bytes)?;
         let age = u64::read(&mut bytes).ok_or(FrameError::Malformed)?;
         let setpoint = unpack(bytes).ok_or(FrameError::Malformed)?;
-        Ok((up, Some((setpoint, Duration::from_nanos(age)))))
+        Ok((up, setpoint, Duration::from_nanos(age)))
     }
 
     /// Returns a frame, and its request with the number.
@@ -230,8 +230,8 @@ mod tests {
     fn frames_survive_the_network() {
         let setpoint = SetpointMessage { lease: 1, joint_count: 12, ..Default::default() };
         let age = Duration::from_micros(50);
-        assert_eq!(Up::read_setpoint(&UP.with_setpoint(&setpoint, age)), Ok((UP, Some((setpoint, age)))));
-        assert_eq!(Up::read_setpoint(&UP.beat()), Ok((UP, None)));
+        assert_eq!(Up::read_setpoint(&UP.with_setpoint(&setpoint, age)), Ok((UP, setpoint, age)));
+        assert_eq!(Up::read_beat(&UP.beat()), Ok(UP));
         let request = AdminRequest { operation: 4, group: 1, ..Default::default() };
         assert_eq!(Up::read_request(&UP.with_request(13, &request)), Ok((UP, 13, request)));
         let state = StateMessage { boot_id: 3, joint_count: 12, ..Default::default() };
@@ -244,7 +244,7 @@ mod tests {
     fn frame_of_another_layout_is_refused() {
         let mut bytes = UP.beat();
         bytes[0] ^= 1;
-        assert_eq!(Up::read_setpoint(&bytes), Err(FrameError::Layout));
+        assert_eq!(Up::read_beat(&bytes), Err(FrameError::Layout));
     }
 
     proptest! {
@@ -253,15 +253,15 @@ mod tests {
             let head = layout().to_le_bytes();
             let known = bytes.len().min(4);
             bytes[..known].copy_from_slice(&head[..known]);
-            let _refused_or_read = (Up::read_setpoint(&bytes), Up::read_request(&bytes), Down::read(&bytes));
+            let _refused_or_read = (Up::read_beat(&bytes), Up::read_setpoint(&bytes), Up::read_request(&bytes), Down::read(&bytes));
         }
 
         #[test]
         fn shortened_frames_are_refused(length in 0..200_usize) {
             let setpoint = SetpointMessage { joint_count: 12, ..Default::default() };
             let bytes = UP.with_setpoint(&setpoint, Duration::ZERO);
-            let is_beat = length == UP.beat().len();
-            prop_assert_eq!(Up::read_setpoint(&bytes[..length]).is_ok(), is_beat);
+            prop_assert!(Up::read_setpoint(&bytes[..length]).is_err());
+            prop_assert_eq!(Up::read_beat(&bytes[..length]).is_ok(), length == UP.beat().len());
         }
     }
 }

@@ -15,6 +15,7 @@ mod frame;
 mod measure;
 mod mirror;
 mod network;
+mod random;
 mod serve;
 mod summary;
 
@@ -115,6 +116,8 @@ enum Failure {
     Config(#[from] ConfigError),
     #[error(transparent)]
     Network(#[from] NetworkError),
+    #[error(transparent)]
+    Mirror(#[from] mirror::MirrorError),
     #[error("{path} has no table [{table}], which `motord-remote {table}` needs", path = path.display())]
     Missing { table: &'static str, path: PathBuf },
     #[error("cannot handle signals: {0}")]
@@ -127,7 +130,7 @@ impl Failure {
         match self {
             Self::Config(ConfigError::Read { .. }) => 66,
             Self::Config(_) | Self::Missing { .. } => 78,
-            Self::Network(_) => 69,
+            Self::Network(_) | Self::Mirror(_) => 69,
             Self::Signals(_) => 71,
         }
     }
@@ -216,13 +219,4 @@ fn check(File { config: path }: &File) -> Result<(), Failure> {
         println!("connects to {address}");
     }
     Ok(())
-}
-
-/// Returns a random number that is not 0.
-fn random() -> Result<u64, NetworkError> {
-    let mut bytes = [0; 8];
-    std::fs::File::open("/dev/urandom")
-        .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut bytes))
-        .map_err(NetworkError::of)?;
-    Ok(u64::from_ne_bytes(bytes).max(1))
 }

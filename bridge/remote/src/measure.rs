@@ -11,13 +11,13 @@ use std::time::Duration;
 /// Largest latency that is recorded as it is, ns.
 const LARGEST: u64 = 60_000_000_000;
 
-/// Latencies of one quantity, ns.
+/// Latencies of one quantity, ns, to 1 %.
 #[derive(Debug)]
 pub(crate) struct Latencies(Mutex<Histogram<u64>>);
 
 impl Default for Latencies {
     fn default() -> Self {
-        Self(Mutex::new(Histogram::new_with_bounds(1, LARGEST, 3).expect("these bounds are valid")))
+        Self(Mutex::new(Histogram::new_with_bounds(1, LARGEST, 2).expect("these bounds are valid")))
     }
 }
 
@@ -42,7 +42,7 @@ impl Latencies {
     }
 
     pub(crate) fn reset(&self) {
-        self.with(|histogram| histogram.reset());
+        self.with(Histogram::reset);
     }
 
     fn with<T>(&self, read: impl FnOnce(&mut Histogram<u64>) -> T) -> T {
@@ -50,7 +50,7 @@ impl Latencies {
     }
 }
 
-/// What arrived on the robot's side.
+/// Counters of the robot's side.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
     counts: Mutex<Counts>,

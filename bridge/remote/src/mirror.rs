@@ -12,175 +12,33 @@
 mod instance;
 mod requests;
 mod stop_socket;
+mod wire;
 
-use crate::clocks::{Clocks, RoundTrip};
 use crate::config::{Mirror, Network};
-use crate::frame::{Down, Echo, Head, Up};
-use crate::measure::Latencies;
 use crate::network::{self, Keys, NetworkError};
-use crate::random;
-use instance::Served;
-use motord_ports::clock;
+use instance::{Served, ServedError};
 use motord_shared::StateMessage;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::Thread;
 use std::time::Duration;
-use zenoh::{Session, Wait};
+use wire::Wire;
+use zenoh::Wait;
 
-/// Longest time between two frames to the robot.
+/// Longest time between two frames to the robot before its first state.
 const BEAT: Duration = Duration::from_millis(20);
 
-/// The network's end of a mirror.
-#[derive(Debug)]
-pub(crate) struct Wire {
-    session: Session,
-    pub(crate) keys: Keys,
-    /// A random number of this process.
-    id: u64,
-    sequence: AtomicU64,
-    /// Number of the last request.
-    requests: AtomicU64,
-    received: Mutex<Received>,
-    pub(crate) latencies: Measured,
-}
-
-/// Latencies and losses of the network, as this side sees them.
-#[derive(Debug, Default)]
-pub(crate) struct Measured {
-    /// A frame to the robot, and the state that repeats it, without the time that the robot held it.
-    pub(crate) round_trip: Latencies,
-    /// Upper bound of the age of a state when it arrives.
-    pub(crate) state_age: Latencies,
-    /// Time between the arrivals of two states.
-    pub(crate) state_interval: Latencies,
-    /// States that were sent and did not arrive before a newer one.
-    pub(crate) lost: AtomicU64,
-    /// Frames that are no state of this version, or are older than one before.
-    pub(crate) refused: AtomicU64,
-}
-
-impl Measured {
-    fn reset(&self) {
-        [&self.round_trip, &self.state_age, &self.state_interval].into_iter().for_each(Latencies::reset);
-    }
-}
-
-/// What arrived last.
-#[derive(Debug, Default)]
-struct Received {
-    run: u64,
-    sequence: u64,
-    /// Time of sending of the newest frame, by the robot's clock, ns.
-    sent_ns: u64,
-    /// When it arrived, ns.
-    arrived_ns: u64,
-    clocks: Clocks,
-    /// Not published yet.
-    newest: Option<Box<StateMessage>>,
-}
-
-impl Received {
-    /// Takes a frame that arrived at `now_ns`. Returns how many were lost before it; `None` for one
-    /// that does not count.
-    fn take(&mut self, down: Down, session: u64, now_ns: u64, measured: &Measured) -> Option<u64> {
-        let Head { from: run, sequence, sent_ns } = down.head;
-        let is_new_run = run != self.run;
-        if run == 0 || (!is_new_run && sequence <= self.sequence) {
-            return None;
-        }
-        if is_new_run {
-            self.clocks = Clocks::default();
-        } else {
-            measured.state_interval.record(Duration::from_nanos(now_ns.saturating_sub(self.arrived_ns)));
-        }
-        if let Some(echo) = down.echoes.iter().find(|echo| echo.of == session) {
-            let trip = RoundTrip {
-                left_ns: echo.sent_ns,
-                robot_ns: sent_ns,
-                held_ns: echo.held_ns,
-                arrived_ns: now_ns,
-            };
-            self.clocks.take(&trip);
-            trip.duration().into_iter().for_each(|duration| measured.round_trip.record(duration));
-            echo.age(session, now_ns).into_iter().for_each(|age| measured.state_age.record(age));
-        }
-        let lost = if is_new_run { 0 } else { sequence - self.sequence - 1 };
-        (self.run, self.sequence, self.sent_ns, self.arrived_ns) = (run, sequence, sent_ns, now_ns);
-        self.newest = Some(down.state);
-        Some(lost)
-    }
-
-    fn echo(&self, now_ns: u64) -> Echo {
-        Echo { of: self.run, sent_ns: self.sent_ns, held_ns: now_ns.saturating_sub(self.arrived_ns) }
-    }
-}
-
-impl Wire {
-    fn new(session: Session, keys: Keys) -> Result<Self, NetworkError> {
-        Ok(Self {
-            session,
-            keys,
-            id: random()?,
-            sequence: AtomicU64::new(0),
-            requests: AtomicU64::new(0),
-            received: Mutex::default(),
-            latencies: Measured::default(),
-        })
-    }
-
-    /// Takes the bytes of the robot.
-    fn take_state(&self, bytes: &[u8]) {
-        let now_ns = clock::now_ns();
-        let taken = Down::read(bytes)
-            .ok()
-            .and_then(|down| self.received().take(down, self.id, now_ns, &self.latencies));
-        match taken {
-            Some(lost) => self.latencies.lost.fetch_add(lost, Ordering::Relaxed),
-            None => self.latencies.refused.fetch_add(1, Ordering::Relaxed),
-        };
-    }
-
-    /// Returns the newest state that was not taken yet, with times of the own clock. `None` also
-    /// while the clocks are not compared.
-    fn newest(&self) -> Option<Box<StateMessage>> {
-        let mut received = self.received();
-        let offset = received.clocks.offset()?;
-        let mut state = received.newest.take()?;
-        drop(received);
-        let now_ns = clock::now_ns();
-        let own = |time: &mut u64| *time = offset.own(*time, now_ns);
-        own(&mut state.tick_ns);
-        own(&mut state.publish_ns);
-        state.joints.iter_mut().for_each(|joint| own(&mut joint.receive_ns));
-        state.imus.iter_mut().for_each(|imu| own(&mut imu.receive_ns));
-        Some(state)
-    }
-
-    /// Returns the head of the next frame.
-    fn up(&self) -> Up {
-        let received = self.received();
-        let now_ns = clock::now_ns();
-        let sequence = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
-        Up { head: Head { from: self.id, sequence, sent_ns: now_ns }, echo: received.echo(now_ns) }
-    }
-
-    /// Returns the number of another request.
-    fn next_request(&self) -> u64 {
-        self.requests.fetch_add(1, Ordering::Relaxed) + 1
-    }
-
-    fn received(&self) -> std::sync::MutexGuard<'_, Received> {
-        self.received.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn time_since_state(&self) -> Duration {
-        Duration::from_nanos(clock::now_ns().saturating_sub(self.received().arrived_ns))
-    }
+/// The reason why a mirror ends.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum MirrorError {
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    #[error(transparent)]
+    Served(#[from] ServedError),
 }
 
 /// Mirrors the robot until `ends`.
-pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), NetworkError> {
+pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), MirrorError> {
     let session = network::open(network, None)?;
     let wire = Arc::new(Wire::new(session, Keys::of(&mirror.robot))?);
     let (of_states, main): (_, Thread) = (Arc::clone(&wire), std::thread::current());
@@ -195,71 +53,24 @@ pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) ->
         .map_err(NetworkError::of)?;
     tracing::info!(robot = mirror.robot, "waits for the robot");
     while !ends.load(Ordering::Relaxed) {
-        let Some(first) = await_robot(&wire, ends) else { continue };
+        let Some(first) = await_robot(&wire, ends)? else { continue };
         let Some(description) = requests::describe(&wire, &first) else { continue };
-        let mut served = Served::open(&mirror.instance, &wire, description).map_err(NetworkError::of)?;
+        let mut served = Served::open(&mirror.instance, &wire, description)?;
         tracing::info!(robot = mirror.robot, instance = mirror.instance, "mirrors");
-        served.run(&first, ends);
+        served.run(&first, ends)?;
     }
     Ok(())
 }
 
-/// Sends frames until a state of the robot has arrived.
-fn await_robot(wire: &Wire, ends: &AtomicBool) -> Option<Box<StateMessage>> {
-    let beats = beats(wire)?;
+/// Sends frames until a state of the robot has arrived. `None` at the end.
+fn await_robot(wire: &Wire, ends: &AtomicBool) -> Result<Option<Box<StateMessage>>, NetworkError> {
+    let beats = wire.publisher(wire.keys.beat())?;
     while !ends.load(Ordering::Relaxed) {
         if let Some(state) = wire.newest() {
-            return Some(state);
+            return Ok(Some(state));
         }
         let _dropped = beats.put(wire.up().beat()).wait();
         std::thread::park_timeout(BEAT);
     }
-    None
-}
-
-/// Returns the publisher of setpoints, and of frames that only measure.
-fn beats(wire: &Wire) -> Option<zenoh::pubsub::Publisher<'_>> {
-    use zenoh::qos::{CongestionControl, Priority, Reliability};
-    let publisher = wire
-        .session
-        .declare_publisher(wire.keys.setpoint())
-        .congestion_control(CongestionControl::Drop)
-        .priority(Priority::RealTime)
-        .reliability(Reliability::BestEffort)
-        .express(true);
-    publisher.wait().inspect_err(|error| tracing::error!("the network: {error}")).ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SESSION: u64 = 5;
-
-    fn down(from: u64, sequence: u64) -> Down {
-        let head = Head { from, sequence, sent_ns: 70 };
-        let echo = Echo { of: SESSION, sent_ns: 10, held_ns: 4 };
-        Down { head, echoes: vec![echo], state: Box::default() }
-    }
-
-    #[test]
-    fn old_and_repeated_states_are_refused() {
-        let (mut received, measured) = (Received::default(), Measured::default());
-        let mut take = |from, sequence| received.take(down(from, sequence), SESSION, 30, &measured);
-        assert_eq!(take(1, 5), Some(0));
-        assert_eq!(take(1, 5), None);
-        assert_eq!(take(1, 4), None);
-        assert_eq!(take(1, 8), Some(2));
-        assert_eq!(take(2, 1), Some(0), "the robot's side was started again");
-        assert_eq!(take(0, 9), None);
-    }
-
-    #[test]
-    fn state_tells_round_trip_and_age() {
-        let (mut received, measured) = (Received::default(), Measured::default());
-        received.take(down(1, 1), SESSION, 30, &measured);
-        assert_eq!(measured.round_trip.percentiles().max, 0.016);
-        assert_eq!(measured.state_age.percentiles().max, 0.016);
-        assert_eq!(received.echo(37), Echo { of: 1, sent_ns: 70, held_ns: 7 });
-    }
+    Ok(None)
 }

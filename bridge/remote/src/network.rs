@@ -29,7 +29,12 @@ impl Keys {
         self.key("state")
     }
 
-    /// Setpoints, and frames that only measure.
+    /// Frames of mirrors that only measure.
+    pub(crate) fn beat(&self) -> String {
+        self.key("beat")
+    }
+
+    /// Setpoints.
     pub(crate) fn setpoint(&self) -> String {
         self.key("setpoint")
     }
@@ -146,7 +151,8 @@ fn tls_settings(tls: &Tls) -> Value {
         "connect_certificate": tls.certificate,
         "connect_private_key": tls.key,
         "enable_mtls": true,
-        "verify_name_on_connect": tls.verify_name,
+        // Public authorities are trusted as well: the name alone tells the robot from others.
+        "verify_name_on_connect": true,
         "close_link_on_expiration": true,
     })
 }
@@ -160,41 +166,10 @@ fn tls_settings(tls: &Tls) -> Value {
 ///
 /// Without TLS there are no certificates: everybody who reaches the port may do everything.
 fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
-    let keys = served.keys;
-    let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
-    let read = [keys.ask(), keys.stop(), keys.link()];
-    let from_robot = [
-        keys.state(),
-        keys.status(),
-        keys.events(),
-        keys.latency(),
-        keys.alive(),
-        keys.ask(),
-        keys.stop(),
-        keys.link(),
-        keys.request(),
-        keys.setpoint(),
-    ];
-    let rules = json!([
-        rule(
-            "watch",
-            "ingress",
-            &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
-            &["motord/**".to_owned()]
-        ),
-        rule("read", "ingress", &["query"], &read),
-        rule(
-            "robot",
-            "egress",
-            &["put", "reply", "declare_subscriber", "declare_queryable", "liveliness_token"],
-            &from_robot
-        ),
-        rule("claim", "ingress", &["put"], &[keys.setpoint()]),
-        rule("request", "ingress", &["query"], &[keys.request()]),
-    ]);
+    let rules = rules(served.keys);
     let everybody = json!({"id": "everybody"});
     let claimers = json!({"id": "claimers", "cert_common_names": served.may_claim});
-    let watching = json!({"rules": ["watch", "read", "robot"], "subjects": ["everybody"]});
+    let watching = json!({"rules": ["watch", "read", "beat", "robot"], "subjects": ["everybody"]});
     let claiming = |who: &str| json!({"rules": ["claim", "request"], "subjects": [who]});
     let (subjects, policies) = match (has_certificates, served.may_claim.is_empty()) {
         (false, _) => (json!([everybody]), json!([watching, claiming("everybody")])),
@@ -208,4 +183,41 @@ fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
         "subjects": subjects,
         "policies": policies,
     })
+}
+
+/// The rules that [`permissions`] gives to some or all.
+fn rules(keys: &Keys) -> Value {
+    let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
+    let read = [keys.ask(), keys.stop(), keys.link()];
+    let from_robot = [
+        keys.state(),
+        keys.status(),
+        keys.events(),
+        keys.latency(),
+        keys.alive(),
+        keys.ask(),
+        keys.stop(),
+        keys.link(),
+        keys.request(),
+        keys.setpoint(),
+        keys.beat(),
+    ];
+    json!([
+        rule(
+            "watch",
+            "ingress",
+            &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
+            &["motord/**".to_owned()]
+        ),
+        rule("read", "ingress", &["query"], &read),
+        rule("beat", "ingress", &["put"], &[keys.beat()]),
+        rule(
+            "robot",
+            "egress",
+            &["put", "reply", "declare_subscriber", "declare_queryable", "liveliness_token"],
+            &from_robot
+        ),
+        rule("claim", "ingress", &["put"], &[keys.setpoint()]),
+        rule("request", "ingress", &["query"], &[keys.request()]),
+    ])
 }

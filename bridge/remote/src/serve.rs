@@ -14,20 +14,19 @@
 mod fleet;
 mod link;
 mod requests;
+mod robot;
 mod stops;
 
-use crate::admission::{Admission, Refused};
 use crate::config::{Network, Serve};
-use crate::frame::{Down, Head, Up, nanos};
-use crate::measure::Counters;
+use crate::frame::{Down, Head, nanos};
 use crate::network::{self, Keys, NetworkError, Served};
-use crate::random;
+use crate::random::random;
 use fleet::Fleet;
-use link::Link;
 use motord_ports::clock;
 use motord_shared::StateMessage;
+use robot::Robot;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
@@ -42,72 +41,23 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// Between two lines about refused frames.
 const REPORT: Duration = Duration::from_secs(10);
 
-/// What the threads of this side share.
-#[derive(Debug)]
-pub(crate) struct Robot {
-    admission: Mutex<Admission>,
-    link: Link,
-    counters: Counters,
-    age_max: Duration,
-}
-
-impl Robot {
-    fn new(serve: &Serve, run: u64) -> Self {
-        Self {
-            admission: Mutex::new(Admission::new(run, serve.age_max())),
-            link: Link::default(),
-            counters: Counters::default(),
-            age_max: serve.age_max(),
-        }
-    }
-
-    fn admission(&self) -> MutexGuard<'_, Admission> {
-        self.admission.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Takes the bytes of a mirror: passes a setpoint that counts to the daemon, and counts others.
-    fn take_setpoint(&self, bytes: &[u8]) {
-        if let Err(reason) = self.pass_setpoint(bytes, clock::now_ns()) {
-            self.counters.refuse(reason);
-        }
-    }
-
-    fn pass_setpoint(&self, bytes: &[u8], now_ns: u64) -> Result<(), Refused> {
-        let (up, setpoint) = Up::read_setpoint(bytes)?;
-        let mut admission = self.admission();
-        let on_the_way = admission.admit(&up, now_ns)?;
-        let Some((mut setpoint, waited)) = setpoint else { return Ok(()) };
-        let lease = admission.check_lease(up.head.from, setpoint.lease)?;
-        drop(admission);
-        let age = on_the_way.saturating_add(waited);
-        if age > self.age_max {
-            return Err(Refused::Late);
-        }
-        setpoint.time_ns = sent_ns(now_ns, on_the_way, waited);
-        self.counters.setpoint_age.record(age);
-        self.counters.change(|counts| counts.setpoints += 1);
-        self.link.send(lease, &setpoint);
-        Ok(())
-    }
-}
-
-/// Returns the time of a setpoint's sending by the own clock, ns. A bound of the time on the way
-/// contains the way of the state before it: half of it is the best estimate.
-fn sent_ns(now_ns: u64, on_the_way: Duration, waited: Duration) -> u64 {
-    now_ns.saturating_sub(nanos((on_the_way / 2).saturating_add(waited)))
-}
-
 /// Serves the robot until `ends`.
 pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), NetworkError> {
     let keys = Keys::of(&serve.robot);
     let served = Served { keys: &keys, may_claim: &serve.may_claim };
     let session = network::open(network, Some(&served))?;
-    let run = random()?;
+    let run = random().map_err(NetworkError::of)?;
     let robot = Arc::new(Robot::new(serve, run));
     let of_setpoints = Arc::clone(&robot);
     let _setpoints = session
         .declare_subscriber(keys.setpoint())
         .callback(move |sample| of_setpoints.take_setpoint(&sample.payload().to_bytes()))
+        .wait()
+        .map_err(NetworkError::of)?;
+    let of_beats = Arc::clone(&robot);
+    let _beats = session
+        .declare_subscriber(keys.beat())
+        .callback(move |sample| of_beats.take_beat(&sample.payload().to_bytes()))
         .wait()
         .map_err(NetworkError::of)?;
     let _requests = requests::serve(&session, &keys, &robot)?;
@@ -224,20 +174,4 @@ fn report(before: &crate::measure::Counts, now: crate::measure::Counts) -> crate
         }
     }
     now
-}
-
-/// For the tests of this side.
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn setpoint_is_as_old_as_it_waited() {
-        let [now, way, waited] = [1_000_000, 4_000, 300];
-        assert_eq!(
-            sent_ns(now, Duration::from_nanos(way), Duration::from_nanos(waited)),
-            now - way / 2 - waited
-        );
-        assert_eq!(sent_ns(5, Duration::MAX, Duration::MAX), 0);
-    }
 }

@@ -1,14 +1,17 @@
 //! The instance of this computer: the daemon's ports, with a robot behind the network.
 
 use super::requests::{self, Requests, extended, refuse};
-use super::{Wire, beats, stop_socket};
+use super::stop_socket;
+use super::wire::Wire;
+use crate::network::NetworkError;
 use motord_ports::instance::pid_namespace;
-use motord_ports::{DaemonPorts, Housekeeper, Instance, InstanceLock, Request};
+use motord_ports::{DaemonPorts, Housekeeper, Instance, InstanceError, InstanceLock, Request, ServiceError};
 use motord_realtime::process::{Deaths, Watched, deaths};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::{AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
@@ -19,8 +22,23 @@ const OWNED_POLL: Duration = Duration::from_micros(200);
 const IDLE_POLL: Duration = Duration::from_millis(2);
 /// Interval of the checks for clients that have died.
 const CLEAN: Duration = Duration::from_secs(1);
+/// Interval of the frames that only measure.
+const BEAT: Duration = Duration::from_millis(5);
+/// Between two lines about lost states.
+const REPORT: Duration = Duration::from_secs(10);
 /// Requests taken in a turn.
 const REQUESTS_PER_TURN: usize = 64;
+
+/// The reason why the instance cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ServedError {
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    #[error("cannot watch the processes of owners: {0}")]
+    Owners(#[from] nix::errno::Errno),
+}
 
 /// The instance, for one run of the robot's daemon.
 pub(super) struct Served {
@@ -34,23 +52,19 @@ pub(super) struct Served {
     owners: Watched,
     deaths: Deaths,
     ends: Arc<AtomicBool>,
+    /// The thread of the stop socket.
+    stops: Option<JoinHandle<()>>,
     // Dropped last.
-    _lock: InstanceLock,
+    lock: InstanceLock,
 }
 
 impl Served {
-    pub(super) fn open(
-        instance: &str,
-        wire: &Arc<Wire>,
-        description: Vec<u8>,
-    ) -> Result<Self, Box<dyn std::error::Error>> {
+    pub(super) fn open(instance: &str, wire: &Arc<Wire>, description: Vec<u8>) -> Result<Self, ServedError> {
         let lock = Instance::find(instance)?.lock()?;
-        // Whatever happens to this process, the daemon on the robot damps its motors.
-        lock.rest();
         let ports = DaemonPorts::open(&lock)?;
         let (owners, deaths) = deaths(GROUPS_MAX)?;
         let ends = Arc::new(AtomicBool::new(false));
-        stop_socket::start(lock.instance(), Arc::clone(wire), Arc::clone(&ends));
+        let stops = stop_socket::start(lock.instance(), Arc::clone(wire), Arc::clone(&ends));
         Ok(Self {
             wire: Arc::clone(wire),
             ports,
@@ -61,16 +75,19 @@ impl Served {
             owners,
             deaths,
             ends,
-            _lock: lock,
+            stops: Some(stops),
+            lock,
         })
     }
 
     /// Serves clients until `ends`, or until the robot's daemon is another one than that of `first`.
-    pub(super) fn run(&mut self, first: &StateMessage, ends: &AtomicBool) {
+    pub(super) fn run(&mut self, first: &StateMessage, ends: &AtomicBool) -> Result<(), NetworkError> {
         let wire = Arc::clone(&self.wire);
-        let Some(setpoints) = beats(&wire) else { return };
+        let setpoints = wire.publisher(wire.keys.setpoint())?;
+        let beats = wire.publisher(wire.keys.beat())?;
         self.publish(first);
-        let (mut beaten, mut cleaned) = (Instant::now(), Instant::now());
+        let (mut beaten, mut cleaned, mut reported) = (Instant::now(), Instant::now(), Instant::now());
+        let mut losses = wire.losses();
         while !ends.load(Ordering::Relaxed) {
             if let Some(state) = self.wire.newest() {
                 if state.boot_id != first.boot_id {
@@ -79,22 +96,26 @@ impl Served {
                 }
                 self.publish(&state);
             }
-            let has_sent = self.pass_setpoints(&setpoints);
-            if has_sent || beaten.elapsed() >= super::BEAT / 4 {
-                if !has_sent {
-                    let _dropped = setpoints.put(self.wire.up().beat()).wait();
-                }
+            if self.pass_setpoints(&setpoints) {
                 beaten = Instant::now();
+            } else if beaten.elapsed() >= BEAT {
+                beaten = Instant::now();
+                let _dropped = beats.put(self.wire.up().beat()).wait();
             }
             self.serve_requests();
             if cleaned.elapsed() >= CLEAN {
                 cleaned = Instant::now();
                 let _removed = self.housekeeper.as_ref().map(Housekeeper::clean);
             }
+            if reported.elapsed() >= REPORT {
+                reported = Instant::now();
+                losses = report(losses, wire.losses());
+            }
             let is_owned = self.leases.iter().any(Option::is_some);
             std::thread::park_timeout(if is_owned { OWNED_POLL } else { IDLE_POLL });
         }
         self.leave();
+        Ok(())
     }
 
     fn publish(&mut self, state: &StateMessage) {
@@ -200,6 +221,19 @@ impl Served {
         for lease in self.leases.into_iter().flatten() {
             self.release(lease);
         }
+        // The next instance needs its socket.
         self.ends.store(true, Ordering::Relaxed);
+        let _panicked = self.stops.take().map(JoinHandle::join);
+        // Its motors are those of the daemon on the robot.
+        self.lock.rest();
     }
+}
+
+/// Logs the states that were lost, and the frames that did not count, since `before`.
+fn report(before: [u64; 2], now: [u64; 2]) -> [u64; 2] {
+    let [lost, refused] = [now[0] - before[0], now[1] - before[1]];
+    if lost + refused > 0 {
+        tracing::warn!(lost, refused, "states of the robot were lost, or did not count");
+    }
+    now
 }

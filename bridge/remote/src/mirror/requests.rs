@@ -1,9 +1,10 @@
 //! Requests of clients, passed on to the robot. None of them holds up the states.
 
-use super::Wire;
+use super::wire::Wire;
 use crate::frame::read_reply;
 use motord_ports::Request;
 use motord_shared::description::Histograms;
+use motord_shared::limits::{ANSWER_BYTES_MAX, HISTOGRAMS_MAX};
 use motord_shared::message::{AdminReply, NO_JOINT};
 use motord_shared::plain::Plain;
 use motord_shared::{AdminRequest, Operation, Refusal, StateMessage};
@@ -13,8 +14,9 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
-/// Longest time for an answer of the robot: a little less than clients wait.
-const ANSWER_TIMEOUT: Duration = Duration::from_millis(950);
+/// Longest time for an answer of the robot: a little more than clients wait, whose error names the
+/// request.
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(1100);
 /// Time until a request is sent again: its answer, or itself, may be lost. The robot carries it out
 /// once.
 const ATTEMPT: Duration = Duration::from_millis(150);
@@ -164,17 +166,27 @@ pub(super) fn extended(wire: &Wire, operation: Operation, answer: Answer) -> Ans
     Some((head, text))
 }
 
-/// The last part of the daemon's histograms is followed by those of the network.
+/// The last part of the daemon's histograms is followed by those of the network: in the same answer,
+/// or in another one where they do not fit.
 fn with_histograms(wire: &Wire, text: &[u8]) -> Option<Vec<u8>> {
     let mut part: Histograms = serde_json::from_slice(text).ok()?;
+    if part.next.is_some() {
+        return None;
+    }
     let of_network = [
         ("network_round_trip", &wire.latencies.round_trip),
         ("network_state_age", &wire.latencies.state_age),
         ("network_state_interval", &wire.latencies.state_interval),
     ];
-    if part.next.is_none() {
-        part.histograms.extend(of_network.iter().filter_map(|(name, latencies)| latencies.encoded(name)));
+    let daemons = part.histograms.len();
+    part.histograms.extend(of_network.iter().filter_map(|(name, latencies)| latencies.encoded(name)));
+    let whole = serde_json::to_vec(&part).ok()?;
+    if whole.len() <= ANSWER_BYTES_MAX {
+        return Some(whole);
     }
+    part.histograms.truncate(daemons);
+    // The daemon has none with this number, so its answer to it has room.
+    part.next = (daemons > 0).then_some(HISTOGRAMS_MAX as u32);
     serde_json::to_vec(&part).ok()
 }
 

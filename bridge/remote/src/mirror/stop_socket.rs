@@ -6,7 +6,7 @@
 //!
 //! The thread of the socket has descriptors of its own, so it cannot use zenoh.
 
-use super::Wire;
+use super::wire::Wire;
 use motord_ports::Instance;
 use motord_ports::stop_socket::StopError;
 use motord_ports::stop_source::StopSource;
@@ -16,6 +16,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
@@ -39,8 +40,9 @@ struct Receipt {
     message: String,
 }
 
-/// Serves the socket of `instance` until `ends`, on threads of its own.
-pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>) {
+/// Serves the socket of `instance` until `ends`, on threads of its own. Returns that of the socket,
+/// which ends at most a quarter of a second later.
+pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>) -> JoinHandle<()> {
     let (sender, stops) = channel::<Stop>();
     std::thread::spawn(move || {
         while let Ok(Stop(name, receipt)) = stops.recv() {
@@ -51,7 +53,7 @@ pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>)
     let instance = instance.clone();
     std::thread::spawn(move || {
         motord_stop::run(&instance, Remote(sender), || ends.load(Ordering::Relaxed));
-    });
+    })
 }
 
 /// Stops the robot, and waits for its receipt. A network may lose the request or the receipt: it is

@@ -1,7 +1,7 @@
-//! What a fleet sees of the robot: its summary twice a second, each change of a group at once, and
+//! The robot as its fleet sees it: its summary twice a second, each change of a group at once, and
 //! its latencies every ten seconds.
 
-use super::Robot;
+use super::robot::Robot;
 use crate::network::{Keys, NetworkError};
 use crate::summary::{GroupSummary, Summary};
 use motord_ports::{ClientPorts, Question};

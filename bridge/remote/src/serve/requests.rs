@@ -1,6 +1,6 @@
 //! Requests of mirrors and watchers, each kind on a thread of its own.
 
-use super::Robot;
+use super::robot::Robot;
 use crate::admission::{Refused, only_reads};
 use crate::frame::{Up, reply_bytes};
 use crate::network::{Keys, NetworkError};

@@ -1,7 +1,7 @@
 //! Emergency stops from the network: one thread, which gives each requester a receipt. One stop
 //! serves all that wait; its cause names the first.
 
-use super::Robot;
+use super::robot::Robot;
 use crate::network::{Keys, NetworkError};
 use motord_client::{Client, Error};
 use std::sync::Arc;

@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 /// When the network is cut, from the beginning.
 const CUT_AFTER: Duration = Duration::from_secs(1);
 /// Longest time for something that takes milliseconds on an idle machine.
-const PATIENCE: Duration = Duration::from_secs(20);
+const LONGEST: Duration = Duration::from_secs(20);
 
 /// A robot, its mirror, and how often the controller sends.
-pub(crate) struct Judge {
+pub(crate) struct Drive {
     robot: (String, String),
     other: (String, String),
     hz: f64,
@@ -30,7 +30,7 @@ struct Seen {
     ended: AtomicBool,
 }
 
-/// What the robot did.
+/// The setpoints that the robot used, and its end.
 #[derive(Default)]
 struct Used {
     /// Ages of setpoints in the first cycle that used them, µs, as the controller's clock has them.
@@ -46,7 +46,7 @@ struct Used {
     starts: u64,
 }
 
-impl Judge {
+impl Drive {
     pub(crate) fn new(robot: &str, other: &str, hz: f64, seconds: f64) -> Self {
         let split = |text: &str| {
             let (runtime, instance) = text.rsplit_once('/').expect("RUNTIME/INSTANCE");
@@ -82,13 +82,13 @@ impl Judge {
     fn try_control(&self, cut: Option<Duration>, network: &Network, seen: &Seen) -> Result<(), Error> {
         let client = self.connect()?;
         // It goes on where others would give up: the robot must stop by itself.
-        client.set_silence(PATIENCE);
+        client.set_silence(LONGEST);
         let group = client.description().groups[0].name.clone();
         client.reset(&group)?;
         let mut claim = client.claim(&group)?;
         let period = Duration::from_secs_f64(1.0 / self.hz);
         claim.set_horizon(period.mul_f64(1.25))?;
-        claim.hold(&client.wait(PATIENCE)?, 20.0, 1.0)?;
+        claim.hold(&client.wait(LONGEST)?, 20.0, 1.0)?;
         commit(&mut claim, seen)?;
         start(&client, &mut claim, seen, period)?;
         let begun = Instant::now();
@@ -109,7 +109,7 @@ impl Judge {
         let begun = Instant::now();
         loop {
             match Client::connect_in(Path::new(&self.other.0), &self.other.1) {
-                Err(error) if error.is_transient() && begun.elapsed() < PATIENCE => {
+                Err(error) if error.is_transient() && begun.elapsed() < LONGEST => {
                     std::thread::sleep(Duration::from_millis(50));
                 }
                 other => return other,
@@ -144,8 +144,8 @@ fn start(
             client.enable(claim.group())?;
             is_requested = true;
         }
-        if begun.elapsed() > PATIENCE {
-            return Err(Error::Timeout { waited: PATIENCE });
+        if begun.elapsed() > LONGEST {
+            return Err(Error::Timeout { waited: LONGEST });
         }
     }
 }
@@ -176,8 +176,8 @@ fn watch(robot: &Client, seen: &Seen) -> Used {
                 last_sent = Some(sent);
                 let age = since(sent, &state);
                 used.ages.push(age);
-                let told = group.setpoint_age.map_or(0, |age| age.as_micros() as u64);
-                used.error_us = used.error_us.max(age.abs_diff(told));
+                let reported = group.setpoint_age.map_or(0, |age| age.as_micros() as u64);
+                used.error_us = used.error_us.max(age.abs_diff(reported));
             }
         }
     }

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! remote-link link LISTEN TARGET                         the network alone, UDP
-//! remote-link judge LISTEN TARGET ROBOT OTHER HZ SECONDS the network, and the controller
+//! remote-link drive LISTEN TARGET ROBOT OTHER HZ SECONDS the network, and the controller
 //! ```
 //!
 //! `ROBOT` and `OTHER` are `RUNTIME/INSTANCE`: of the robot, and of its mirror behind the network. A
@@ -19,7 +19,7 @@
 mod controller;
 mod network;
 
-use controller::Judge;
+use controller::Drive;
 use network::{Network, Quality};
 use std::io::BufRead;
 use std::net::SocketAddr;
@@ -29,22 +29,22 @@ use std::time::Duration;
 fn main() {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
     let texts: Vec<_> = arguments.iter().map(String::as_str).collect();
-    let (addresses, judge) = match texts[..] {
+    let (addresses, drive) = match texts[..] {
         ["link", listen, target] => ([listen, target], None),
-        ["judge", listen, target, robot, other, hz, seconds] => {
+        ["drive", listen, target, robot, other, hz, seconds] => {
             let [hz, seconds] = [hz, seconds].map(|number| number.parse().expect("a number"));
-            ([listen, target], Some(Judge::new(robot, other, hz, seconds)))
+            ([listen, target], Some(Drive::new(robot, other, hz, seconds)))
         }
         _ => panic!("see the head of main.rs"),
     };
     let [listen, target] = addresses.map(|address| address.parse::<SocketAddr>().expect("an address"));
     let network = Network::start(listen, target);
     for line in std::io::stdin().lock().lines() {
-        obey(&line.expect("text"), &network, judge.as_ref());
+        obey(&line.expect("text"), &network, drive.as_ref());
     }
 }
 
-fn obey(line: &str, network: &Arc<Network>, judge: Option<&Judge>) {
+fn obey(line: &str, network: &Arc<Network>, drive: Option<&Drive>) {
     let words: Vec<_> = line.split_whitespace().collect();
     let number = |word: &str| word.parse::<f64>().expect("a number");
     let milliseconds = |word: &str| Duration::from_secs_f64(number(word) / 1e3);
@@ -58,9 +58,9 @@ fn obey(line: &str, network: &Arc<Network>, judge: Option<&Judge>) {
         }),
         ["cut", time] => network.cut(milliseconds(time)),
         ["replay"] => network.replay(),
-        ["drive"] => println!("{}", judge.expect("a controller").drive(None, network)),
+        ["drive"] => println!("{}", drive.expect("a controller").drive(None, network)),
         ["drive", "cut", time] => {
-            println!("{}", judge.expect("a controller").drive(Some(milliseconds(time)), network));
+            println!("{}", drive.expect("a controller").drive(Some(milliseconds(time)), network));
         }
         _ => panic!("unknown line {line:?}"),
     }

@@ -1,0 +1,209 @@
+//! The network's end of a mirror: what arrived last, and what is sent.
+
+use crate::clocks::{Clocks, RoundTrip};
+use crate::frame::{Down, Echo, Head, Up};
+use crate::measure::Latencies;
+use crate::network::{Keys, NetworkError};
+use crate::random::random;
+use motord_ports::clock;
+use motord_shared::StateMessage;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::{Session, Wait};
+
+/// The network's end of a mirror.
+#[derive(Debug)]
+pub(super) struct Wire {
+    pub(super) session: Session,
+    pub(super) keys: Keys,
+    /// A random number of this process.
+    id: u64,
+    sequence: AtomicU64,
+    /// Number of the last request.
+    requests: AtomicU64,
+    received: Mutex<Received>,
+    pub(super) latencies: Measured,
+}
+
+/// Latencies and losses of the network, as this side sees them.
+#[derive(Debug, Default)]
+pub(super) struct Measured {
+    /// A frame to the robot, and the state that repeats it, without the time that the robot held it.
+    pub(super) round_trip: Latencies,
+    /// Upper bound of the age of a state when it arrives.
+    pub(super) state_age: Latencies,
+    /// Time between the arrivals of two states.
+    pub(super) state_interval: Latencies,
+    /// States that were sent and did not arrive before a newer one.
+    lost: AtomicU64,
+    /// Frames that are no state of this version, or are older than one before.
+    refused: AtomicU64,
+}
+
+impl Measured {
+    pub(super) fn reset(&self) {
+        [&self.round_trip, &self.state_age, &self.state_interval].into_iter().for_each(Latencies::reset);
+    }
+}
+
+/// The newest frame of the robot.
+#[derive(Debug, Default)]
+struct Received {
+    run: u64,
+    sequence: u64,
+    /// Time of sending of the newest frame, by the robot's clock, ns.
+    sent_ns: u64,
+    /// When it arrived, ns.
+    arrived_ns: u64,
+    clocks: Clocks,
+    /// Not published yet.
+    newest: Option<Box<StateMessage>>,
+}
+
+impl Received {
+    /// Takes a frame that arrived at `now_ns`. Returns how many were lost before it; `None` for one
+    /// that does not count.
+    fn take(&mut self, down: Down, session: u64, now_ns: u64, measured: &Measured) -> Option<u64> {
+        let Head { from: run, sequence, sent_ns } = down.head;
+        let is_new_run = run != self.run;
+        if run == 0 || (!is_new_run && sequence <= self.sequence) {
+            return None;
+        }
+        if is_new_run {
+            self.clocks = Clocks::default();
+        } else {
+            measured.state_interval.record(Duration::from_nanos(now_ns.saturating_sub(self.arrived_ns)));
+        }
+        if let Some(echo) = down.echoes.iter().find(|echo| echo.of == session) {
+            let trip = RoundTrip {
+                left_ns: echo.sent_ns,
+                robot_ns: sent_ns,
+                held_ns: echo.held_ns,
+                arrived_ns: now_ns,
+            };
+            self.clocks.take(&trip);
+            trip.duration().into_iter().for_each(|duration| measured.round_trip.record(duration));
+            echo.age(session, now_ns).into_iter().for_each(|age| measured.state_age.record(age));
+        }
+        let lost = if is_new_run { 0 } else { sequence - self.sequence - 1 };
+        (self.run, self.sequence, self.sent_ns, self.arrived_ns) = (run, sequence, sent_ns, now_ns);
+        self.newest = Some(down.state);
+        Some(lost)
+    }
+
+    fn echo(&self, now_ns: u64) -> Echo {
+        Echo { of: self.run, sent_ns: self.sent_ns, held_ns: now_ns.saturating_sub(self.arrived_ns) }
+    }
+}
+
+impl Wire {
+    pub(super) fn new(session: Session, keys: Keys) -> Result<Self, NetworkError> {
+        Ok(Self {
+            session,
+            keys,
+            id: random().map_err(NetworkError::of)?,
+            sequence: AtomicU64::new(0),
+            requests: AtomicU64::new(0),
+            received: Mutex::default(),
+            latencies: Measured::default(),
+        })
+    }
+
+    /// Takes the bytes of the robot.
+    pub(super) fn take_state(&self, bytes: &[u8]) {
+        let now_ns = clock::now_ns();
+        let taken = Down::read(bytes)
+            .ok()
+            .and_then(|down| self.received().take(down, self.id, now_ns, &self.latencies));
+        match taken {
+            Some(lost) => self.latencies.lost.fetch_add(lost, Ordering::Relaxed),
+            None => self.latencies.refused.fetch_add(1, Ordering::Relaxed),
+        };
+    }
+
+    /// Returns the newest state that was not taken yet, with times of the own clock. `None` also
+    /// while the clocks are not compared.
+    pub(super) fn newest(&self) -> Option<Box<StateMessage>> {
+        let mut received = self.received();
+        let offset = received.clocks.offset()?;
+        let mut state = received.newest.take()?;
+        drop(received);
+        let now_ns = clock::now_ns();
+        let own = |time: &mut u64| *time = offset.own(*time, now_ns);
+        own(&mut state.tick_ns);
+        own(&mut state.publish_ns);
+        state.joints.iter_mut().for_each(|joint| own(&mut joint.receive_ns));
+        state.imus.iter_mut().for_each(|imu| own(&mut imu.receive_ns));
+        Some(state)
+    }
+
+    /// Returns the head of the next frame.
+    pub(super) fn up(&self) -> Up {
+        let received = self.received();
+        let now_ns = clock::now_ns();
+        let sequence = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
+        Up { head: Head { from: self.id, sequence, sent_ns: now_ns }, echo: received.echo(now_ns) }
+    }
+
+    /// Returns a publisher whose messages a slow link drops.
+    pub(super) fn publisher(&self, key: String) -> Result<Publisher<'_>, NetworkError> {
+        let publisher = self.session.declare_publisher(key).congestion_control(CongestionControl::Drop);
+        let publisher = publisher.priority(Priority::RealTime).reliability(Reliability::BestEffort);
+        publisher.express(true).wait().map_err(NetworkError::of)
+    }
+
+    /// Returns the numbers of states that were lost, and of frames that did not count.
+    pub(super) fn losses(&self) -> [u64; 2] {
+        [&self.latencies.lost, &self.latencies.refused].map(|count| count.load(Ordering::Relaxed))
+    }
+
+    /// Returns the number of another request.
+    pub(super) fn next_request(&self) -> u64 {
+        self.requests.fetch_add(1, Ordering::Relaxed) + 1
+    }
+
+    fn received(&self) -> MutexGuard<'_, Received> {
+        self.received.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn time_since_state(&self) -> Duration {
+        Duration::from_nanos(clock::now_ns().saturating_sub(self.received().arrived_ns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SESSION: u64 = 5;
+
+    fn down(from: u64, sequence: u64) -> Down {
+        let head = Head { from, sequence, sent_ns: 70 };
+        let echo = Echo { of: SESSION, sent_ns: 10, held_ns: 4 };
+        Down { head, echoes: vec![echo], state: Box::default() }
+    }
+
+    #[test]
+    fn old_and_repeated_states_are_refused() {
+        let (mut received, measured) = (Received::default(), Measured::default());
+        let mut take = |from, sequence| received.take(down(from, sequence), SESSION, 30, &measured);
+        assert_eq!(take(1, 5), Some(0));
+        assert_eq!(take(1, 5), None);
+        assert_eq!(take(1, 4), None);
+        assert_eq!(take(1, 8), Some(2));
+        assert_eq!(take(2, 1), Some(0), "the robot's side was started again");
+        assert_eq!(take(0, 9), None);
+    }
+
+    #[test]
+    fn state_tells_round_trip_and_age() {
+        let (mut received, measured) = (Received::default(), Measured::default());
+        received.take(down(1, 1), SESSION, 30, &measured);
+        assert_eq!(measured.round_trip.percentiles().max, 0.016);
+        assert_eq!(measured.state_age.percentiles().max, 0.016);
+        assert_eq!(received.echo(37), Echo { of: 1, sent_ns: 70, held_ns: 7 });
+    }
+}

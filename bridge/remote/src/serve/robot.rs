@@ -1,0 +1,88 @@
+//! The values that the threads of the robot's side share.
+
+use super::link::Link;
+use crate::admission::{Admission, Refused};
+use crate::config::Serve;
+use crate::frame::{Up, nanos};
+use crate::measure::Counters;
+use motord_ports::clock;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The admission of frames, the daemon, and the counters.
+#[derive(Debug)]
+pub(super) struct Robot {
+    admission: Mutex<Admission>,
+    pub(super) link: Link,
+    pub(super) counters: Counters,
+    age_max: Duration,
+}
+
+impl Robot {
+    pub(super) fn new(serve: &Serve, run: u64) -> Self {
+        Self {
+            admission: Mutex::new(Admission::new(run, serve.age_max())),
+            link: Link::default(),
+            counters: Counters::default(),
+            age_max: serve.age_max(),
+        }
+    }
+
+    pub(super) fn admission(&self) -> MutexGuard<'_, Admission> {
+        self.admission.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the bytes of a mirror: passes a setpoint that counts to the daemon, and counts others.
+    pub(super) fn take_setpoint(&self, bytes: &[u8]) {
+        if let Err(reason) = self.pass_setpoint(bytes, clock::now_ns()) {
+            self.counters.refuse(reason);
+        }
+    }
+
+    /// Takes the bytes of a frame that only measures.
+    pub(super) fn take_beat(&self, bytes: &[u8]) {
+        let admitted = Up::read_beat(bytes).map_err(Refused::from);
+        let admitted = admitted.and_then(|up| self.admission().admit_watcher(&up, clock::now_ns()));
+        if let Err(reason) = admitted {
+            self.counters.refuse(reason);
+        }
+    }
+
+    fn pass_setpoint(&self, bytes: &[u8], now_ns: u64) -> Result<(), Refused> {
+        let (up, mut setpoint, waited) = Up::read_setpoint(bytes)?;
+        let mut admission = self.admission();
+        let on_the_way = admission.admit(&up, now_ns)?;
+        let lease = admission.check_lease(up.head.from, setpoint.lease)?;
+        drop(admission);
+        let age = on_the_way.saturating_add(waited);
+        if age > self.age_max {
+            return Err(Refused::Late);
+        }
+        setpoint.time_ns = sent_ns(now_ns, on_the_way, waited);
+        self.counters.setpoint_age.record(age);
+        self.counters.change(|counts| counts.setpoints += 1);
+        self.link.send(lease, &setpoint);
+        Ok(())
+    }
+}
+
+/// Returns the time of a setpoint's sending by the own clock, ns. A bound of the time on the way
+/// contains the way of the state before it: half of it is the best estimate.
+fn sent_ns(now_ns: u64, on_the_way: Duration, waited: Duration) -> u64 {
+    now_ns.saturating_sub(nanos((on_the_way / 2).saturating_add(waited)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn setpoint_is_as_old_as_it_waited() {
+        let [now, way, waited] = [1_000_000, 4_000, 300];
+        assert_eq!(
+            sent_ns(now, Duration::from_nanos(way), Duration::from_nanos(waited)),
+            now - way / 2 - waited
+        );
+        assert_eq!(sent_ns(5, Duration::MAX, Duration::MAX), 0);
+    }
+}
