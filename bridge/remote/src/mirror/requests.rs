@@ -39,6 +39,13 @@ struct Waiting {
     again: Instant,
 }
 
+impl Waiting {
+    /// A client that leaves does not wait for its release.
+    fn is_wanted(&self) -> bool {
+        self.request.is_awaited() || self.request.payload().operation() == Ok(Operation::Release)
+    }
+}
+
 impl Requests {
     pub(super) fn new(wire: Arc<Wire>) -> Self {
         let (sender, answers) = channel();
@@ -64,7 +71,7 @@ impl Requests {
     /// Sends requests again whose answer may be lost, and drops those that nobody waits for.
     pub(super) fn retry(&mut self) {
         let now = Instant::now();
-        self.waiting.retain(|_, waiting| now < waiting.until && waiting.request.is_awaited());
+        self.waiting.retain(|_, waiting| now < waiting.until && waiting.is_wanted());
         let mut late = Vec::new();
         for (number, waiting) in &mut self.waiting {
             if now >= waiting.again {

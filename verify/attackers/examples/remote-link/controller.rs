@@ -1,7 +1,7 @@
 //! A controller on the other computer, and a watcher on the robot that knows when each of its
 //! setpoints was sent.
 
-use crate::network::Network;
+use crate::network::{Network, UNPOISONED};
 use motord_client::{Client, Error, Phase, State};
 use motord_ports::clock;
 use std::path::Path;
@@ -67,7 +67,7 @@ impl Drive {
         std::thread::sleep(Duration::from_millis(500));
         seen.ended.store(true, Ordering::Relaxed);
         let used = watcher.join().expect("a watcher");
-        let sent = seen.sent.lock().unwrap().len();
+        let sent = seen.sent.lock().expect(UNPOISONED).len();
         report(&used, sent, &outcome)
     }
 
@@ -120,7 +120,7 @@ impl Drive {
 
 /// Sends the setpoints, and notes when.
 fn commit(claim: &mut motord_client::Claim, seen: &Seen) -> Result<(), Error> {
-    seen.sent.lock().unwrap().push(clock::now_ns());
+    seen.sent.lock().expect(UNPOISONED).push(clock::now_ns());
     claim.commit()
 }
 
@@ -171,7 +171,7 @@ fn watch(robot: &Client, seen: &Seen) -> Used {
             used.backwards += u64::from(group.sequence < sequence);
             sequence = group.sequence;
             // The first message of a claim has the number 1.
-            let sent = seen.sent.lock().unwrap().get(sequence as usize - 1).copied();
+            let sent = seen.sent.lock().expect(UNPOISONED).get(sequence as usize - 1).copied();
             if let Some(sent) = sent {
                 last_sent = Some(sent);
                 let age = since(sent, &state);

@@ -18,6 +18,8 @@ pub(crate) struct Quality {
     pub(crate) duplicate: f64,
 }
 
+/// A thread that panics ends the program.
+pub(crate) const UNPOISONED: &str = "no thread panicked";
 /// Packets that are captured.
 const CAPTURED: usize = 2000;
 
@@ -99,17 +101,17 @@ impl Network {
     }
 
     pub(crate) fn set(&self, quality: Quality) {
-        self.state.lock().unwrap().quality = quality;
+        self.state.lock().expect(UNPOISONED).quality = quality;
     }
 
     /// From now on no packet passes for `time`.
     pub(crate) fn cut(&self, time: Duration) {
-        self.state.lock().unwrap().cut_until = Some(Instant::now() + time);
+        self.state.lock().expect(UNPOISONED).cut_until = Some(Instant::now() + time);
     }
 
     /// Sends the newest packets to the target again.
     pub(crate) fn replay(&self) {
-        let captured = self.state.lock().unwrap().captured.clone();
+        let captured = self.state.lock().expect(UNPOISONED).captured.clone();
         for (packet, socket, target) in captured {
             let _gone = socket.send_to(&packet, target);
         }
@@ -141,12 +143,12 @@ impl Network {
     }
 
     fn send(&self, way: usize, packet: &[u8], socket: &Arc<UdpSocket>, target: SocketAddr) {
-        self.state.lock().unwrap().send(way, packet, socket, target);
+        self.state.lock().expect(UNPOISONED).send(way, packet, socket, target);
         self.changed.notify_one();
     }
 
     fn deliver(&self) {
-        let mut state = self.state.lock().unwrap();
+        let mut state = self.state.lock().expect(UNPOISONED);
         loop {
             let now = Instant::now();
             while let Some(Reverse((at, number, _))) = state.queue.peek().copied()
@@ -160,7 +162,7 @@ impl Network {
                 .queue
                 .peek()
                 .map_or(Duration::from_secs(1), |Reverse((at, _, _))| at.saturating_duration_since(now));
-            state = self.changed.wait_timeout(state, next).unwrap().0;
+            state = self.changed.wait_timeout(state, next).expect(UNPOISONED).0;
         }
     }
 }
