@@ -219,6 +219,23 @@ fn unknown_page_suggests_near_names() {
     );
 }
 
+#[test]
+fn fleet_becomes_the_program_with_a_network() {
+    let folder = TempDir::new().unwrap();
+    let fleet = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+        command.args(["fleet", "stop", "--all"]).env("PATH", folder.path()).output().unwrap()
+    };
+    let missing = fleet();
+    assert_eq!(missing.status.code(), Some(69));
+    assert!(stderr(&missing).contains("package motord-remote"), "{missing:?}");
+    let program = folder.path().join("motord-remote");
+    std::fs::write(&program, "#!/bin/sh\necho \"$@\"\nexit 3\n").unwrap();
+    std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let passed = fleet();
+    assert_eq!((passed.status.code(), passed.stdout.as_slice()), (Some(3), &b"fleet stop --all\n"[..]));
+}
+
 // `motorctl doctor` as called by scripts. Its assessment of the test machine is not checked.
 
 fn doctor(arguments: &[&str]) -> Output {
