@@ -83,6 +83,37 @@ build_bridge() {
     RIG_BRIDGE=$target/release/motord-bridge
 }
 
+# build_remote: builds motord-remote, and sets RIG_REMOTE to its path. RIG_REMOTE may name one that is built.
+build_remote() {
+    [ -z "${RIG_REMOTE:-}" ] || return 0
+    local target
+    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/remote
+    cargo build --quiet --locked --release --manifest-path "$tree/bridge/remote/Cargo.toml" --target-dir "$target"
+    RIG_REMOTE=$target/release/motord-remote
+}
+
+# zenoh_python: an environment of Python with zenoh, in $cache_root/remote.
+zenoh_python() {
+    ! "$cache_root/remote/bin/python3" -c 'import zenoh' 2>/dev/null || return 0
+    python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
+    python3 -m venv "$cache_root/remote"
+    "$cache_root/remote/bin/pip" install --disable-pip-version-check --quiet eclipse-zenoh
+}
+
+# authority NAME: a certificate that signs others, NAME.pem and NAME.key in $work.
+authority() {
+    openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc -keyout "$work/$1.key" -subj "/CN=$1" -days 10 \
+        -out "$work/$1.pem" 2>/dev/null
+}
+
+# certificate NAME AUTHORITY [COMMON_NAME [DAYS]]: NAME.pem and NAME.key in $work, for the addresses of the rigs.
+certificate() {
+    openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc -keyout "$work/$1.key" -subj "/CN=${3:-$1}" \
+        -out "$work/$1.csr" 2>/dev/null
+    openssl x509 -req -in "$work/$1.csr" -CA "$work/$2.pem" -CAkey "$work/$2.key" -days "${4:-10}" -out "$work/$1.pem" \
+        -extfile <(echo "subjectAltName = IP:127.0.0.1, IP:10.7.0.1, DNS:$1") 2>/dev/null
+}
+
 # await SECONDS WHAT COMMAND...: repeats the command until it succeeds, at most for so long. Then the rig's `fail` ends it.
 await() {
     local end=$((SECONDS + $1)) what=$2
