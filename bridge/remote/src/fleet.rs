@@ -45,7 +45,7 @@ struct Receipt {
 
 /// Lists the robots. Returns `true` if each expected one is there and well.
 pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) -> Result<bool, NetworkError> {
-    let session = network::open(network, None)?;
+    let session = network::open_at_once(network)?;
     let robots = Robots::default();
     for name in &fleet.robots {
         locked(&robots).insert(name.clone(), Known::default());
@@ -64,7 +64,7 @@ pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) ->
 /// Stops robots: those named, or all that are there. Returns `true` if each gave a receipt and was
 /// stopped.
 pub(crate) fn stop(names: &[String], network: &Network, json: bool) -> Result<bool, NetworkError> {
-    let session = network::open(network, None)?;
+    let session = network::open_at_once(network)?;
     let robots = Robots::default();
     let alive = session.liveliness().declare_subscriber(format!("{FLEET}/alive")).history(true);
     let of_tokens = Arc::clone(&robots);

@@ -39,7 +39,8 @@ pub(crate) enum MirrorError {
 
 /// Mirrors the robot until `ends`.
 pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), MirrorError> {
-    let session = network::open(network, None)?;
+    let is_over = || ends.load(Ordering::Relaxed);
+    let Some(session) = network::open(network, None, is_over)? else { return Ok(()) };
     let wire = Arc::new(Wire::new(session, Keys::of(&mirror.robot))?);
     let (of_states, main): (_, Thread) = (Arc::clone(&wire), std::thread::current());
     let _states = wire

@@ -2,11 +2,16 @@
 
 use crate::config::{Network, Tls};
 use serde_json::{Value, json};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::{Config, Session, Wait};
 
 /// A peer that is silent for longer is gone, and its link is closed.
 const LINK_LEASE: Duration = Duration::from_secs(2);
+/// Longest attempt of a client to connect, and the pause after it.
+const CONNECT: Duration = Duration::from_secs(1);
+const RETRY: Duration = Duration::from_millis(200);
+/// A command that reaches nobody ends after this time.
+const GIVE_UP: Duration = Duration::from_secs(3);
 /// Longest time that a message waits for the queue of a slow link before it is dropped, µs.
 const DROP_AFTER_US: u64 = 100;
 /// Limit on the bytes of one message: an answer has at most 48 KiB of text.
@@ -97,16 +102,45 @@ impl NetworkError {
     }
 }
 
-/// Opens the session of `network`. With `served`, other computers may do with this robot what
-/// [`permissions`] says.
-pub(crate) fn open(network: &Network, served: Option<&Served<'_>>) -> Result<Session, NetworkError> {
+/// Opens the session of `network`, and waits for its first link where it only connects. With
+/// `served`, other computers may do with this robot what [`permissions`] says. `None` once `ends`
+/// returns true.
+pub(crate) fn open(
+    network: &Network,
+    served: Option<&Served<'_>>,
+    ends: impl Fn() -> bool,
+) -> Result<Option<Session>, NetworkError> {
+    let mut has_reported = false;
+    while !ends() {
+        match zenoh::open(config(network, served)?).wait() {
+            Ok(session) => return Ok(Some(session)),
+            // Another attempt does not free a port.
+            Err(error) if !network.listen.is_empty() => return Err(NetworkError::of(error)),
+            Err(error) if !std::mem::replace(&mut has_reported, true) => {
+                tracing::warn!("waits for the network: {error}");
+            }
+            Err(_) => {}
+        }
+        std::thread::sleep(RETRY);
+    }
+    Ok(None)
+}
+
+/// Opens the session for a command, and gives up after some seconds.
+pub(crate) fn open_at_once(network: &Network) -> Result<Session, NetworkError> {
+    let begun = Instant::now();
+    let session = open(network, None, || begun.elapsed() > GIVE_UP)?;
+    session.ok_or_else(|| NetworkError::Zenoh("no robot and no router is reached".to_owned()))
+}
+
+fn config(network: &Network, served: Option<&Served<'_>>) -> Result<Config, NetworkError> {
     let mut config = Config::default();
     for (key, value) in settings(network, served) {
         config
             .insert_json5(key, &value.to_string())
             .map_err(|error| NetworkError::Zenoh(format!("{key} = {value}: {error}")))?;
     }
-    zenoh::open(config).wait().map_err(NetworkError::of)
+    Ok(config)
 }
 
 /// A robot that is served, and the certificates that may claim it.
@@ -117,13 +151,15 @@ pub(crate) struct Served<'a> {
 }
 
 fn settings(network: &Network, served: Option<&Served<'_>>) -> Vec<(&'static str, Value)> {
+    // A router connects its clients with everybody, but leaves peers to connect with each other.
+    let mode = if network.listen.is_empty() { "client" } else { "peer" };
     let mut settings = vec![
-        ("mode", json!("peer")),
+        ("mode", json!(mode)),
         ("listen/endpoints", json!(network.listen)),
         ("connect/endpoints", json!(network.connect)),
-        // Keeps trying in the background.
-        ("connect/timeout_ms", json!(-1)),
-        ("connect/exit_on_failure", json!(false)),
+        // A peer keeps trying in the background; a client is opened again.
+        ("connect/timeout_ms", json!({"peer": -1, "client": CONNECT.as_millis() as u64})),
+        ("connect/exit_on_failure", json!({"peer": false, "client": true})),
         ("connect/retry", json!({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2})),
         // Robots and routers are named in the configuration, and nowhere else.
         ("scouting/multicast/enabled", json!(false)),
@@ -188,7 +224,8 @@ fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
 /// The rules that [`permissions`] gives to some or all.
 fn rules(keys: &Keys) -> Value {
     let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
-    let read = [keys.ask(), keys.stop(), keys.link()];
+    // A stop of the whole fleet names no robot.
+    let read = [keys.ask(), keys.stop(), keys.link(), format!("{FLEET}/stop")];
     let from_robot = [
         keys.state(),
         keys.status(),

@@ -45,7 +45,8 @@ const REPORT: Duration = Duration::from_secs(10);
 pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), NetworkError> {
     let keys = Keys::of(&serve.robot);
     let served = Served { keys: &keys, may_claim: &serve.may_claim };
-    let session = network::open(network, Some(&served))?;
+    let is_over = || ends.load(Ordering::Relaxed);
+    let Some(session) = network::open(network, Some(&served), is_over)? else { return Ok(()) };
     let run = random().map_err(NetworkError::of)?;
     let robot = Arc::new(Robot::new(serve, run));
     let of_setpoints = Arc::clone(&robot);

@@ -58,8 +58,8 @@ pub(super) fn serve(
     instance: &str,
 ) -> Result<Queryable<()>, NetworkError> {
     let (sender, requests): (SyncSender<Query>, _) = sync_channel(WAITING_MAX);
-    let (robot, instance) = (Arc::clone(robot), instance.to_owned());
-    std::thread::spawn(move || stop_all(&robot, &instance, &requests));
+    let (robot, instance, key) = (Arc::clone(robot), instance.to_owned(), keys.stop());
+    std::thread::spawn(move || stop_all(&robot, &instance, &key, &requests));
     let declared = session.declare_queryable(keys.stop()).callback(move |query| {
         // A full queue has not begun its stop: it serves this requester without a receipt.
         let _full = sender.try_send(query);
@@ -67,7 +67,7 @@ pub(super) fn serve(
     declared.wait().map_err(NetworkError::of)
 }
 
-fn stop_all(robot: &Robot, instance: &str, requests: &Receiver<Query>) {
+fn stop_all(robot: &Robot, instance: &str, key: &str, requests: &Receiver<Query>) {
     let mut client = Client::connect_to_stop(instance).ok();
     while let Ok(first) = requests.recv() {
         let others: Vec<_> = requests.try_iter().collect();
@@ -85,8 +85,9 @@ fn stop_all(robot: &Robot, instance: &str, requests: &Receiver<Query>) {
         tracing::warn!(source, confirmed = receipt.confirmed, "emergency stop: {}", receipt.message);
         let json = serde_json::to_string(&receipt).unwrap_or_default();
         for query in [first].iter().chain(&others) {
-            // A requester that has gone needs no receipt.
-            let _gone = query.reply(query.key_expr(), json.as_str()).wait();
+            // The request may be to all robots: the receipt names this one. A requester that has gone
+            // needs none.
+            let _gone = query.reply(key, json.as_str()).wait();
         }
     }
 }
