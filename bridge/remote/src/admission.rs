@@ -81,7 +81,7 @@ impl Admission {
         Self { run, age_max, sessions: Vec::new(), leases: BTreeMap::new() }
     }
 
-    /// Takes a frame that only measures, of whoever may watch.
+    /// Takes a frame that only measures, which every watcher may send.
     pub(crate) fn admit_watcher(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
         self.admit_as(up, now_ns, SESSIONS_MAX - RESERVED)
     }
@@ -98,7 +98,7 @@ impl Admission {
         if age <= self.age_max && is_proof { Ok(age) } else { Err(Refused::Late) }
     }
 
-    /// Notes the newest frame of a session; one that is new may use so many slots.
+    /// Notes the newest frame of a session. A new session needs one of the first `slots` slots.
     fn note(&mut self, head: &Head, now_ns: u64, slots: usize) -> Result<(), Refused> {
         if head.from == 0 {
             return Err(Refused::Malformed);

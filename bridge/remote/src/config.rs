@@ -114,12 +114,6 @@ const fn default_age_max_ms() -> u32 {
     50
 }
 
-impl Serve {
-    pub(crate) fn age_max(&self) -> Duration {
-        Duration::from_millis(self.age_max_ms.into())
-    }
-}
-
 impl Config {
     /// Reads and checks a file.
     pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
@@ -157,6 +151,10 @@ impl Config {
 }
 
 impl Serve {
+    pub(crate) fn age_max(&self) -> Duration {
+        Duration::from_millis(self.age_max_ms.into())
+    }
+
     fn check(&self) -> Result<(), String> {
         if !(self.states_hz > 0.0 && self.states_hz <= STATES_HZ_MAX) {
             return Err(format!(

@@ -2,11 +2,13 @@
 
 use crate::config::{Fleet, Network};
 use crate::network::{self, FLEET, Keys, NetworkError};
+use crate::receipt::Receipt;
 use crate::summary::Summary;
-use serde::Deserialize;
+use motord_terminal::printable;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use zenoh::pubsub::Subscriber;
 use zenoh::query::QueryTarget;
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
@@ -24,7 +26,7 @@ const FIRST_ATTEMPT: Duration = Duration::from_millis(20);
 /// A robot without a summary for longer is silent.
 const QUIET: Duration = Duration::from_secs(3);
 
-/// A robot, as far as it is known.
+/// The token and the newest summary of a robot.
 #[derive(Debug, Default)]
 struct Known {
     is_alive: bool,
@@ -34,14 +36,7 @@ struct Known {
 
 type Robots = Arc<Mutex<BTreeMap<String, Known>>>;
 
-/// The receipt of a stop.
-#[derive(Debug, Clone, Deserialize, serde::Serialize)]
-struct Receipt {
-    sent: bool,
-    confirmed: bool,
-    message: String,
-    unconfirmed: Vec<String>,
-}
+type Receipts = Arc<Mutex<BTreeMap<String, (Receipt, Duration)>>>;
 
 /// Lists the robots. Returns `true` if each expected one is there and well.
 pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) -> Result<bool, NetworkError> {
@@ -50,7 +45,7 @@ pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) ->
     for name in &fleet.robots {
         locked(&robots).insert(name.clone(), Known::default());
     }
-    let _listening = listen(&session, &robots)?;
+    let _notes = (note_tokens(&session, &robots)?, note_summaries(&session, &robots)?);
     loop {
         std::thread::sleep(LISTEN);
         let known = locked(&robots);
@@ -66,49 +61,34 @@ pub(crate) fn list(fleet: &Fleet, network: &Network, json: bool, watch: bool) ->
 pub(crate) fn stop(names: &[String], network: &Network, json: bool) -> Result<bool, NetworkError> {
     let session = network::open_at_once(network)?;
     let robots = Robots::default();
-    let alive = session.liveliness().declare_subscriber(format!("{FLEET}/alive")).history(true);
-    let of_tokens = Arc::clone(&robots);
-    let _alive = alive
-        .callback(move |sample| note_token(&of_tokens, sample.key_expr().as_str(), sample.kind()))
-        .wait()
-        .map_err(NetworkError::of)?;
+    let _tokens = note_tokens(&session, &robots)?;
     let begun = Instant::now();
-    let receipts: Arc<Mutex<BTreeMap<String, (Receipt, Duration)>>> = Arc::default();
+    let receipts = Receipts::default();
     let missing = || {
         let known = locked(&robots);
         let alive = known.iter().filter(|(_, known)| known.is_alive).map(|(name, _)| name.clone());
         let wanted: Vec<_> = if names.is_empty() { alive.collect() } else { names.to_vec() };
-        let received = receipts.lock().unwrap_or_else(PoisonError::into_inner);
+        let received = locked(&receipts);
         wanted.into_iter().filter(|name| !received.contains_key(name)).collect::<Vec<_>>()
     };
     while begun.elapsed() < RECEIPTS {
+        let has_receipts = !locked(&receipts).is_empty();
         // The first requests go to all: the tokens of robots may come later.
-        let has_receipts = !receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty();
         let wanted = if names.is_empty() && !has_receipts { vec!["*".to_owned()] } else { missing() };
         if wanted.is_empty() && (!names.is_empty() || begun.elapsed() >= SETTLE) {
             break;
         }
         wanted.iter().for_each(|name| request(&session, name, begun, &receipts));
-        let attempt = Instant::now();
-        let is_first = receipts.lock().unwrap_or_else(PoisonError::into_inner).is_empty();
-        let pause = if is_first { FIRST_ATTEMPT } else { ATTEMPT };
-        while attempt.elapsed() < pause {
-            std::thread::sleep(Duration::from_millis(2));
-        }
+        std::thread::sleep(if has_receipts { ATTEMPT } else { FIRST_ATTEMPT });
     }
     let missing = missing();
-    let receipts = receipts.lock().unwrap_or_else(PoisonError::into_inner);
+    let receipts = locked(&receipts);
     print_receipts(&receipts, &missing, json);
     Ok(missing.is_empty() && !receipts.is_empty() && receipts.values().all(|(receipt, _)| receipt.confirmed))
 }
 
 /// Requests the stop of a robot, or of all with the name `*`.
-fn request(
-    session: &Session,
-    name: &str,
-    begun: Instant,
-    receipts: &Arc<Mutex<BTreeMap<String, (Receipt, Duration)>>>,
-) {
+fn request(session: &Session, name: &str, begun: Instant, receipts: &Receipts) {
     let receipts = Arc::clone(receipts);
     let query =
         session.get(Keys::of(name).stop()).target(QueryTarget::All).payload(requester()).timeout(RECEIPTS);
@@ -116,8 +96,7 @@ fn request(
         let Ok(sample) = reply.result() else { return };
         let Some(robot) = robot_of(sample.key_expr().as_str()) else { return };
         if let Ok(receipt) = serde_json::from_slice(&sample.payload().to_bytes()) {
-            let mut receipts = receipts.lock().unwrap_or_else(PoisonError::into_inner);
-            receipts.entry(robot.to_owned()).or_insert((receipt, begun.elapsed()));
+            locked(&receipts).entry(robot.to_owned()).or_insert((receipt, begun.elapsed()));
         }
     });
     if let Err(error) = sent.wait() {
@@ -132,34 +111,29 @@ fn requester() -> String {
     format!("fleet: {}@{}", of("USER"), host.trim_end())
 }
 
-fn listen(
-    session: &Session,
-    robots: &Robots,
-) -> Result<(zenoh::pubsub::Subscriber<()>, zenoh::pubsub::Subscriber<()>), NetworkError> {
-    let (of_tokens, of_summaries) = (Arc::clone(robots), Arc::clone(robots));
+/// Notes which robots are alive, as long as the result lives.
+fn note_tokens(session: &Session, robots: &Robots) -> Result<Subscriber<()>, NetworkError> {
+    let robots = Arc::clone(robots);
     let tokens = session.liveliness().declare_subscriber(format!("{FLEET}/alive")).history(true);
-    let tokens = tokens
-        .callback(move |sample| note_token(&of_tokens, sample.key_expr().as_str(), sample.kind()))
-        .wait()
-        .map_err(NetworkError::of)?;
-    let summaries = session
-        .declare_subscriber(format!("{FLEET}/status"))
-        .callback(move |sample| {
-            let Some(name) = robot_of(sample.key_expr().as_str()) else { return };
-            if let Ok(summary) = serde_json::from_slice(&sample.payload().to_bytes()) {
-                let mut robots = locked(&of_summaries);
-                let known = robots.entry(name.to_owned()).or_default();
-                (known.summary, known.at) = (Some(summary), Some(Instant::now()));
-            }
-        })
-        .wait()
-        .map_err(NetworkError::of)?;
-    Ok((tokens, summaries))
+    let tokens = tokens.callback(move |sample| {
+        let Some(name) = robot_of(sample.key_expr().as_str()) else { return };
+        locked(&robots).entry(name.to_owned()).or_default().is_alive = sample.kind() == SampleKind::Put;
+    });
+    tokens.wait().map_err(NetworkError::of)
 }
 
-fn note_token(robots: &Robots, key: &str, kind: SampleKind) {
-    let Some(name) = robot_of(key) else { return };
-    locked(robots).entry(name.to_owned()).or_default().is_alive = kind == SampleKind::Put;
+/// Notes the summaries of robots, as long as the result lives.
+fn note_summaries(session: &Session, robots: &Robots) -> Result<Subscriber<()>, NetworkError> {
+    let robots = Arc::clone(robots);
+    let summaries = session.declare_subscriber(format!("{FLEET}/status")).callback(move |sample| {
+        let Some(name) = robot_of(sample.key_expr().as_str()) else { return };
+        if let Ok(summary) = serde_json::from_slice(&sample.payload().to_bytes()) {
+            let mut robots = locked(&robots);
+            let known = robots.entry(name.to_owned()).or_default();
+            (known.summary, known.at) = (Some(summary), Some(Instant::now()));
+        }
+    });
+    summaries.wait().map_err(NetworkError::of)
 }
 
 /// Returns the robot in a key `motord/<robot>/…`.
@@ -167,8 +141,8 @@ fn robot_of(key: &str) -> Option<&str> {
     key.strip_prefix("motord/")?.split('/').next()
 }
 
-fn locked(robots: &Robots) -> std::sync::MutexGuard<'_, BTreeMap<String, Known>> {
-    robots.lock().unwrap_or_else(PoisonError::into_inner)
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Known {
@@ -220,7 +194,8 @@ fn print(robots: &BTreeMap<String, Known>, json: bool) {
         let number = |value: Option<f32>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
         let of = |part: fn(&Summary) -> Option<f32>| number(known.summary.as_ref().and_then(part));
         let (battery, hottest) = (of(|summary| summary.battery_v), of(|summary| summary.hottest_celsius));
-        println!("{name:<16} {:<7} {battery:>9} {hottest:>5}  {}", known.word(), known.details());
+        let (name, details) = (printable(name), known.details());
+        println!("{name:<16} {:<7} {battery:>9} {hottest:>5}  {}", known.word(), printable(&details));
     }
     if robots.is_empty() {
         println!("no robot is in this network");
@@ -240,10 +215,11 @@ fn print_receipts(receipts: &BTreeMap<String, (Receipt, Duration)>, missing: &[S
         return;
     }
     for (robot, (receipt, after)) in receipts {
-        println!("{robot:<16} {} ({:.0} ms)", receipt.message, after.as_secs_f64() * 1e3);
+        let (robot, message) = (printable(robot), printable(&receipt.message));
+        println!("{robot:<16} {message} ({:.0} ms)", after.as_secs_f64() * 1e3);
     }
     for robot in missing {
-        println!("{robot:<16} NO RECEIPT: it may still move; cut its power");
+        println!("{:<16} NO RECEIPT: it may still move; cut its power", printable(robot));
     }
     if receipts.is_empty() && missing.is_empty() {
         println!("NO ROBOT ANSWERED: cut the power of those that move");

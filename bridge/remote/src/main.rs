@@ -16,6 +16,7 @@ mod measure;
 mod mirror;
 mod network;
 mod random;
+mod receipt;
 mod serve;
 mod summary;
 

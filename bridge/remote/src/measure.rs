@@ -1,6 +1,8 @@
 //! Counters and latencies of one side of the network.
 
 use crate::admission::Refused;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::{Serializer as _, V2DeflateSerializer};
 use motord_shared::description::{EncodedHistogram, Percentiles};
@@ -38,7 +40,7 @@ impl Latencies {
     pub(crate) fn encoded(&self, name: &str) -> Option<EncodedHistogram> {
         let mut bytes = Vec::new();
         self.with(|histogram| V2DeflateSerializer::new().serialize(histogram, &mut bytes)).ok()?;
-        Some(EncodedHistogram { name: name.to_owned(), encoded: base64(&bytes) })
+        Some(EncodedHistogram { name: name.to_owned(), encoded: STANDARD.encode(&bytes) })
     }
 
     pub(crate) fn reset(&self) {
@@ -59,7 +61,7 @@ pub(crate) struct Counters {
 }
 
 /// Numbers since the start.
-#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub(crate) struct Counts {
     /// Setpoints that were passed to the daemon.
     pub(crate) setpoints: u64,
@@ -69,6 +71,13 @@ pub(crate) struct Counts {
     pub(crate) stops: u64,
     /// Frames that did not count, by reason.
     pub(crate) refused: BTreeMap<Refused, u64>,
+}
+
+impl Default for Counts {
+    fn default() -> Self {
+        let refused = Refused::ALL.map(|reason| (reason, 0)).into();
+        Self { setpoints: 0, requests: 0, stops: 0, refused }
+    }
 }
 
 impl Counters {
@@ -86,31 +95,28 @@ impl Counters {
 
     /// Returns the counters and latencies as JSON.
     pub(crate) fn json(&self) -> String {
-        let counts = self.counts();
-        let Percentiles { count, p50, p99, p99_9, max } = self.setpoint_age.percentiles();
-        serde_json::json!({
-            "setpoints": counts.setpoints,
-            "requests": counts.requests,
-            "stops": counts.stops,
-            "refused": Refused::ALL.map(|reason| (reason, counts.refused.get(&reason).copied().unwrap_or(0)))
-                .into_iter()
-                .map(|(reason, count)| (name(reason), count.into()))
-                .collect::<serde_json::Map<_, _>>(),
-            "setpoint_age_us": {"count": count, "p50": p50, "p99": p99, "p99_9": p99_9, "max": max},
-        })
-        .to_string()
+        #[derive(serde::Serialize)]
+        struct Report {
+            #[serde(flatten)]
+            counts: Counts,
+            setpoint_age_us: Percentiles,
+        }
+        let report = Report { counts: self.counts(), setpoint_age_us: self.setpoint_age.percentiles() };
+        serde_json::to_string(&report).unwrap_or_default()
     }
 }
 
-fn name(reason: Refused) -> String {
-    match serde_json::to_value(reason) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::new(),
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Base64 as RFC 4648, section 4, with padding.
-fn base64(bytes: &[u8]) -> String {
-    use base64::Engine as _;
-    base64::engine::general_purpose::STANDARD.encode(bytes)
+    #[test]
+    fn report_has_every_reason() {
+        let counters = Counters::default();
+        counters.refuse(Refused::Late);
+        let report: serde_json::Value = serde_json::from_str(&counters.json()).unwrap();
+        assert_eq!(report["refused"]["late"], 1);
+        assert_eq!(report["refused"].as_object().unwrap().len(), Refused::ALL.len());
+        assert_eq!((&report["setpoints"], &report["setpoint_age_us"]["count"]), (&0.into(), &0.into()));
+    }
 }

@@ -16,7 +16,7 @@ mod wire;
 
 use crate::config::{Mirror, Network};
 use crate::network::{self, Keys, NetworkError};
-use instance::{Served, ServedError};
+use instance::{Mirrored, MirroredError};
 use motord_shared::StateMessage;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,7 +34,7 @@ pub(crate) enum MirrorError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     #[error(transparent)]
-    Served(#[from] ServedError),
+    Instance(#[from] MirroredError),
 }
 
 /// Mirrors the robot until `ends`.
@@ -56,7 +56,7 @@ pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) ->
     while !ends.load(Ordering::Relaxed) {
         let Some(first) = await_robot(&wire, ends)? else { continue };
         let Some(description) = requests::describe(&wire, &first) else { continue };
-        let mut served = Served::open(&mirror.instance, &wire, description)?;
+        let mut served = Mirrored::open(&mirror.instance, &wire, description)?;
         tracing::info!(robot = mirror.robot, instance = mirror.instance, "mirrors");
         served.run(&first, ends)?;
     }

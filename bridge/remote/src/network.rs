@@ -10,7 +10,7 @@ const LINK_LEASE: Duration = Duration::from_secs(2);
 /// Longest attempt of a client to connect, and the pause after it.
 const CONNECT: Duration = Duration::from_secs(1);
 const RETRY: Duration = Duration::from_millis(200);
-/// A command that reaches nobody ends after this time.
+/// Time after which a command ends that has no link.
 const GIVE_UP: Duration = Duration::from_secs(3);
 /// Longest time that a message waits for the queue of a slow link before it is dropped, µs.
 const DROP_AFTER_US: u64 = 100;
@@ -89,16 +89,14 @@ impl Keys {
     }
 }
 
-/// The reason why a session was not opened.
+/// The reason why the network cannot be used, a sentence of zenoh.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum NetworkError {
-    #[error("the network: {0}")]
-    Zenoh(String),
-}
+#[error("the network: {0}")]
+pub(crate) struct NetworkError(String);
 
 impl NetworkError {
     pub(crate) fn of(error: impl std::fmt::Display) -> Self {
-        Self::Zenoh(error.to_string())
+        Self(error.to_string())
     }
 }
 
@@ -130,7 +128,7 @@ pub(crate) fn open(
 pub(crate) fn open_at_once(network: &Network) -> Result<Session, NetworkError> {
     let begun = Instant::now();
     let session = open(network, None, || begun.elapsed() > GIVE_UP)?;
-    session.ok_or_else(|| NetworkError::Zenoh("no robot and no router is reached".to_owned()))
+    session.ok_or_else(|| NetworkError("no robot and no router is reached".to_owned()))
 }
 
 fn config(network: &Network, served: Option<&Served<'_>>) -> Result<Config, NetworkError> {
@@ -138,7 +136,7 @@ fn config(network: &Network, served: Option<&Served<'_>>) -> Result<Config, Netw
     for (key, value) in settings(network, served) {
         config
             .insert_json5(key, &value.to_string())
-            .map_err(|error| NetworkError::Zenoh(format!("{key} = {value}: {error}")))?;
+            .map_err(|error| NetworkError(format!("{key} = {value}: {error}")))?;
     }
     Ok(config)
 }
@@ -193,7 +191,7 @@ fn tls_settings(tls: &Tls) -> Value {
     })
 }
 
-/// Who may do what. All that is not listed is refused at the link of its sender.
+/// Returns the rights of other computers. The link of a sender refuses what is not listed.
 ///
 /// | who | may |
 /// |---|---|
@@ -221,7 +219,7 @@ fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
     })
 }
 
-/// The rules that [`permissions`] gives to some or all.
+/// Returns the rules that [`permissions`] gives to some or all.
 fn rules(keys: &Keys) -> Value {
     let rule = |id: &str, flow: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys});
     // A stop of the whole fleet names no robot.

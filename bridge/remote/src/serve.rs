@@ -19,6 +19,7 @@ mod stops;
 
 use crate::config::{Network, Serve};
 use crate::frame::{Down, Head, nanos};
+use crate::measure::Counts;
 use crate::network::{self, Keys, NetworkError, Served};
 use crate::random::random;
 use fleet::Fleet;
@@ -69,7 +70,7 @@ pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> R
         .declare_queryable(keys.link())
         .callback(move |query| {
             // A peer that has gone needs no answer.
-            let _gone = query.reply(&key, of_counters.counters.json()).wait();
+            let _disconnected = query.reply(&key, of_counters.counters.json()).wait();
         })
         .wait()
         .map_err(NetworkError::of)?;
@@ -147,7 +148,7 @@ impl Sender<'_> {
         tracing::warn!(instance, "motord is silent");
     }
 
-    /// Sends a state if its turn has come. Never waits for the network.
+    /// Sends a state if it is due. Never waits for the network.
     fn send(&mut self, state: &StateMessage) {
         let now_ns = clock::now_ns();
         let mut admission = self.robot.admission();
@@ -167,9 +168,9 @@ impl Sender<'_> {
 }
 
 /// Logs the frames that were refused since `before`.
-fn report(before: &crate::measure::Counts, now: crate::measure::Counts) -> crate::measure::Counts {
+fn report(before: &Counts, now: Counts) -> Counts {
     for (reason, count) in &now.refused {
-        let new = count - before.refused.get(reason).copied().unwrap_or(0);
+        let new = count - before.refused[reason];
         if new > 0 {
             tracing::warn!(?reason, frames = new, "frames of a mirror did not count");
         }

@@ -72,7 +72,7 @@ impl Summary {
         }
     }
 
-    /// Returns `true` for a robot at which nobody needs to look.
+    /// Returns `true` for a robot without a stop, a silent motor or a fault.
     pub(crate) fn is_well(&self) -> bool {
         let is_stopped = self.groups.iter().any(|group| group.cause.is_some());
         !self.emergency_stop && !is_stopped && self.offline.is_empty() && self.faulty.is_empty()

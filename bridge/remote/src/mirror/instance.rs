@@ -31,7 +31,7 @@ const REQUESTS_PER_TURN: usize = 64;
 
 /// The reason why the instance cannot be served.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum ServedError {
+pub(crate) enum MirroredError {
     #[error(transparent)]
     Instance(#[from] InstanceError),
     #[error(transparent)]
@@ -41,7 +41,7 @@ pub(crate) enum ServedError {
 }
 
 /// The instance, for one run of the robot's daemon.
-pub(super) struct Served {
+pub(super) struct Mirrored {
     wire: Arc<Wire>,
     ports: DaemonPorts,
     housekeeper: Option<Housekeeper>,
@@ -58,8 +58,12 @@ pub(super) struct Served {
     lock: InstanceLock,
 }
 
-impl Served {
-    pub(super) fn open(instance: &str, wire: &Arc<Wire>, description: Vec<u8>) -> Result<Self, ServedError> {
+impl Mirrored {
+    pub(super) fn open(
+        instance: &str,
+        wire: &Arc<Wire>,
+        description: Vec<u8>,
+    ) -> Result<Self, MirroredError> {
         let lock = Instance::find(instance)?.lock()?;
         let ports = DaemonPorts::open(&lock)?;
         let (owners, deaths) = deaths(GROUPS_MAX)?;
@@ -160,7 +164,7 @@ impl Served {
             requests::reply(request, answer);
         }
         while let Some(lease) = self.deaths.next(Duration::ZERO).and_then(Lease::from_raw) {
-            self.release(lease);
+            self.owner_ended(lease);
         }
     }
 
@@ -192,19 +196,22 @@ impl Served {
         let namespace = pid_namespace();
         if namespace != 0 && request.pid_namespace == namespace {
             if self.owners.watch(lease.group(), request.pid, lease.raw()) {
-                self.release(lease);
+                self.owner_ended(lease);
             }
         } else {
             self.owners.forget(lease.group());
         }
     }
 
-    /// Releases a group whose owner has died: the daemon damps it.
-    fn release(&mut self, lease: Lease) {
-        if self.leases[lease.group()] != Some(lease) {
-            return;
+    /// Releases the group of an owner whose process has ended: the daemon damps it.
+    fn owner_ended(&mut self, lease: Lease) {
+        if self.leases[lease.group()] == Some(lease) {
+            tracing::warn!(group = lease.group(), "the process of the owner has ended");
+            self.release(lease);
         }
-        tracing::warn!(group = lease.group(), "the process of the owner has ended");
+    }
+
+    fn release(&mut self, lease: Lease) {
         self.leases[lease.group()] = None;
         let operation = Operation::Release.code();
         let request = AdminRequest {

@@ -68,7 +68,7 @@ impl Requests {
         });
     }
 
-    /// Sends requests again whose answer may be lost, and drops those that nobody waits for.
+    /// Sends a request again whose answer may be lost, and drops one whose client no longer waits.
     pub(super) fn retry(&mut self) {
         let now = Instant::now();
         self.waiting.retain(|_, waiting| now < waiting.until && waiting.is_wanted());
@@ -197,8 +197,7 @@ fn with_histograms(wire: &Wire, text: &[u8]) -> Option<Vec<u8>> {
     serde_json::to_vec(&part).ok()
 }
 
-/// Releases a group whose owner has died: twice, since a network may lose it. The daemon's timeout
-/// does the same later.
+/// Sends a release twice, since a network may lose it. The daemon's timeout damps the group later.
 pub(super) fn release(wire: &Wire, request: &AdminRequest) {
     let number = wire.next_request();
     for _ in 0..2 {

@@ -7,12 +7,12 @@
 //! The thread of the socket has descriptors of its own, so it cannot use zenoh.
 
 use super::wire::Wire;
+use crate::receipt::Receipt;
 use motord_ports::Instance;
 use motord_ports::stop_socket::StopError;
 use motord_ports::stop_source::StopSource;
 use motord_realtime::process;
 use motord_stop::Robot;
-use serde::Deserialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -32,13 +32,6 @@ struct Remote(Sender<Stop>);
 
 /// A requested stop: the name of its requester, and where the receipt goes.
 struct Stop(String, Sender<Result<(), StopError>>);
-
-/// As far as this side reads it.
-#[derive(Deserialize)]
-struct Receipt {
-    sent: bool,
-    message: String,
-}
 
 /// Serves the socket of `instance` until `ends`, on threads of its own. Returns that of the socket,
 /// which ends at most a quarter of a second later.
@@ -63,7 +56,7 @@ fn stop(wire: &Wire, name: &str) -> Result<(), StopError> {
     while begun.elapsed() < RECEIPT_TIMEOUT {
         if let Some(receipt) = attempt(wire, name) {
             if !receipt.sent {
-                tracing::error!("the robot was not stopped: {}", receipt.message);
+                tracing::error!(receipt = receipt.message, "the robot was not stopped");
             }
             return if receipt.sent { Ok(()) } else { Err(StopError::NoCycle) };
         }

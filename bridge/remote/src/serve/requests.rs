@@ -72,7 +72,7 @@ fn declare(
         Ok((from, payload)) => hand_over(&sender, Request { query, from, payload }),
         Err(reason) => {
             of_callback.counters.refuse(reason);
-            let _gone = query.reply_err(format!("{reason:?}")).wait();
+            let _disconnected = query.reply_err(format!("{reason:?}")).wait();
         }
     });
     declared.wait().map_err(NetworkError::of)
@@ -121,7 +121,7 @@ fn answer_all(robot: &Robot, requests: &Receiver<Request>) {
                 from.into_iter().for_each(|from| answers.keep(from, answer.clone()));
             }
             Err(error) => {
-                let _gone = query.reply_err(error.to_string()).wait();
+                let _disconnected = query.reply_err(error.to_string()).wait();
             }
         }
     }
@@ -146,7 +146,7 @@ fn carry_out(
 
 fn reply(query: &Query, answer: &[u8]) {
     // A requester that has gone needs no answer.
-    let _gone = query.reply(query.key_expr(), answer).wait();
+    let _disconnected = query.reply(query.key_expr(), answer).wait();
 }
 
 #[cfg(test)]

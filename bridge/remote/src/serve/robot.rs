@@ -51,14 +51,14 @@ impl Robot {
     fn pass_setpoint(&self, bytes: &[u8], now_ns: u64) -> Result<(), Refused> {
         let (up, mut setpoint, waited) = Up::read_setpoint(bytes)?;
         let mut admission = self.admission();
-        let on_the_way = admission.admit(&up, now_ns)?;
+        let transit = admission.admit(&up, now_ns)?;
         let lease = admission.check_lease(up.head.from, setpoint.lease)?;
         drop(admission);
-        let age = on_the_way.saturating_add(waited);
+        let age = transit.saturating_add(waited);
         if age > self.age_max {
             return Err(Refused::Late);
         }
-        setpoint.time_ns = sent_ns(now_ns, on_the_way, waited);
+        setpoint.time_ns = sent_ns(now_ns, transit, waited);
         self.counters.setpoint_age.record(age);
         self.counters.change(|counts| counts.setpoints += 1);
         self.link.send(lease, &setpoint);
@@ -66,10 +66,10 @@ impl Robot {
     }
 }
 
-/// Returns the time of a setpoint's sending by the own clock, ns. A bound of the time on the way
-/// contains the way of the state before it: half of it is the best estimate.
-fn sent_ns(now_ns: u64, on_the_way: Duration, waited: Duration) -> u64 {
-    now_ns.saturating_sub(nanos((on_the_way / 2).saturating_add(waited)))
+/// Returns the time of a setpoint's sending by the own clock, ns. The bound of its transit contains
+/// that of the state before it: half of the bound is the best estimate.
+fn sent_ns(now_ns: u64, transit: Duration, waited: Duration) -> u64 {
+    now_ns.saturating_sub(nanos((transit / 2).saturating_add(waited)))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use super::robot::Robot;
 use crate::network::{Keys, NetworkError};
+use crate::receipt::Receipt;
 use motord_client::{Client, Error};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -14,41 +15,6 @@ use zenoh::{Session, Wait};
 const WAITING_MAX: usize = 64;
 /// Longest name of a requester that is read.
 const SOURCE_BYTES_MAX: usize = 128;
-
-/// The outcome of a stop, as JSON.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Receipt {
-    /// The daemon confirmed that it sent the commands that damp the motors.
-    pub(crate) sent: bool,
-    /// Each motor answered after it, too.
-    pub(crate) confirmed: bool,
-    /// A sentence.
-    pub(crate) message: String,
-    /// Joints whose motors did not answer after the stop.
-    pub(crate) unconfirmed: Vec<String>,
-}
-
-impl Receipt {
-    fn of(outcome: Result<(), Error>) -> Self {
-        match outcome {
-            Ok(()) => Self {
-                sent: true,
-                confirmed: true,
-                message: "stopped: each motor answered".to_owned(),
-                unconfirmed: Vec::new(),
-            },
-            Err(error) => {
-                let message = error.to_string();
-                let (sent, unconfirmed) = match error {
-                    Error::MotorsOffline { joints } => (true, joints),
-                    Error::MotorsUnchecked { .. } => (true, Vec::new()),
-                    _ => (false, Vec::new()),
-                };
-                Self { sent, confirmed: false, message, unconfirmed }
-            }
-        }
-    }
-}
 
 /// Serves stops as long as the result lives.
 pub(super) fn serve(
@@ -87,7 +53,7 @@ fn stop_all(robot: &Robot, instance: &str, key: &str, requests: &Receiver<Query>
         for query in [first].iter().chain(&others) {
             // The request may be to all robots: the receipt names this one. A requester that has gone
             // needs none.
-            let _gone = query.reply(key, json.as_str()).wait();
+            let _disconnected = query.reply(key, json.as_str()).wait();
         }
     }
 }

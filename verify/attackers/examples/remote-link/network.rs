@@ -23,14 +23,14 @@ pub(crate) const UNPOISONED: &str = "no thread panicked";
 /// Packets that are captured.
 const CAPTURED: usize = 2000;
 
-/// A packet on its way: when it arrives, its number, and where.
-type OnTheWay = Reverse<(Instant, u64, usize)>;
+/// A packet in transit: when it arrives, its number, and its direction.
+type InTransit = Reverse<(Instant, u64, usize)>;
 
 #[derive(Debug, Default)]
 struct State {
     quality: Quality,
     cut_until: Option<Instant>,
-    queue: BinaryHeap<OnTheWay>,
+    queue: BinaryHeap<InTransit>,
     packets: HashMap<u64, (Vec<u8>, Arc<UdpSocket>, SocketAddr)>,
     /// Latest arrival of each way: later packets come after it.
     latest: [Option<Instant>; 2],
@@ -155,7 +155,7 @@ impl Network {
                 && at <= now
             {
                 state.queue.pop();
-                let (packet, socket, target) = state.packets.remove(&number).expect("a packet on its way");
+                let (packet, socket, target) = state.packets.remove(&number).expect("a packet in transit");
                 let _gone = socket.send_to(&packet, target);
             }
             let next = state
