@@ -73,24 +73,19 @@ build_programs() {
     cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
 }
 
-# build_bridge: builds motord-bridge, and sets RIG_BRIDGE to its path. RIG_BRIDGE may name one that is built.
-build_bridge() {
-    [ -z "${RIG_BRIDGE:-}" ] || return 0
+# build_beside FOLDER PROGRAM: builds a program that is a workspace of its own, and prints its path.
+build_beside() {
     local target
-    # Beside that of the workspace: it is a workspace of its own.
-    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/bridge
-    cargo build --quiet --locked --release --manifest-path "$tree/bridge/Cargo.toml" --target-dir "$target"
-    RIG_BRIDGE=$target/release/motord-bridge
+    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/${2#motord-}
+    cargo build --quiet --locked --release --manifest-path "$tree/$1/Cargo.toml" --target-dir "$target" >&2 || return
+    echo "$target/release/$2"
 }
 
-# build_remote: builds motord-remote, and sets RIG_REMOTE to its path. RIG_REMOTE may name one that is built.
-build_remote() {
-    [ -z "${RIG_REMOTE:-}" ] || return 0
-    local target
-    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/remote
-    cargo build --quiet --locked --release --manifest-path "$tree/bridge/remote/Cargo.toml" --target-dir "$target"
-    RIG_REMOTE=$target/release/motord-remote
-}
+# build_bridge: builds motord-bridge, and sets RIG_BRIDGE to its path. RIG_BRIDGE may name one that is built.
+build_bridge() { RIG_BRIDGE=${RIG_BRIDGE:-$(build_beside bridge motord-bridge)}; }
+
+# build_remote: the same for motord-remote and RIG_REMOTE.
+build_remote() { RIG_REMOTE=${RIG_REMOTE:-$(build_beside bridge/remote motord-remote)}; }
 
 # zenoh_python: an environment of Python with zenoh, in $cache_root/remote.
 zenoh_python() {
