@@ -132,7 +132,7 @@ struct Uploader {
     journal: Journal,
     /// Recordings that cannot be uploaded, which are reported once.
     refused: BTreeSet<Recording>,
-    /// The error that was reported last: a store that is away for hours has one line.
+    /// The error that was reported last: an outage of hours is reported once.
     reported: String,
 }
 
