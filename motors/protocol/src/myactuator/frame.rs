@@ -18,6 +18,7 @@ pub(super) mod base {
     pub(crate) const IMPEDANCE: u16 = 0x400;
     pub(crate) const STATE: u16 = 0x500;
     /// A command to all motors, and the command that reads or writes their id.
+    #[cfg(feature = "drive")]
     pub(crate) const SHARED: [u16; 2] = [0x280, 0x300];
 }
 
