@@ -186,7 +186,7 @@ pub use motord_ports::stop_socket::StopError;
 pub use motord_ports::{Creator, Forked};
 pub use motord_shared::description::{
     ControlLatency, EncodedHistogram, FirstStop, GroupDescription, GroupHistory, Histograms, ImuDescription,
-    JointDescription, JointLimits, Percentiles, Process, RobotDescription, Telemetry,
+    JointDescription, JointLimits, NetworkLatency, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{
     Applied, BusCondition, Cause, CycleRecord, DEFAULT_INSTANCE, Fault, Field, ImuContradiction, ImuState,

@@ -212,6 +212,26 @@ pub struct Telemetry {
     pub groups: Vec<GroupHistory>,
     /// Control latency by group, in the order of the description.
     pub control: Vec<ControlLatency>,
+    /// The network between the robot and this computer; `None` on the robot's own computer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub network: Option<NetworkLatency>,
+}
+
+/// The network between a robot and another computer, as the mirror there sees it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct NetworkLatency {
+    /// From a frame to the robot until the state that repeats it, without the time that the robot
+    /// held it.
+    pub round_trip_us: Percentiles,
+    /// Upper bound of the time from the sending of a state to its arrival.
+    pub state_age_us: Percentiles,
+    /// From the arrival of a state to that of the next.
+    pub state_interval_us: Percentiles,
+    /// States that were sent and did not arrive before a newer one.
+    pub lost: u64,
+    /// Frames that were damaged, of another version, or not newer than the one before.
+    pub refused: u64,
 }
 
 /// The time between states and the setpoint that answers them, of one group.

@@ -5,7 +5,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::Deserializer;
-use motord_client::{Client, ControlLatency, Percentiles, RobotDescription, Telemetry};
+use motord_client::{Client, ControlLatency, NetworkLatency, Percentiles, RobotDescription, Telemetry};
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
@@ -91,6 +91,12 @@ impl Interval {
             control: control.collect(),
             joints: joints.collect(),
             imus: imus.collect(),
+            network: self.counters.network.as_ref().map(|counted| NetworkLatency {
+                round_trip_us: of("network_round_trip"),
+                state_age_us: of("network_state_age"),
+                state_interval_us: of("network_state_interval"),
+                ..counted.clone()
+            }),
             ..self.counters.clone()
         }
     }
@@ -142,7 +148,14 @@ fn counted(now: &Telemetry, before: &Telemetry) -> Telemetry {
             .collect(),
         ..ControlLatency::default()
     });
+    let network = now.network.as_ref().map(|now| {
+        let before = before.network.clone().unwrap_or_default();
+        let lost = now.lost.saturating_sub(before.lost);
+        let refused = now.refused.saturating_sub(before.refused);
+        NetworkLatency { lost, refused, ..NetworkLatency::default() }
+    });
     Telemetry {
+        network,
         resets: now.resets,
         cycles: now.cycles.saturating_sub(before.cycles),
         overruns: now.overruns.saturating_sub(before.overruns),

@@ -94,6 +94,15 @@ pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &T
         writeln!(out, "\nage of the newest sample of each IMU in the states")?;
         percentiles(&imus).write(out, palette)?;
     }
+    if let Some(network) = &telemetry.network {
+        writeln!(out, "\nnetwork between the robot and this computer")?;
+        let rows = [
+            ("round trip", network.round_trip_us),
+            ("age of states", network.state_age_us),
+            ("between states", network.state_interval_us),
+        ];
+        percentiles(&rows).write(out, palette)?;
+    }
     writeln!(out, "\nreply latency by joint")?;
     let joints: Vec<_> = named(robot, telemetry).collect();
     percentiles(&joints).write(out, palette)?;
@@ -109,6 +118,9 @@ pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &T
             out,
             "polled for replies in {cycles} cycles, {polled_in_vain} without a reply; {polled_reads} reads"
         )?;
+    }
+    if let Some(network) = &telemetry.network {
+        writeln!(out, "{} states lost on the network, {} frames refused", network.lost, network.refused)?;
     }
     if *dropped_records > 0 {
         writeln!(
