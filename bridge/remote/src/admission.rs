@@ -11,6 +11,9 @@ use std::time::Duration;
 
 /// The session of a mirror that has been silent for longer gives its slot to another one.
 const SILENT_NS: u64 = 2_000_000_000;
+/// The groups of a mirror that has been silent for longer are released: its computer may be dead. The
+/// daemon's timeout damped them long before.
+pub(crate) const ABANDONED_NS: u64 = 5_000_000_000;
 /// Slots that watchers cannot take: a controller finds one.
 const RESERVED: usize = 2;
 /// The echo of an older state proves nothing: two clocks drift apart by up to 1 ms in this time.
@@ -150,6 +153,21 @@ impl Admission {
         });
     }
 
+    /// Takes the leases of sessions that have been silent for [`ABANDONED_NS`]. Allocates only when
+    /// there are any.
+    pub(crate) fn abandoned(&mut self, now_ns: u64) -> Vec<Lease> {
+        let Self { sessions, leases, .. } = self;
+        let is_connected = |id: u64| {
+            let is_recent = |session: &Session| now_ns.saturating_sub(session.arrived_ns) <= ABANDONED_NS;
+            sessions.iter().any(|session| session.id == id && is_recent(session))
+        };
+        let is_abandoned = |(_, (owner, _)): &(&u64, &(u64, u64))| !is_connected(*owner);
+        let raw = leases.iter().filter(is_abandoned).map(|(raw, _)| *raw);
+        let abandoned: Vec<_> = raw.filter_map(Lease::from_raw).collect();
+        leases.retain(|_, (owner, _)| is_connected(*owner));
+        abandoned
+    }
+
     /// Returns the echoes of all sessions for a frame that leaves at `now_ns`.
     pub(crate) fn echoes(&self, now_ns: u64) -> Vec<Echo> {
         let echo = |session: &Session| Echo {
@@ -169,6 +187,7 @@ pub(crate) fn only_reads(operation: Operation) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     const RUN: u64 = 99;
     const MS: u64 = 1_000_000;
@@ -253,6 +272,21 @@ mod tests {
     }
 
     #[test]
+    fn silent_mirror_loses_its_leases() {
+        let mut admission = admission();
+        let (first, second) = (Lease::new(1, 1, 0).unwrap(), Lease::new(1, 2, 1).unwrap());
+        admission.admit(&up(7, 1, 0), 0).unwrap();
+        admission.admit(&up(8, 1, 0), 1).unwrap();
+        admission.granted(7, first, 0);
+        admission.granted(8, second, 0);
+        assert_eq!(admission.abandoned(ABANDONED_NS), []);
+        assert_eq!(admission.abandoned(ABANDONED_NS + 1), [first]);
+        assert_eq!(admission.check_lease(7, first.raw()), Err(Refused::Foreign));
+        assert_eq!(admission.check_lease(8, second.raw()), Ok(second));
+        assert_eq!(admission.abandoned(ABANDONED_NS + 1), [], "each is taken once");
+    }
+
+    #[test]
     fn watchers_leave_slots_for_controllers() {
         let mut admission = admission();
         let admitted = (1..=20).filter(|session| admission.admit_watcher(&up(*session, 1, 0), 3).is_ok());
@@ -266,5 +300,51 @@ mod tests {
         let mut admission = admission();
         admission.admit(&up(1, 1, 0), 1000).unwrap();
         assert_eq!(admission.echoes(1300), [Echo { of: 1, sent_ns: 17, held_ns: 300 }]);
+    }
+
+    /// A frame or a state on a network that delays, reorders and repeats, in real time, ns.
+    #[derive(Debug, Clone)]
+    struct Sent {
+        at: u64,
+        arrivals: [u64; 2],
+    }
+
+    /// The echo that a mirror, whose clock is `ahead` of real time, sends at `now`.
+    fn echo_at(states: &[Sent], ahead: u64, now: u64) -> Echo {
+        let arrived = states.iter().filter(|state| state.arrivals[0] <= now);
+        let Some(newest) = arrived.max_by_key(|state| state.at) else { return Echo::default() };
+        let held_ns = (now + ahead) - (newest.arrivals[0] + ahead);
+        Echo { of: RUN, sent_ns: newest.at, held_ns }
+    }
+
+    fn sent() -> impl Strategy<Value = Sent> {
+        let delay = || 0..200 * MS;
+        (0..1000 * MS, delay(), delay())
+            .prop_map(|(at, first, second)| Sent { at, arrivals: [at + first, at + second] })
+    }
+
+    proptest! {
+        #[test]
+        fn admitted_frame_is_no_older_than_stated(
+            mut states in proptest::collection::vec(sent(), 1..60),
+            mut frames in proptest::collection::vec(sent(), 1..60),
+            ahead in 0..u64::MAX / 2,
+        ) {
+            states.sort_by_key(|state| state.at);
+            frames.sort_by_key(|frame| frame.at);
+            let ups = frames.iter().enumerate().map(|(number, frame)| {
+                let head = Head { from: 1, sequence: number as u64 + 1, sent_ns: frame.at + ahead };
+                (frame, Up { head, echo: echo_at(&states, ahead, frame.at) })
+            });
+            let arrive = |(frame, up): (&Sent, Up)| frame.arrivals.map(|arrival| (arrival, frame.at, up));
+            let mut arrivals: Vec<_> = ups.flat_map(arrive).collect();
+            arrivals.sort_by_key(|(arrival, ..)| *arrival);
+            let (mut admission, mut newest) = (admission(), None);
+            for (arrival, left, up) in arrivals {
+                let Ok(age) = admission.admit(&up, arrival) else { continue };
+                prop_assert!(arrival - left <= nanos(age) && age <= admission.age_max);
+                prop_assert!(newest.replace(up.head.sequence).is_none_or(|before| before < up.head.sequence));
+            }
+        }
     }
 }

@@ -95,7 +95,7 @@ pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> R
 
 /// Sends the states of the daemon.
 struct Sender<'a> {
-    robot: &'a Robot,
+    robot: &'a Arc<Robot>,
     states: Publisher<'a>,
     run: u64,
     sequence: u64,
@@ -153,6 +153,7 @@ impl Sender<'_> {
         let now_ns = clock::now_ns();
         let mut admission = self.robot.admission();
         admission.keep(|lease| state.groups().iter().any(|group| group.lease == lease), now_ns);
+        admission.abandoned(now_ns).into_iter().for_each(|lease| requests::release(self.robot, lease));
         if state.tick_ns < self.due_ns {
             return;
         }

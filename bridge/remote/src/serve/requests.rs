@@ -144,6 +144,18 @@ fn carry_out(
     Ok(reply_bytes(&head, &text))
 }
 
+/// Releases the group of a mirror that is gone, on a thread of its own: the states go on.
+pub(super) fn release(robot: &Arc<Robot>, lease: Lease) {
+    let (robot, group) = (Arc::clone(robot), lease.group());
+    let operation = Operation::Release.code();
+    let request =
+        AdminRequest { lease: lease.raw(), operation, group: group as u32, ..AdminRequest::default() };
+    std::thread::spawn(move || match robot.link.ask(request) {
+        Ok(_) => tracing::warn!(group, "released: its mirror is silent"),
+        Err(error) => tracing::error!(group, "its mirror is silent, and it cannot be released: {error}"),
+    });
+}
+
 fn reply(query: &Query, answer: &[u8]) {
     // A requester that has gone needs no answer.
     let _disconnected = query.reply(query.key_expr(), answer).wait();

@@ -48,12 +48,13 @@ impl Robot {
         }
     }
 
+    /// Holds the admission until the daemon has the setpoint: of two links of one session none passes
+    /// an older one later.
     fn pass_setpoint(&self, bytes: &[u8], now_ns: u64) -> Result<(), Refused> {
         let (up, mut setpoint, waited) = Up::read_setpoint(bytes)?;
         let mut admission = self.admission();
         let transit = admission.admit(&up, now_ns)?;
         let lease = admission.check_lease(up.head.from, setpoint.lease)?;
-        drop(admission);
         let age = transit.saturating_add(waited);
         if age > self.age_max {
             return Err(Refused::Late);
@@ -62,6 +63,7 @@ impl Robot {
         self.counters.setpoint_age.record(age);
         self.counters.change(|counts| counts.setpoints += 1);
         self.link.send(lease, &setpoint);
+        drop(admission);
         Ok(())
     }
 }
