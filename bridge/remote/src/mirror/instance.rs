@@ -155,13 +155,12 @@ impl Mirrored {
         while let Some((request, answer)) = self.requests.answered() {
             let payload = *request.payload();
             let operation = payload.operation();
-            if let Some((head, _)) = &answer
-                && let Some(lease) = Lease::from_raw(head.lease)
-            {
-                self.own(lease, &payload);
-            }
+            let granted = answer.as_ref().and_then(|(head, _)| Lease::from_raw(head.lease));
+            granted.into_iter().for_each(|lease| self.own(lease, &payload));
             let answer = operation.map_or(None, |operation| extended(&self.wire, operation, answer));
-            requests::reply(request, answer);
+            let is_answered = requests::reply(request, answer);
+            // Its client has given up: nobody would ever use or release the group.
+            granted.filter(|_| !is_answered).into_iter().for_each(|lease| self.release(lease));
         }
         while let Some(lease) = self.deaths.next(Duration::ZERO).and_then(Lease::from_raw) {
             self.owner_ended(lease);
@@ -238,7 +237,8 @@ impl Mirrored {
 
 /// Logs the states that were lost, and the frames that did not count, since `before`.
 fn report(before: [u64; 2], now: [u64; 2]) -> [u64; 2] {
-    let [lost, refused] = [now[0] - before[0], now[1] - before[1]];
+    let since = |count: usize| now[count].checked_sub(before[count]).unwrap_or(now[count]);
+    let [lost, refused] = [since(0), since(1)];
     if lost + refused > 0 {
         tracing::warn!(lost, refused, "states of the robot were lost, or did not count");
     }

@@ -3,7 +3,7 @@
 use super::wire::Wire;
 use crate::frame::read_reply;
 use motord_ports::Request;
-use motord_shared::description::Histograms;
+use motord_shared::description::{Histograms, Telemetry};
 use motord_shared::limits::{ANSWER_BYTES_MAX, HISTOGRAMS_MAX};
 use motord_shared::message::{AdminReply, NO_JOINT};
 use motord_shared::plain::Plain;
@@ -20,6 +20,9 @@ const ANSWER_TIMEOUT: Duration = Duration::from_millis(1100);
 /// Time until a request is sent again: its answer, or itself, may be lost. The robot carries it out
 /// once.
 const ATTEMPT: Duration = Duration::from_millis(150);
+/// Longest time for the answer to a claim, also of a client that has given up: the group that it got is
+/// released.
+const CLAIM_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// An answer of the robot: its head and its text. `None` when it did not come.
 type Answer = Option<(AdminReply, Vec<u8>)>;
@@ -40,9 +43,10 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// A client that leaves does not wait for its release.
+    /// A client that leaves does not wait for its release, and must not keep the group that it claimed.
     fn is_wanted(&self) -> bool {
-        self.request.is_awaited() || self.request.payload().operation() == Ok(Operation::Release)
+        let operation = self.request.payload().operation();
+        self.request.is_awaited() || matches!(operation, Ok(Operation::Claim | Operation::Release))
     }
 }
 
@@ -56,7 +60,9 @@ impl Requests {
     pub(super) fn pass(&mut self, request: Request) {
         let (number, now) = (self.wire.next_request(), Instant::now());
         self.send(number, &request);
-        let waiting = Waiting { request, until: now + ANSWER_TIMEOUT, again: now + ATTEMPT };
+        let is_claim = request.payload().operation() == Ok(Operation::Claim);
+        let until = now + if is_claim { CLAIM_TIMEOUT } else { ANSWER_TIMEOUT };
+        let waiting = Waiting { request, until, again: now + ATTEMPT };
         self.waiting.insert(number, waiting);
     }
 
@@ -100,16 +106,17 @@ impl Requests {
     }
 }
 
-/// Answers a client.
-pub(super) fn reply(request: Request, answer: Answer) {
+/// Answers a client. `false` when it no longer waits.
+pub(super) fn reply(request: Request, answer: Answer) -> bool {
     // A request that is dropped is an error for its requester.
-    let Some((head, text)) = answer else { return };
-    let _disconnected = request.reply(head, &text);
+    let Some((head, text)) = answer else { return false };
+    request.reply(head, &text).is_ok()
 }
 
 /// Refuses a request.
 pub(super) fn refuse(request: Request, refusal: Refusal) {
-    reply(request, Some((AdminReply { lease: 0, refusal: refusal.code(), detail: NO_JOINT }, Vec::new())));
+    let head = AdminReply { lease: 0, refusal: refusal.code(), detail: NO_JOINT };
+    let _disconnected = reply(request, Some((head, Vec::new())));
 }
 
 /// Sends a request, and calls `done` once: with the answer, or without one after a second.
@@ -168,9 +175,17 @@ pub(super) fn extended(wire: &Wire, operation: Operation, answer: Answer) -> Ans
     let (head, text) = answer?;
     let text = match operation {
         Operation::Histograms => with_histograms(wire, &text).unwrap_or(text),
+        Operation::Telemetry => with_latencies(wire, &text).unwrap_or(text),
         _ => text,
     };
     Some((head, text))
+}
+
+/// The daemon's counters and latencies, with those of the network. `None` where they do not fit.
+fn with_latencies(wire: &Wire, text: &[u8]) -> Option<Vec<u8>> {
+    let telemetry: Telemetry = serde_json::from_slice(text).ok()?;
+    let telemetry = Telemetry { network: Some(wire.latencies.report()), ..telemetry };
+    serde_json::to_vec(&telemetry).ok().filter(|whole| whole.len() <= ANSWER_BYTES_MAX)
 }
 
 /// The last part of the daemon's histograms is followed by those of the network: in the same answer,

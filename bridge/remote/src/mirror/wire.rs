@@ -7,12 +7,16 @@ use crate::network::{Keys, NetworkError};
 use crate::random::random;
 use motord_ports::clock;
 use motord_shared::StateMessage;
+use motord_shared::description::NetworkLatency;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait};
+
+/// Greatest age of the first frame of a run that counts.
+const NEW_RUN_AGE_MAX: Duration = Duration::from_secs(1);
 
 /// The network's end of a mirror.
 #[derive(Debug)]
@@ -28,7 +32,7 @@ pub(super) struct Wire {
     pub(super) latencies: Measured,
 }
 
-/// Latencies and losses of the network, as this side sees them.
+/// Latencies and losses of the network since the last reset, as this side sees them.
 #[derive(Debug, Default)]
 pub(super) struct Measured {
     /// A frame to the robot, and the state that repeats it, without the time that the robot held it.
@@ -46,6 +50,17 @@ pub(super) struct Measured {
 impl Measured {
     pub(super) fn reset(&self) {
         [&self.round_trip, &self.state_age, &self.state_interval].into_iter().for_each(Latencies::reset);
+        [&self.lost, &self.refused].into_iter().for_each(|count| count.store(0, Ordering::Relaxed));
+    }
+
+    pub(super) fn report(&self) -> NetworkLatency {
+        NetworkLatency {
+            round_trip_us: self.round_trip.percentiles(),
+            state_age_us: self.state_age.percentiles(),
+            state_interval_us: self.state_interval.percentiles(),
+            lost: self.lost.load(Ordering::Relaxed),
+            refused: self.refused.load(Ordering::Relaxed),
+        }
     }
 }
 
@@ -69,7 +84,11 @@ impl Received {
     fn take(&mut self, down: Down, session: u64, now_ns: u64, measured: &Measured) -> Option<u64> {
         let Head { from: run, sequence, sent_ns } = down.head;
         let is_new_run = run != self.run;
-        if run == 0 || (!is_new_run && sequence <= self.sequence) {
+        let echo = down.echoes.iter().find(|echo| echo.of == session);
+        // A capture of an earlier run repeats no frame of now.
+        let proves = |echo: &Echo| echo.age(session, now_ns).is_some_and(|age| age <= NEW_RUN_AGE_MAX);
+        if run == 0 || (is_new_run && !echo.is_some_and(proves)) || (!is_new_run && sequence <= self.sequence)
+        {
             return None;
         }
         if is_new_run {
@@ -77,7 +96,7 @@ impl Received {
         } else {
             measured.state_interval.record(Duration::from_nanos(now_ns.saturating_sub(self.arrived_ns)));
         }
-        if let Some(echo) = down.echoes.iter().find(|echo| echo.of == session) {
+        if let Some(echo) = echo {
             let trip = RoundTrip {
                 left_ns: echo.sent_ns,
                 robot_ns: sent_ns,
@@ -196,6 +215,18 @@ mod tests {
         assert_eq!(take(1, 8), Some(2));
         assert_eq!(take(2, 1), Some(0), "the robot's side was started again");
         assert_eq!(take(0, 9), None);
+    }
+
+    #[test]
+    fn new_run_needs_a_fresh_echo() {
+        let (mut received, measured) = (Received::default(), Measured::default());
+        let silent = Down { echoes: vec![], ..down(1, 5) };
+        assert_eq!(received.take(silent, SESSION, 30, &measured), None);
+        let later = 30 + NEW_RUN_AGE_MAX.as_nanos() as u64;
+        assert_eq!(received.take(down(1, 5), SESSION, later, &measured), None, "a capture");
+        assert_eq!(received.take(down(1, 5), SESSION, 30, &measured), Some(0));
+        let silent = Down { echoes: vec![], ..down(1, 6) };
+        assert_eq!(received.take(silent, SESSION, later, &measured), Some(0), "of the same run");
     }
 
     #[test]
