@@ -230,7 +230,7 @@ pub struct NetworkLatency {
     pub state_interval_us: Percentiles,
     /// States that were sent and did not arrive before a newer one.
     pub lost: u64,
-    /// Frames that were damaged, of another version, or not newer than the one before.
+    /// Frames that were damaged, of another version, or older than one before.
     pub refused: u64,
 }
 
