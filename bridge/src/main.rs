@@ -76,7 +76,7 @@ Examples:
 
 Left and up are positive. Unplugged, or out of its range, counts as released: 0 and false.";
 
-/// Brings a robot of motord into ROS 2, over DDS, without an installation of ROS.
+/// Connects a robot of motord with ROS 2, Foxglove, a page for phones, gamepads and stop circuits.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
 struct Arguments {
