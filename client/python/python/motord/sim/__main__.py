@@ -139,8 +139,6 @@ def _add_sweep(commands: Any) -> argparse.ArgumentParser:
     runs.add_argument("controller", help="the program")
     runs.add_argument("--config", default="robot.toml", help="the configuration of the robot [default: robot.toml]")
     runs.add_argument("--model", help="a MuJoCo model [default: each motor moves its own inertia]")
-    runs.add_argument("--imu", help="the site of the IMU in the model")
-    runs.add_argument("--key", help="the keyframe of the beginning")
     runs.add_argument("--seeds", type=_positive, default=20, metavar="N", help="number of seeds [default: 20]")
     runs.add_argument("--first-seed", type=int, default=1, metavar="N", help="the first seed [default: 1]")
     runs.add_argument(
@@ -167,8 +165,6 @@ def _add_live(commands: Any) -> argparse.ArgumentParser:
     )
     alive.add_argument("config", help="the configuration of the robot: its interfaces are not opened")
     alive.add_argument("model", help="a MuJoCo model whose hinge joints have the names of the configuration")
-    alive.add_argument("--imu", help="the site of the IMU")
-    alive.add_argument("--key", help="the keyframe of the beginning")
     alive.add_argument("--view", action="store_true", help="show it in a window")
     alive.add_argument("--motord", default="motord", help="the program [default: motord]")
     alive.add_argument("--json", action="store_true", help="print the end as JSON, s and m")
@@ -215,7 +211,11 @@ def _split(words: list[str]) -> tuple[list[str], list[str]]:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m motord.sim", description="Twins of robots: docs/twin.md.")
     commands = parser.add_subparsers(dest="command", required=True)
-    for command in (*_add_others(commands), _add_live(commands), _add_sweep(commands)):
+    begin = [_add_live(commands), _add_sweep(commands)]
+    for command in begin:
+        command.add_argument("--imu", help="the site of the IMU in the model")
+        command.add_argument("--key", help="the keyframe of the beginning")
+    for command in (*_add_others(commands), *begin):
         command.add_argument("--prefix", default="", help="before the names of the configuration in those of the model's joints")
         command.add_argument(
             "--motors", choices=("model", "configuration"), help="whose armature and friction count where both have them"
