@@ -59,20 +59,23 @@ pack() {
     echo "$2"
 }
 
-# pack_program PROGRAM MANIFEST CONFIGURATION VERSION: packs the folder $root with the program in it, its unit, configuration and manual page.
-# The files of packaging/NAME, NAME that of the program without `motord-`, and the function `control` of the caller give the rest.
+# pack_program PROGRAM MANIFESTS CONFIGURATION VERSION: packs the folder $root with the programs of MANIFESTS in it, their units, configuration
+# and manual pages. The files of packaging/NAME, NAME that of the program without `motord-`, and the function `control` of the caller give the
+# rest.
 pack_program() {
-    local program=$1 manifest=$2 configuration=$3 version=$4 name=${1#motord-} documents=$root/usr/share/doc/$1
+    local program=$1 manifests=$2 configuration=$3 version=$4 name=${1#motord-} documents=$root/usr/share/doc/$1 page manifest
     mkdir -p "$documents" "$root"/usr/share/{man/man1,lintian/overrides}
-    rust_libraries "$manifest" >"$documents/libraries"
+    for manifest in $manifests; do rust_libraries "$manifest"; done | sort -u >"$documents/libraries"
     copyright_and_changelog "$documents" "$version" "/usr/share/doc/$program/libraries"
-    gzip --best --no-name <"packaging/$name/$program.1" >"$root/usr/share/man/man1/$program.1.gz"
+    for page in "packaging/$name"/*.1; do
+        gzip --best --no-name <"$page" >"$root/usr/share/man/man1/$(basename "$page").gz"
+    done
     cp "packaging/$name/lintian-overrides" "$root/usr/share/lintian/overrides/$program"
     chmod -R u=rwX,go=rX "$root"
-    chmod 755 "$root/usr/bin/$program"
+    chmod 755 "$root"/usr/bin/*
     install -m 755 "packaging/$name"/{postinst,prerm,postrm} "$root/DEBIAN/"
     echo "/etc/motord/$configuration" >"$root/DEBIAN/conffiles"
-    used=$(shared_libraries "$work" "$program" "$root/usr/bin/$program")
+    used=$(shared_libraries "$work" "$program" "$root"/usr/bin/*)
     control >"$root/DEBIAN/control"
     pack "$root" "$target/debian/${program}_${version}_$architecture.deb"
 }
