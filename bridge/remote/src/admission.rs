@@ -66,6 +66,8 @@ struct Session {
     sent_ns: u64,
     /// When it arrived, by the own clock, ns.
     arrived_ns: u64,
+    /// Upper bound of its age then. `None` without an echo of this run.
+    age: Option<Duration>,
 }
 
 /// The mirrors that are connected, and the leases that they hold.
@@ -95,19 +97,20 @@ impl Admission {
     }
 
     fn admit_as(&mut self, up: &Up, now_ns: u64, slots: usize) -> Result<Duration, Refused> {
-        self.note(&up.head, now_ns, slots)?;
-        let age = up.echo.age(self.run, now_ns).ok_or(Refused::Unechoed)?;
+        let age = up.echo.age(self.run, now_ns);
+        self.note(&up.head, age, now_ns, slots)?;
+        let age = age.ok_or(Refused::Unechoed)?;
         let is_proof = up.echo.held_ns <= nanos(HELD);
         if age <= self.age_max && is_proof { Ok(age) } else { Err(Refused::Late) }
     }
 
     /// Notes the newest frame of a session. A new session needs one of the first `slots` slots.
-    fn note(&mut self, head: &Head, now_ns: u64, slots: usize) -> Result<(), Refused> {
+    fn note(&mut self, head: &Head, age: Option<Duration>, now_ns: u64, slots: usize) -> Result<(), Refused> {
         if head.from == 0 {
             return Err(Refused::Malformed);
         }
         let Head { from: id, sequence, sent_ns } = *head;
-        let session = Session { id, sequence, sent_ns, arrived_ns: now_ns };
+        let session = Session { id, sequence, sent_ns, arrived_ns: now_ns, age };
         match self.sessions.iter_mut().find(|known| known.id == id) {
             Some(known) if sequence <= known.sequence => return Err(Refused::Old),
             Some(known) => *known = session,
@@ -119,7 +122,7 @@ impl Admission {
     /// Returns a slot for a new session: a free one, or that of a silent session without a lease.
     fn slot(&mut self, now_ns: u64, slots: usize) -> Result<&mut Session, Refused> {
         if self.sessions.len() < slots {
-            let empty = Session { id: 0, sequence: 0, sent_ns: 0, arrived_ns: 0 };
+            let empty = Session { id: 0, sequence: 0, sent_ns: 0, arrived_ns: 0, age: None };
             self.sessions.push(empty);
             return self.sessions.last_mut().ok_or(Refused::Full);
         }
@@ -166,6 +169,13 @@ impl Admission {
         let abandoned: Vec<_> = raw.filter_map(Lease::from_raw).collect();
         leases.retain(|_, (owner, _)| is_connected(*owner));
         abandoned
+    }
+
+    /// Returns `true` if the newest frame of `session` was at most half as old as one may be that
+    /// counts. Otherwise bulk data must leave the network to states and setpoints.
+    pub(crate) fn has_room(&self, session: u64) -> bool {
+        let session = self.sessions.iter().find(|known| known.id == session);
+        session.and_then(|session| session.age).is_some_and(|age| age <= self.age_max / 2)
     }
 
     /// Returns the echoes of all sessions for a frame that leaves at `now_ns`.
@@ -293,6 +303,18 @@ mod tests {
         assert_eq!(admitted.count(), SESSIONS_MAX - RESERVED);
         assert!(admission.admit(&up(50, 1, 0), 3).is_ok() && admission.admit(&up(51, 1, 0), 3).is_ok());
         assert_eq!(admission.admit(&up(52, 1, 0), 3), Err(Refused::Full));
+    }
+
+    #[test]
+    fn slow_network_has_no_room_for_records() {
+        let mut admission = admission();
+        assert!(!admission.has_room(1), "an unknown session");
+        admission.admit(&up(1, 1, 0), 25 * MS).unwrap();
+        assert!(admission.has_room(1));
+        admission.admit(&up(1, 2, 0), 25 * MS + 1).unwrap();
+        assert!(!admission.has_room(1));
+        assert_eq!(admission.admit(&up(1, 3, 0), 90 * MS), Err(Refused::Late));
+        assert!(!admission.has_room(1), "the age of a late frame is known");
     }
 
     #[test]

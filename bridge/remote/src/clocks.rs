@@ -1,4 +1,4 @@
-//! The clock of the robot, seen from another computer: compared by round trips.
+//! The clock of the other computer, compared with the own one by round trips.
 
 use std::time::Duration;
 
@@ -6,25 +6,25 @@ use std::time::Duration;
 /// it.
 const WINDOW: u64 = 1_000_000_000;
 
-/// The difference between the robot's clock and the own one.
+/// The difference between the other computer's clock and the own one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Offset {
-    /// Robot's clock minus the own one, ns.
+    /// The other clock minus the own one, ns.
     pub(crate) offset_ns: i64,
     /// Bound of its error: half of the round trip.
     pub(crate) bound: Duration,
 }
 
-/// A round trip: an own frame, and the frame of the robot that repeats it.
+/// A round trip: an own frame, and the frame of the other computer that repeats it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RoundTrip {
     /// The own frame left, by the own clock, ns.
     pub(crate) left_ns: u64,
-    /// The robot's frame left, by the robot's clock, ns.
-    pub(crate) robot_ns: u64,
-    /// The robot held the own frame for so long before it sent this one.
+    /// The other frame left, by the other clock, ns.
+    pub(crate) other_ns: u64,
+    /// Time between the arrival of the own frame there and the other frame, ns.
     pub(crate) held_ns: u64,
-    /// The robot's frame arrived, by the own clock, ns.
+    /// The other frame arrived, by the own clock, ns.
     pub(crate) arrived_ns: u64,
 }
 
@@ -40,8 +40,8 @@ impl RoundTrip {
     fn offset(&self) -> Option<Offset> {
         let round_trip = self.duration()?;
         let middle = i128::from(self.left_ns) + i128::from(self.arrived_ns);
-        let robots = 2 * i128::from(self.robot_ns) - i128::from(self.held_ns);
-        let offset_ns = i64::try_from((robots - middle) / 2).ok()?;
+        let other = 2 * i128::from(self.other_ns) - i128::from(self.held_ns);
+        let offset_ns = i64::try_from((other - middle) / 2).ok()?;
         Some(Offset { offset_ns, bound: round_trip / 2 })
     }
 }
@@ -74,12 +74,16 @@ impl Clocks {
 }
 
 impl Offset {
-    /// Returns a time of the robot by the own clock, ns: not later than `now_ns`, and 1 where it was
+    /// Returns a time of the other computer by the own clock, ns: not later than `now_ns`, and 1 where it was
     /// before the own clock began. 0 stays 0: there is no time.
-    pub(crate) fn own(&self, robot_ns: u64, now_ns: u64) -> u64 {
-        let own = i128::from(robot_ns) - i128::from(self.offset_ns);
-        let latest = now_ns.max(1);
-        if robot_ns == 0 { 0 } else { u64::try_from(own.max(1)).map_or(latest, |own| own.min(latest)) }
+    pub(crate) fn own(&self, other_ns: u64, now_ns: u64) -> u64 {
+        self.moved(other_ns).min(now_ns.max(1))
+    }
+
+    /// The same without the limit `now_ns`: differences between two times stay as they are.
+    pub(crate) fn moved(&self, other_ns: u64) -> u64 {
+        let own = i128::from(other_ns) - i128::from(self.offset_ns);
+        if other_ns == 0 { 0 } else { u64::try_from(own.max(1)).unwrap_or(u64::MAX) }
     }
 }
 
@@ -92,8 +96,8 @@ mod tests {
     /// A round trip at `left_ns` to a robot whose clock is `AHEAD`, with these times on the network.
     fn trip(left_ns: u64, there: u64, back: u64) -> RoundTrip {
         let held_ns = 700;
-        let robot_ns = left_ns + AHEAD + there + held_ns;
-        RoundTrip { left_ns, robot_ns, held_ns, arrived_ns: left_ns + there + held_ns + back }
+        let other_ns = left_ns + AHEAD + there + held_ns;
+        RoundTrip { left_ns, other_ns, held_ns, arrived_ns: left_ns + there + held_ns + back }
     }
 
     fn offset(trips: impl IntoIterator<Item = RoundTrip>) -> Offset {

@@ -3,16 +3,22 @@
 //! ```text
 //!  mirror ── Up: session, sequence, time, echo of the newest Down ─▶ robot
 //!  mirror ◀── Down: run, sequence, time, echo of each session's Up ── robot
+//!  mirror ◀── record of a cycle: run, sequence, time ──────────────── robot
 //! ```
 //!
 //! Each frame repeats the time of the newest frame of the other side, and how long that was held.
 //! Therefore its receiver knows an upper bound of its age by its own clock alone: see
 //! [`Echo::age`].
 
-use motord_shared::message::{AdminReply, AdminRequest, Message};
+mod record;
+mod samples;
+
+use motord_shared::message::{AdminReply, AdminRequest, ImuMessage, Message};
 use motord_shared::packed::{pack, unpack};
 use motord_shared::plain::Plain;
-use motord_shared::{SetpointMessage, StateMessage};
+use motord_shared::{CycleRecord, SetpointMessage, StateMessage};
+pub(crate) use record::{read_record, record_bytes};
+pub(crate) use samples::SAMPLES_MAX;
 use std::time::Duration;
 
 /// Version of the frames. The layout of a frame contains it.
@@ -23,7 +29,14 @@ pub(crate) const SESSIONS_MAX: usize = 8;
 
 /// Returns a number that differs where frames or the messages in them have another layout.
 pub(crate) fn layout() -> u32 {
-    let names = [StateMessage::TYPE_NAME, SetpointMessage::TYPE_NAME, AdminRequest::TYPE_NAME].join(" ");
+    let names = [
+        StateMessage::TYPE_NAME,
+        SetpointMessage::TYPE_NAME,
+        AdminRequest::TYPE_NAME,
+        ImuMessage::TYPE_NAME,
+        CycleRecord::TYPE_NAME,
+    ]
+    .join(" ");
     // FNV-1a.
     let hash = |hash: u32, byte: u8| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
     names.bytes().chain(VERSION.to_le_bytes()).fold(0x811C_9DC5, hash)
@@ -65,7 +78,8 @@ impl Echo {
 pub(crate) struct Head {
     /// Session of a mirror, or run of the robot's side: a random number, not 0.
     pub(crate) from: u64,
-    /// Rises with every frame of a session, whatever its kind, and of a run.
+    /// Rises with every frame of a session, whatever its kind, and with every state of a run. That
+    /// of a record is the number of the record.
     pub(crate) sequence: u64,
     /// Time of sending, by the clock of the sender, ns.
     pub(crate) sent_ns: u64,

@@ -65,6 +65,10 @@ pub(crate) struct Counters {
 pub(crate) struct Counts {
     /// Setpoints that were passed to the daemon.
     pub(crate) setpoints: u64,
+    /// Samples of external IMUs that were passed to the daemon.
+    pub(crate) samples: u64,
+    /// Records that were sent to mirrors.
+    pub(crate) records: u64,
     /// Requests that were passed to the daemon.
     pub(crate) requests: u64,
     /// Emergency stops.
@@ -76,7 +80,7 @@ pub(crate) struct Counts {
 impl Default for Counts {
     fn default() -> Self {
         let refused = Refused::ALL.map(|reason| (reason, 0)).into();
-        Self { setpoints: 0, requests: 0, stops: 0, refused }
+        Self { setpoints: 0, samples: 0, records: 0, requests: 0, stops: 0, refused }
     }
 }
 

@@ -1,15 +1,17 @@
 //! The other computer's side: the robot as an instance of motord, for all programs there.
 //!
 //! ```text
-//!  controller ─ shared memory ─▶ mirror ── setpoint, request ─▶ zenoh
-//!             ◀─ shared memory ─        ◀── state ───────────── zenoh
-//!             ── stop socket ──▶ thread `stop` ── stop ───────▶ zenoh
+//!  controller ─ shared memory ─▶ mirror ── setpoint, imu, request ─▶ zenoh
+//!             ◀─ shared memory ─        ◀── state, record ───────── zenoh
+//!             ── stop socket ──▶ thread `stop` ── stop ───────────▶ zenoh
 //! ```
 //!
 //! Clients see the ports of a daemon. Times of the robot become times of this computer's
 //! `CLOCK_MONOTONIC`; their error is at most half of the shortest round trip.
 
+mod imus;
 mod instance;
+mod records;
 mod requests;
 mod stop_socket;
 mod wire;
@@ -21,12 +23,8 @@ use motord_shared::StateMessage;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::Thread;
-use std::time::Duration;
-use wire::Wire;
+use wire::{BEAT, Wire};
 use zenoh::Wait;
-
-/// Longest time between two frames to the robot before its first state.
-const BEAT: Duration = Duration::from_millis(20);
 
 /// The reason why a mirror ends.
 #[derive(Debug, thiserror::Error)]

@@ -44,6 +44,26 @@ impl Keys {
         self.key("setpoint")
     }
 
+    /// Samples of external IMUs.
+    pub(crate) fn imu(&self) -> String {
+        self.key("imu")
+    }
+
+    /// Frames of mirrors that want records.
+    pub(crate) fn want(&self) -> String {
+        self.key("want")
+    }
+
+    /// Records of each cycle, for the mirror with this session.
+    pub(crate) fn record(&self, session: u64) -> String {
+        self.key(&format!("record/{session:016x}"))
+    }
+
+    /// Records for all mirrors.
+    fn records(&self) -> String {
+        self.key("record/*")
+    }
+
     /// Requests that change something.
     pub(crate) fn request(&self) -> String {
         self.key("request")
@@ -195,8 +215,8 @@ fn tls_settings(tls: &Tls) -> Value {
 ///
 /// | who | may |
 /// |---|---|
-/// | every certificate of the authority | receive states, read the description and telemetry, stop |
-/// | a certificate in `may-claim` | also send setpoints and all other requests |
+/// | every certificate of the authority | receive states and records, read the description and telemetry, stop |
+/// | a certificate in `may-claim` | also send setpoints, samples of IMUs and all other requests |
 ///
 /// Without TLS there are no certificates: everybody who reaches the port may do everything.
 fn permissions(served: &Served<'_>, has_certificates: bool) -> Value {
@@ -235,7 +255,10 @@ fn rules(keys: &Keys) -> Value {
         keys.link(),
         keys.request(),
         keys.setpoint(),
+        keys.imu(),
         keys.beat(),
+        keys.want(),
+        keys.records(),
     ];
     json!([
         rule(
@@ -245,14 +268,14 @@ fn rules(keys: &Keys) -> Value {
             &["motord/**".to_owned()]
         ),
         rule("read", "ingress", &["query"], &read),
-        rule("beat", "ingress", &["put"], &[keys.beat()]),
+        rule("beat", "ingress", &["put"], &[keys.beat(), keys.want()]),
         rule(
             "robot",
             "egress",
             &["put", "reply", "declare_subscriber", "declare_queryable", "liveliness_token"],
             &from_robot
         ),
-        rule("claim", "ingress", &["put"], &[keys.setpoint()]),
+        rule("claim", "ingress", &["put"], &[keys.setpoint(), keys.imu()]),
         rule("request", "ingress", &["query"], &[keys.request()]),
     ])
 }

@@ -2,17 +2,22 @@
 //!
 //! ```text
 //!  zenoh ── setpoint ─▶ Admission ─▶ shared memory ─▶ motord
+//!        ── imu ──────▶ Admission ─▶ shared memory ─▶ motord
 //!        ── request ──▶ Admission ─▶ thread `request` ─▶ motord
 //!        ── ask ──────▶ thread `ask` ─▶ motord
 //!        ── stop ─────▶ thread `stop` ─▶ motord's stop socket
 //!        ◀── state ──── main thread ◀── motord
+//!        ◀── record ─── thread `record` ◀── motord
 //! ```
 //!
 //! The daemon damps the robot whenever setpoints stay away: after a partition, after the death of a
 //! mirror or its controller, and after the death of this process.
 
 mod fleet;
+mod imus;
 mod link;
+mod readers;
+mod records;
 mod requests;
 mod robot;
 mod stops;
@@ -29,7 +34,7 @@ use robot::Robot;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use zenoh::pubsub::Publisher;
+use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait};
 
@@ -50,18 +55,12 @@ pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> R
     let Some(session) = network::open(network, Some(&served), is_over)? else { return Ok(()) };
     let run = random().map_err(NetworkError::of)?;
     let robot = Arc::new(Robot::new(serve, run));
-    let of_setpoints = Arc::clone(&robot);
-    let _setpoints = session
-        .declare_subscriber(keys.setpoint())
-        .callback(move |sample| of_setpoints.take_setpoint(&sample.payload().to_bytes()))
-        .wait()
-        .map_err(NetworkError::of)?;
-    let of_beats = Arc::clone(&robot);
-    let _beats = session
-        .declare_subscriber(keys.beat())
-        .callback(move |sample| of_beats.take_beat(&sample.payload().to_bytes()))
-        .wait()
-        .map_err(NetworkError::of)?;
+    let _frames = [
+        subscribe(&session, keys.setpoint(), &robot, Robot::take_setpoint)?,
+        subscribe(&session, keys.imu(), &robot, Robot::take_samples)?,
+        subscribe(&session, keys.beat(), &robot, Robot::take_beat)?,
+        subscribe(&session, keys.want(), &robot, Robot::take_want)?,
+    ];
     let _requests = requests::serve(&session, &keys, &robot)?;
     let _stops = stops::serve(&session, &keys, &robot, &serve.instance)?;
     let of_counters = Arc::clone(&robot);
@@ -87,10 +86,25 @@ pub(crate) fn run(serve: &Serve, network: &Network, ends: &Arc<AtomicBool>) -> R
     let fleet = Fleet::new(&serve.robot, &session, &keys)?;
     let mut sender =
         Sender { robot: &robot, states, run, sequence: 0, period, due_ns: 0, has_reported: false, fleet };
+    let records = records::start(&session, &keys, &robot, run, ends);
     while !ends.load(Ordering::Relaxed) {
         sender.serve_daemon(&serve.instance, &session, &keys, ends);
     }
+    let _panicked = records.join();
     Ok(())
+}
+
+/// Calls `take` with the bytes of each frame of `key`.
+fn subscribe(
+    session: &Session,
+    key: String,
+    robot: &Arc<Robot>,
+    take: fn(&Robot, &[u8]),
+) -> Result<Subscriber<()>, NetworkError> {
+    let robot = Arc::clone(robot);
+    let subscriber = session.declare_subscriber(key);
+    let subscriber = subscriber.callback(move |sample| take(&robot, &sample.payload().to_bytes()));
+    subscriber.wait().map_err(NetworkError::of)
 }
 
 /// Sends the states of the daemon.

@@ -1,11 +1,15 @@
 //! The instance of this computer: the daemon's ports, with a robot behind the network.
 
+use super::imus::{Imus, has_external};
+use super::records::Records;
 use super::requests::{self, Requests, extended, refuse};
 use super::stop_socket;
-use super::wire::Wire;
+use super::wire::{BEAT, Wire};
 use crate::network::NetworkError;
 use motord_ports::instance::pid_namespace;
-use motord_ports::{DaemonPorts, Housekeeper, Instance, InstanceError, InstanceLock, Request, ServiceError};
+use motord_ports::{
+    DaemonPorts, Housekeeper, ImuReceiver, Instance, InstanceError, InstanceLock, Request, ServiceError,
+};
 use motord_realtime::process::{Deaths, Watched, deaths};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::{AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
@@ -22,8 +26,6 @@ const OWNED_POLL: Duration = Duration::from_micros(200);
 const IDLE_POLL: Duration = Duration::from_millis(2);
 /// Interval of the checks for clients that have died.
 const CLEAN: Duration = Duration::from_secs(1);
-/// Interval of the frames that only measure.
-const BEAT: Duration = Duration::from_millis(5);
 /// Between two lines about lost states.
 const REPORT: Duration = Duration::from_secs(10);
 /// Requests taken in a turn.
@@ -44,6 +46,8 @@ pub(crate) enum MirroredError {
 pub(super) struct Mirrored {
     wire: Arc<Wire>,
     ports: DaemonPorts,
+    /// `None` for a robot without an external IMU.
+    imus: Option<ImuReceiver>,
     housekeeper: Option<Housekeeper>,
     description: Vec<u8>,
     requests: Requests,
@@ -66,12 +70,14 @@ impl Mirrored {
     ) -> Result<Self, MirroredError> {
         let lock = Instance::find(instance)?.lock()?;
         let ports = DaemonPorts::open(&lock)?;
+        let imus = has_external(&description).then(|| ports.open_imus(&lock)).transpose()?;
         let (owners, deaths) = deaths(GROUPS_MAX)?;
         let ends = Arc::new(AtomicBool::new(false));
         let stops = stop_socket::start(lock.instance(), Arc::clone(wire), Arc::clone(&ends));
         Ok(Self {
             wire: Arc::clone(wire),
             ports,
+            imus,
             housekeeper: Housekeeper::open(&lock).ok(),
             description,
             requests: Requests::new(Arc::clone(wire)),
@@ -89,9 +95,11 @@ impl Mirrored {
         let wire = Arc::clone(&self.wire);
         let setpoints = wire.publisher(wire.keys.setpoint())?;
         let beats = wire.publisher(wire.keys.beat())?;
+        let mut imus = Imus::new(&wire, first.boot_id)?;
+        let mut records = Records::new(&wire, self.ports.recorders().clone(), first.boot_id)?;
         self.publish(first);
-        let (mut beaten, mut cleaned, mut reported) = (Instant::now(), Instant::now(), Instant::now());
-        let mut losses = wire.losses();
+        let mut beaten = Instant::now();
+        let mut chores = Chores::new(&wire);
         while !ends.load(Ordering::Relaxed) {
             if let Some(state) = self.wire.newest() {
                 if state.boot_id != first.boot_id {
@@ -106,15 +114,12 @@ impl Mirrored {
                 beaten = Instant::now();
                 let _dropped = beats.put(self.wire.up().beat()).wait();
             }
+            if let Some(receiver) = &self.imus {
+                imus.pass(receiver);
+            }
+            records.turn();
             self.serve_requests();
-            if cleaned.elapsed() >= CLEAN {
-                cleaned = Instant::now();
-                let _removed = self.housekeeper.as_ref().map(Housekeeper::clean);
-            }
-            if reported.elapsed() >= REPORT {
-                reported = Instant::now();
-                losses = report(losses, wire.losses());
-            }
+            chores.turn(&wire, self.housekeeper.as_ref());
             let is_owned = self.leases.iter().any(Option::is_some);
             std::thread::park_timeout(if is_owned { OWNED_POLL } else { IDLE_POLL });
         }
@@ -235,12 +240,40 @@ impl Mirrored {
     }
 }
 
-/// Logs the states that were lost, and the frames that did not count, since `before`.
-fn report(before: [u64; 2], now: [u64; 2]) -> [u64; 2] {
-    let since = |count: usize| now[count].checked_sub(before[count]).unwrap_or(now[count]);
-    let [lost, refused] = [since(0), since(1)];
+/// What is done now and then.
+struct Chores {
+    cleaned: Instant,
+    reported: Instant,
+    losses: [u64; 3],
+}
+
+impl Chores {
+    fn new(wire: &Wire) -> Self {
+        Self { cleaned: Instant::now(), reported: Instant::now(), losses: wire.losses() }
+    }
+
+    fn turn(&mut self, wire: &Wire, housekeeper: Option<&Housekeeper>) {
+        if self.cleaned.elapsed() >= CLEAN {
+            self.cleaned = Instant::now();
+            let _removed = housekeeper.map(Housekeeper::clean);
+        }
+        if self.reported.elapsed() >= REPORT {
+            self.reported = Instant::now();
+            self.losses = report(self.losses, wire.losses());
+        }
+    }
+}
+
+/// Logs the states and records that were lost, and the frames that did not count, since `before`.
+fn report(before: [u64; 3], now: [u64; 3]) -> [u64; 3] {
+    // A reset begins anew.
+    let since = |index: usize| now[index].checked_sub(before[index]).unwrap_or(now[index]);
+    let [lost, lost_records, refused] = [0, 1, 2].map(since);
     if lost + refused > 0 {
         tracing::warn!(lost, refused, "states of the robot were lost, or did not count");
+    }
+    if lost_records > 0 {
+        tracing::warn!(lost = lost_records, "records of the robot were lost");
     }
     now
 }

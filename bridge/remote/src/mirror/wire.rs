@@ -1,6 +1,6 @@
 //! The network's end of a mirror: what arrived last, and what is sent.
 
-use crate::clocks::{Clocks, RoundTrip};
+use crate::clocks::{Clocks, Offset, RoundTrip};
 use crate::frame::{Down, Echo, Head, Up};
 use crate::measure::Latencies;
 use crate::network::{Keys, NetworkError};
@@ -17,6 +17,8 @@ use zenoh::{Session, Wait};
 
 /// Greatest age of the first frame of a run that counts.
 const NEW_RUN_AGE_MAX: Duration = Duration::from_secs(1);
+/// Longest time between two frames to the robot.
+pub(super) const BEAT: Duration = Duration::from_millis(5);
 
 /// The network's end of a mirror.
 #[derive(Debug)]
@@ -43,14 +45,16 @@ pub(super) struct Measured {
     pub(super) state_interval: Latencies,
     /// States that were sent and did not arrive before a newer one.
     lost: AtomicU64,
-    /// Frames that are no state of this version, or are older than one before.
+    /// Records that were missing before a later one.
+    lost_records: AtomicU64,
+    /// Frames that are no state or record of this version, or are older than one before.
     refused: AtomicU64,
 }
 
 impl Measured {
     pub(super) fn reset(&self) {
         [&self.round_trip, &self.state_age, &self.state_interval].into_iter().for_each(Latencies::reset);
-        [&self.lost, &self.refused].into_iter().for_each(|count| count.store(0, Ordering::Relaxed));
+        [&self.lost, &self.lost_records, &self.refused].into_iter().for_each(|count| count.store(0, Ordering::Relaxed));
     }
 
     pub(super) fn report(&self) -> NetworkLatency {
@@ -61,6 +65,16 @@ impl Measured {
             lost: self.lost.load(Ordering::Relaxed),
             refused: self.refused.load(Ordering::Relaxed),
         }
+    }
+
+    /// Counts records that were lost.
+    pub(super) fn count_records(&self, lost: u64) {
+        self.lost_records.fetch_add(lost, Ordering::Relaxed);
+    }
+
+    /// Counts a frame that does not count.
+    pub(super) fn refuse_frame(&self) {
+        self.refused.fetch_add(1, Ordering::Relaxed);
     }
 }
 
@@ -99,7 +113,7 @@ impl Received {
         if let Some(echo) = echo {
             let trip = RoundTrip {
                 left_ns: echo.sent_ns,
-                robot_ns: sent_ns,
+                other_ns: sent_ns,
                 held_ns: echo.held_ns,
                 arrived_ns: now_ns,
             };
@@ -138,9 +152,9 @@ impl Wire {
             .ok()
             .and_then(|down| self.received().take(down, self.id, now_ns, &self.latencies));
         match taken {
-            Some(lost) => self.latencies.lost.fetch_add(lost, Ordering::Relaxed),
-            None => self.latencies.refused.fetch_add(1, Ordering::Relaxed),
-        };
+            Some(lost) => drop(self.latencies.lost.fetch_add(lost, Ordering::Relaxed)),
+            None => self.latencies.refuse_frame(),
+        }
     }
 
     /// Returns the newest state that was not taken yet, with times of the own clock. `None` also
@@ -151,12 +165,23 @@ impl Wire {
         let mut state = received.newest.take()?;
         drop(received);
         let now_ns = clock::now_ns();
-        let own = |time: &mut u64| *time = offset.own(*time, now_ns);
-        own(&mut state.tick_ns);
-        own(&mut state.publish_ns);
-        state.joints.iter_mut().for_each(|joint| own(&mut joint.receive_ns));
-        state.imus.iter_mut().for_each(|imu| own(&mut imu.receive_ns));
+        move_times(&mut state, |time| *time = offset.own(*time, now_ns));
         Some(state)
+    }
+
+    /// Returns the number of this process in frames.
+    pub(super) fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// Returns the run of the robot's side; 0 before its first state.
+    pub(super) fn run(&self) -> u64 {
+        self.received().run
+    }
+
+    /// Returns the best comparison of the clocks. `None` before the first round trip.
+    pub(super) fn offset(&self) -> Option<Offset> {
+        self.received().clocks.offset()
     }
 
     /// Returns the head of the next frame.
@@ -174,9 +199,10 @@ impl Wire {
         publisher.express(true).wait().map_err(NetworkError::of)
     }
 
-    /// Returns the numbers of states that were lost, and of frames that did not count.
-    pub(super) fn losses(&self) -> [u64; 2] {
-        [&self.latencies.lost, &self.latencies.refused].map(|count| count.load(Ordering::Relaxed))
+    /// Returns the numbers of states and records that were lost, and of frames that did not count.
+    pub(super) fn losses(&self) -> [u64; 3] {
+        let Measured { lost, lost_records, refused, .. } = &self.latencies;
+        [lost, lost_records, refused].map(|count| count.load(Ordering::Relaxed))
     }
 
     /// Returns the number of another request.
@@ -191,6 +217,14 @@ impl Wire {
     pub(super) fn time_since_state(&self) -> Duration {
         Duration::from_nanos(clock::now_ns().saturating_sub(self.received().arrived_ns))
     }
+}
+
+/// Passes each time of a state of the robot to `change`.
+pub(super) fn move_times(state: &mut StateMessage, mut change: impl FnMut(&mut u64)) {
+    change(&mut state.tick_ns);
+    change(&mut state.publish_ns);
+    state.joints.iter_mut().for_each(|joint| change(&mut joint.receive_ns));
+    state.imus.iter_mut().for_each(|imu| change(&mut imu.receive_ns));
 }
 
 #[cfg(test)]

@@ -1,16 +1,18 @@
 //! The ports of the daemon, opened again after its death.
 
-use motord_ports::{ClientPorts, Instance, Question, ServiceError, SetpointPort, clock};
+use motord_ports::{ClientPorts, ImuSender, Instance, Question, ServiceError, SetpointPort, clock};
 use motord_shared::limits::GROUPS_MAX;
-use motord_shared::message::AdminReply;
+use motord_shared::message::{AdminReply, ImuMessage};
 use motord_shared::{AdminRequest, Lease, SetpointMessage};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest time for the daemon's answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval of the checks for an answer.
 const ANSWER_POLL: Duration = Duration::from_micros(200);
+/// Interval of attempts to open the port for samples: a robot without an external IMU has none.
+const RETRY: Duration = Duration::from_secs(1);
 
 /// The reason why the daemon cannot be reached.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +36,19 @@ struct Open {
     ports: Arc<ClientPorts>,
     /// By group.
     setpoints: [Option<SetpointPort>; GROUPS_MAX],
+    imus: Option<ImuSender>,
+    /// Time of the last attempt to open `imus`.
+    tried: Option<Instant>,
+}
+
+impl Open {
+    fn imus(&mut self) -> Option<&ImuSender> {
+        if self.imus.is_none() && self.tried.is_none_or(|tried| tried.elapsed() >= RETRY) {
+            self.tried = Some(Instant::now());
+            self.imus = self.ports.imu_sender().ok();
+        }
+        self.imus.as_ref()
+    }
 }
 
 impl Link {
@@ -41,7 +56,8 @@ impl Link {
     pub(super) fn open(&self, instance: &str) -> Result<Arc<ClientPorts>, LinkError> {
         let attachment = Instance::find(instance)?.attach()?.ok_or(LinkError::NotRunning)?;
         let ports = Arc::new(ClientPorts::open(attachment)?);
-        *self.lock() = Some(Open { ports: Arc::clone(&ports), setpoints: [const { None }; GROUPS_MAX] });
+        let setpoints = [const { None }; GROUPS_MAX];
+        *self.lock() = Some(Open { ports: Arc::clone(&ports), setpoints, imus: None, tried: None });
         Ok(ports)
     }
 
@@ -50,10 +66,25 @@ impl Link {
         *self.lock() = None;
     }
 
+    /// Returns the ports of the daemon, while it runs.
+    pub(super) fn ports(&self) -> Option<Arc<ClientPorts>> {
+        self.lock().as_ref().map(|open| Arc::clone(&open.ports))
+    }
+
+    /// Passes a sample of an external IMU to the daemon. A robot without such an IMU has no use for
+    /// it.
+    pub(super) fn send_sample(&self, sample: &ImuMessage) {
+        let mut open = self.lock();
+        let Some(open) = open.as_mut() else { return };
+        if open.imus().is_some_and(|port| port.send(sample).is_err()) {
+            open.imus = None;
+        }
+    }
+
     /// Passes a setpoint to the daemon. Without one it is lost: no states arrive then, either.
     pub(super) fn send(&self, lease: Lease, setpoint: &SetpointMessage) {
         let mut open = self.lock();
-        let Some(Open { ports, setpoints }) = open.as_mut() else { return };
+        let Some(Open { ports, setpoints, .. }) = open.as_mut() else { return };
         let slot = &mut setpoints[lease.group()];
         if slot.is_none() {
             *slot = ports.setpoint_port().ok();
@@ -65,8 +96,7 @@ impl Link {
 
     /// Sends a request, and waits for the answer at most a second.
     pub(super) fn ask(&self, request: AdminRequest) -> Result<(AdminReply, Vec<u8>), LinkError> {
-        let ports = self.lock().as_ref().map(|open| Arc::clone(&open.ports));
-        let question: Question = ports.ok_or(LinkError::NotRunning)?.ask(request)?;
+        let question: Question = self.ports().ok_or(LinkError::NotRunning)?.ask(request)?;
         let end = clock::now_ns() + crate::frame::nanos(ANSWER_TIMEOUT);
         loop {
             if let Some(answer) = question.answer()? {

@@ -1,6 +1,8 @@
 //! The values that the threads of the robot's side share.
 
+use super::imus::Imus;
 use super::link::Link;
+use super::readers::Readers;
 use crate::admission::{Admission, Refused};
 use crate::config::Serve;
 use crate::frame::{Up, nanos};
@@ -13,6 +15,8 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(super) struct Robot {
     admission: Mutex<Admission>,
+    imus: Mutex<Imus>,
+    readers: Mutex<Readers>,
     pub(super) link: Link,
     pub(super) counters: Counters,
     age_max: Duration,
@@ -22,6 +26,8 @@ impl Robot {
     pub(super) fn new(serve: &Serve, run: u64) -> Self {
         Self {
             admission: Mutex::new(Admission::new(run, serve.age_max())),
+            imus: Mutex::default(),
+            readers: Mutex::default(),
             link: Link::default(),
             counters: Counters::default(),
             age_max: serve.age_max(),
@@ -30,6 +36,11 @@ impl Robot {
 
     pub(super) fn admission(&self) -> MutexGuard<'_, Admission> {
         self.admission.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the mirrors that want records.
+    pub(super) fn readers(&self) -> MutexGuard<'_, Readers> {
+        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes the bytes of a mirror: passes a setpoint that counts to the daemon, and counts others.
@@ -46,6 +57,42 @@ impl Robot {
         if let Err(reason) = admitted {
             self.counters.refuse(reason);
         }
+    }
+
+    /// Takes the bytes of a mirror that wants records.
+    pub(super) fn take_want(&self, bytes: &[u8]) {
+        let now_ns = clock::now_ns();
+        let admitted = Up::read_beat(bytes).map_err(Refused::from);
+        let admitted = admitted.and_then(|up| self.admission().admit_watcher(&up, now_ns).map(|_| up));
+        let noted = admitted.and_then(|up| self.readers().want(up.head.from, now_ns));
+        if let Err(reason) = noted {
+            self.counters.refuse(reason);
+        }
+    }
+
+    /// Takes the bytes of a mirror with samples of external IMUs: passes those that count to the
+    /// daemon, and counts others.
+    pub(super) fn take_samples(&self, bytes: &[u8]) {
+        if let Err(reason) = self.pass_samples(bytes, clock::now_ns()) {
+            self.counters.refuse(reason);
+        }
+    }
+
+    fn pass_samples(&self, bytes: &[u8], now_ns: u64) -> Result<(), Refused> {
+        let (up, samples) = Up::read_samples(bytes)?;
+        let transit = self.admission().admit(&up, now_ns)?;
+        let mut imus = self.imus.lock().unwrap_or_else(PoisonError::into_inner);
+        imus.compare(&up, now_ns);
+        for sample in &samples {
+            match imus.admit(&up.head, sample, transit, self.age_max, now_ns) {
+                Ok(sample) => {
+                    self.link.send_sample(&sample);
+                    self.counters.change(|counts| counts.samples += 1);
+                }
+                Err(reason) => self.counters.refuse(reason),
+            }
+        }
+        Ok(())
     }
 
     /// Holds the admission until the daemon has the setpoint: of two links of one session none passes
