@@ -118,8 +118,9 @@ impl Sender<'_> {
     /// Sends the records since the last turn. Never waits for the network.
     fn pass(&mut self) {
         let Some((_, port)) = &self.port else { return };
-        let admission = self.robot.admission();
-        let ready: Vec<_> = self.readers.iter().filter(|(session, _)| admission.has_room(*session)).collect();
+        let (admission, now_ns) = (self.robot.admission(), clock::now_ns());
+        let has_room = |reader: &&(u64, _)| admission.has_room(reader.0, now_ns);
+        let ready: Vec<_> = self.readers.iter().filter(has_room).collect();
         drop(admission);
         let mut record = Box::<CycleRecord>::default();
         let (mut sent, mut is_damaged) = (0, false);

@@ -59,12 +59,15 @@ impl Robot {
         }
     }
 
-    /// Takes the bytes of a mirror that wants records.
+    /// Takes the bytes of a mirror that wants records. A late want counts also: it moves nothing.
     pub(super) fn take_want(&self, bytes: &[u8]) {
         let now_ns = clock::now_ns();
-        let admitted = Up::read_beat(bytes).map_err(Refused::from);
-        let admitted = admitted.and_then(|up| self.admission().admit_watcher(&up, now_ns).map(|_| up));
-        let noted = admitted.and_then(|up| self.readers().want(up.head.from, now_ns));
+        let noted = Up::read_beat(bytes).map_err(Refused::from).and_then(|up| {
+            match self.admission().admit_watcher(&up, now_ns) {
+                Ok(_) | Err(Refused::Late) => self.readers().want(up.head.from, now_ns),
+                Err(reason) => Err(reason),
+            }
+        });
         if let Err(reason) = noted {
             self.counters.refuse(reason);
         }
