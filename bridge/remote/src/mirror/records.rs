@@ -1,8 +1,8 @@
 //! Every cycle of the robot, for recorders of this computer.
 //!
 //! ```text
-//!  motorctl record ◀─ shared memory ─ callback of zenoh ◀─ record/<session> ─ robot
-//!                                     main thread ── want, 10 a second ─────▶
+//!  motorctl record ◀─ shared memory ─ thread of the records ◀─ record/<session> ─ robot
+//!                                     main thread ── want, 10 a second ─────────▶
 //! ```
 //!
 //! The robot sends records while a recorder of this computer is connected. A record that the
@@ -14,9 +14,12 @@ use crate::frame::{Head, read_record};
 use crate::network::NetworkError;
 use motord_ports::{RecordSender, Recorders};
 use motord_shared::CycleRecord;
+use motord_shared::limits::RECORDS_KEPT;
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::pubsub::{Publisher, Subscriber};
 
 /// Interval of the checks for recorders.
@@ -25,6 +28,8 @@ const CHECK: Duration = Duration::from_millis(20);
 const WANT: Duration = Duration::from_millis(100);
 /// Interval of attempts to open the port.
 const RETRY: Duration = Duration::from_secs(1);
+/// Limit on the records that wait for the thread: as many as wait for a recorder.
+const WAITING_MAX: usize = RECORDS_KEPT;
 
 /// The records of one run of the robot's daemon that count: in their order, each once.
 #[derive(Debug)]
@@ -95,12 +100,16 @@ impl<'a> Records<'a> {
     /// For the daemon with this `boot_id`.
     pub(super) fn new(wire: &'a Arc<Wire>, recorders: Recorders, boot_id: u64) -> Result<Self, NetworkError> {
         let output = Arc::<Output>::default();
-        let (of_callback, of_records) = (Arc::clone(wire), Arc::clone(&output));
+        let (of_thread, of_records) = (Arc::clone(wire), Arc::clone(&output));
+        let (sender, waiting) = sync_channel::<ZBytes>(WAITING_MAX);
+        // It ends with the subscriber.
+        std::thread::spawn(move || {
+            waiting.iter().for_each(|bytes| of_records.take(&of_thread, &bytes.to_bytes()));
+        });
         let records = wire.session.declare_subscriber(wire.keys.record(wire.id()));
-        let records = records
-            .callback(move |sample| of_records.take(&of_callback, &sample.payload().to_bytes()))
-            .wait()
-            .map_err(NetworkError::of)?;
+        // The states of the robot use the same thread of zenoh: a record that finds no room is lost.
+        let records = records.callback(move |sample| drop(sender.try_send(sample.payload().clone())));
+        let records = records.wait().map_err(NetworkError::of)?;
         Ok(Self {
             wire,
             recorders,
