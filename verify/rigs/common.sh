@@ -168,15 +168,22 @@ finish() {
     exit "$(cat "$rig/status")"
 }
 
+# mcap_python: the Python of an environment with the official reader of MCAP. Makes it where it is missing.
+mcap_python() {
+    local environment=$cache_root/mcap
+    if ! "$environment/bin/python3" -c 'import mcap, mcap_protobuf' 2>/dev/null; then
+        python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
+        python3 -m venv "$environment"
+        "$environment/bin/pip" install --disable-pip-version-check --quiet mcap mcap-protobuf-support
+    fi
+    echo "$environment/bin/python3"
+}
+
 # judge_loss RECORDING MOST: in a recording of a robot with the IMU `base`, the cycles from its last sample to its loss, which must be fewer
 # than MOST, and from there to the stop of the group `legs`, at most one.
 judge_loss() {
-    local python=$cache_root/mcap/bin/python3
-    if ! "$python" -c 'import mcap, mcap_protobuf' 2>/dev/null; then
-        python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
-        python3 -m venv "$cache_root/mcap"
-        "$cache_root/mcap/bin/pip" install --quiet mcap mcap-protobuf-support
-    fi
+    local python
+    python=$(mcap_python)
     "$python" - "$1" "$2" <<'PYTHON'
 import sys
 from mcap.reader import make_reader

@@ -2,7 +2,8 @@
 
     remote-forger.py ADDRESS
 
-It knows the format, the run and the owner's lease, which each watcher sees. Prints the counters; fails where a frame was followed.
+It knows the format, the run and the owner's lease, which each watcher sees. Prints the counters; fails where a frame was not counted, or a
+sample was used.
 """
 
 import json
@@ -49,8 +50,12 @@ def main() -> None:
         start = 32 + 24 * echoes
         boot = struct.unpack_from("<Q", state, start)[0]
 
-        def up(session_id: int, sequence: int, echo_run: int, echo_sent: int) -> bytes:
-            return struct.pack(HEAD, layout, session_id, sequence, 1) + struct.pack(ECHO, echo_run, echo_sent, 0)
+        def up(session_id: int, sequence: int, echo_run: int, echo_sent: int, at_ns: int = 1) -> bytes:
+            return struct.pack(HEAD, layout, session_id, sequence, at_ns) + struct.pack(ECHO, echo_run, echo_sent, 0)
+
+        def sample(time_ns: int, imu: int = 1) -> bytes:
+            head = struct.pack("<QQQQII", boot, 1, 1, time_ns, imu, 0)
+            return head + struct.pack("<11fI", 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 20.0, 0)
 
         def setpoint(lease: int) -> bytes:
             head = struct.pack("<QQQQII", lease, 1 << 20, 1, 0, 12, 0)
@@ -70,11 +75,24 @@ def main() -> None:
         send(up(78, 1, run ^ 1, sent), "beat")
         send(up(79, 1, run, fresh())[:-3], "beat")
         send(struct.pack("<I", layout ^ 1) + b"\0" * 60)
+        # Samples of an IMU: after their frame, a second before it, of an unknown IMU, in a captured frame, and none.
+        second = 1_000_000_000
+        send(up(81, 1, run, fresh(), second) + sample(second + 1), "imu")
+        send(up(81, 2, run, fresh(), 2 * second) + sample(second), "imu")
+        send(up(81, 3, run, fresh(), second) + sample(second, imu=9), "imu")
+        send(up(81, 3, run, fresh(), second) + sample(second), "imu")
+        send(up(82, 1, run ^ 1, sent) + sample(1), "imu")
+        send(up(81, 4, run, fresh()), "imu")
+        # Frames that ask for records, and are none.
+        send(up(83, 1, run ^ 1, sent), "want")
+        send(b"", "want")
         time.sleep(1.0)
         after = ask(session)
     counted = {reason: after["refused"][reason] - before["refused"][reason] for reason in after["refused"]}
     missing = [reason for reason in ("foreign", "late", "old", "unechoed", "malformed", "layout") if not counted[reason]]
     print(json.dumps(counted))
+    if after["samples"] != before["samples"]:
+        raise SystemExit("a sample was used")
     if missing:
         raise SystemExit(f"not counted: {missing}")
 

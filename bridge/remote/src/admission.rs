@@ -204,7 +204,7 @@ impl Admission {
 
     /// Returns `true` if a frame of `session` that arrived lately was at most half as old as one may
     /// be that counts. Otherwise bulk data must leave the network to states and setpoints.
-    pub(crate) fn has_room(&self, session: u64, now_ns: u64) -> bool {
+    pub(crate) fn has_capacity(&self, session: u64, now_ns: u64) -> bool {
         let session = self.sessions.iter().find(|known| known.id == session);
         session.and_then(|session| session.ages.lowest(now_ns)).is_some_and(|age| age <= self.age_max / 2)
     }
@@ -337,20 +337,23 @@ mod tests {
     }
 
     #[test]
-    fn slow_network_has_no_room_for_records() {
+    fn slow_network_carries_no_records() {
         let mut admission = admission();
-        assert!(!admission.has_room(1, 25 * MS), "an unknown session");
+        assert!(!admission.has_capacity(1, 25 * MS), "an unknown session");
         admission.admit(&up(1, 1, 0), 25 * MS).unwrap();
-        assert!(admission.has_room(1, 25 * MS));
+        assert!(admission.has_capacity(1, 25 * MS));
         // Each later frame needs longer, first one that counts, then one that does not.
         admission.admit(&up(1, 2, 0), 40 * MS).unwrap();
-        assert!(admission.has_room(1, 40 * MS), "one frame may be late");
+        assert!(admission.has_capacity(1, 40 * MS), "one frame may be late");
         for (number, ms) in (3..).zip([150, 250, 350]) {
             let _counts = admission.admit(&up(1, number, (ms - 60) * MS), ms * MS);
         }
-        assert!(!admission.has_room(1, 350 * MS));
+        assert!(!admission.has_capacity(1, 350 * MS));
         admission.admit(&up(1, 9, 350 * MS), 351 * MS).unwrap();
-        assert!(admission.has_room(1, 351 * MS) && !admission.has_room(1, 900 * MS), "a silent mirror");
+        assert!(
+            admission.has_capacity(1, 351 * MS) && !admission.has_capacity(1, 900 * MS),
+            "a silent mirror"
+        );
     }
 
     #[test]

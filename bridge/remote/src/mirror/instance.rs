@@ -240,7 +240,7 @@ impl Mirrored {
     }
 }
 
-/// What is done now and then.
+/// The tasks of the main loop that have an interval.
 struct Chores {
     cleaned: Instant,
     reported: Instant,

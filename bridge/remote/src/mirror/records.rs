@@ -107,7 +107,7 @@ impl<'a> Records<'a> {
             waiting.iter().for_each(|bytes| of_records.take(&of_thread, &bytes.to_bytes()));
         });
         let records = wire.session.declare_subscriber(wire.keys.record(wire.id()));
-        // The states of the robot use the same thread of zenoh: a record that finds no room is lost.
+        // The states of the robot use the same thread of zenoh: a record that finds its queue full is lost.
         let records = records.callback(move |sample| drop(sender.try_send(sample.payload().clone())));
         let records = records.wait().map_err(NetworkError::of)?;
         Ok(Self {

@@ -119,8 +119,8 @@ impl Sender<'_> {
     fn pass(&mut self) {
         let Some((_, port)) = &self.port else { return };
         let (admission, now_ns) = (self.robot.admission(), clock::now_ns());
-        let has_room = |reader: &&(u64, _)| admission.has_room(reader.0, now_ns);
-        let ready: Vec<_> = self.readers.iter().filter(has_room).collect();
+        let has_capacity = |reader: &&(u64, _)| admission.has_capacity(reader.0, now_ns);
+        let ready: Vec<_> = self.readers.iter().filter(has_capacity).collect();
         drop(admission);
         let mut record = Box::<CycleRecord>::default();
         let (mut sent, mut is_damaged) = (0, false);
