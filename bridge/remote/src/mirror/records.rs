@@ -157,6 +157,13 @@ impl<'a> Records<'a> {
     }
 }
 
+impl Drop for Records<'_> {
+    /// Closes the port of the recorders: the thread of the records may end later than the instance.
+    fn drop(&mut self) {
+        *self.output.lock() = None;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -47,6 +47,7 @@ pub(super) fn start(
             readers: Vec::new(),
             port: None,
             tried: None,
+            has_reported: false,
         };
         while !ends.load(Ordering::Relaxed) {
             sender.turn();
@@ -62,10 +63,12 @@ struct Sender<'a> {
     robot: &'a Robot,
     run: u64,
     readers: Vec<(u64, Publisher<'static>)>,
-    /// The port, and the connection to the daemon to which it belongs.
-    port: Option<(Arc<ClientPorts>, RecordPort)>,
-    /// Time of the last attempt to open the port.
+    /// The port, and the connection to the daemon to which it belongs, which must be dropped last.
+    port: Option<(RecordPort, Arc<ClientPorts>)>,
+    /// Time of the last attempt to open the port that failed.
     tried: Option<Instant>,
+    /// The log has the reason already why there are no records.
+    has_reported: bool,
 }
 
 impl Sender<'_> {
@@ -76,12 +79,12 @@ impl Sender<'_> {
             if !self.readers.iter().any(|(known, _)| *known == session) {
                 match self.publisher(session) {
                     Ok(publisher) => self.readers.push((session, publisher)),
-                    Err(error) => tracing::warn!("cannot send records: {error}"),
+                    Err(error) => self.report(&error),
                 }
             }
         }
         let ports = self.robot.link.ports();
-        let is_same = |(known, _): &(Arc<ClientPorts>, RecordPort)| {
+        let is_same = |(_, known): &(RecordPort, Arc<ClientPorts>)| {
             ports.as_ref().is_some_and(|ports| Arc::ptr_eq(ports, known))
         };
         if self.readers.is_empty() || !self.port.as_ref().is_some_and(is_same) {
@@ -105,19 +108,28 @@ impl Sender<'_> {
         if self.port.is_some() || self.tried.is_some_and(|tried| tried.elapsed() < RETRY) {
             return;
         }
-        self.tried = Some(Instant::now());
         match ports.record_port() {
             Ok(port) => {
-                self.tried = None;
-                self.port = Some((ports, port));
+                (self.tried, self.has_reported) = (None, false);
+                self.port = Some((port, ports));
             }
-            Err(error) => tracing::warn!("no records for the mirrors: {error}"),
+            Err(error) => {
+                self.tried = Some(Instant::now());
+                self.report(&error);
+            }
+        }
+    }
+
+    /// Logs a reason once, until there are records again.
+    fn report(&mut self, error: &dyn std::error::Error) {
+        if !std::mem::replace(&mut self.has_reported, true) {
+            tracing::warn!("no records for the mirrors: {error}");
         }
     }
 
     /// Sends the records since the last turn. Never waits for the network.
     fn pass(&mut self) {
-        let Some((_, port)) = &self.port else { return };
+        let Some((port, _)) = &self.port else { return };
         let (admission, now_ns) = (self.robot.admission(), clock::now_ns());
         let has_capacity = |reader: &&(u64, _)| admission.has_capacity(reader.0, now_ns);
         let ready: Vec<_> = self.readers.iter().filter(has_capacity).collect();
@@ -143,7 +155,7 @@ impl Sender<'_> {
         }
         self.robot.counters.change(|counts| counts.records += sent);
         if is_damaged {
-            self.port = None;
+            (self.port, self.tried) = (None, Some(Instant::now()));
         }
     }
 }
