@@ -54,7 +54,9 @@ pub(super) struct Measured {
 impl Measured {
     pub(super) fn reset(&self) {
         [&self.round_trip, &self.state_age, &self.state_interval].into_iter().for_each(Latencies::reset);
-        [&self.lost, &self.lost_records, &self.refused].into_iter().for_each(|count| count.store(0, Ordering::Relaxed));
+        [&self.lost, &self.lost_records, &self.refused]
+            .into_iter()
+            .for_each(|count| count.store(0, Ordering::Relaxed));
     }
 
     pub(super) fn report(&self) -> NetworkLatency {
