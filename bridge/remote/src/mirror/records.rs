@@ -15,8 +15,10 @@ use crate::network::NetworkError;
 use motord_ports::{RecordSender, Recorders};
 use motord_shared::CycleRecord;
 use motord_shared::limits::RECORDS_KEPT;
-use std::sync::mpsc::sync_channel;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
@@ -57,28 +59,70 @@ impl Stream {
     }
 }
 
-/// The stream, and the port of the recorders; `None` while no recorder is connected.
-#[derive(Debug, Default)]
-struct Output(Mutex<Option<(Stream, RecordSender)>>);
+/// The thread of the records: the port of the recorders is open while one is connected. Opening it
+/// takes milliseconds, or longer while the disk is busy, which must not delay a setpoint.
+struct Port {
+    wire: Arc<Wire>,
+    recorders: Recorders,
+    boot_id: u64,
+    is_open: Arc<AtomicBool>,
+    ends: Arc<AtomicBool>,
+    open: Option<(Stream, RecordSender)>,
+    checked: Option<Instant>,
+    /// Time of the last attempt to open the port that failed.
+    tried: Option<Instant>,
+}
 
-impl Output {
-    fn lock(&self) -> MutexGuard<'_, Option<(Stream, RecordSender)>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+impl Port {
+    /// Passes records on until `ends`.
+    fn run(mut self, records: &Receiver<ZBytes>) {
+        while !self.ends.load(Ordering::Relaxed) {
+            if self.checked.is_none_or(|checked| checked.elapsed() >= CHECK) {
+                self.checked = Some(Instant::now());
+                self.check();
+            }
+            match records.recv_timeout(CHECK) {
+                Ok(bytes) => self.take(&bytes.to_bytes()),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+    }
+
+    fn check(&mut self) {
+        match self.recorders.are_connected() {
+            true if self.open.is_none() => self.open(),
+            true => {}
+            false => (self.open, self.tried) = (None, None),
+        }
+        self.is_open.store(self.open.is_some(), Ordering::Relaxed);
+    }
+
+    fn open(&mut self) {
+        if self.tried.is_some_and(|tried| tried.elapsed() < RETRY) {
+            return;
+        }
+        let Some(offset) = self.wire.offset() else { return };
+        match self.recorders.open() {
+            Ok(port) => self.open = Some((Stream { boot_id: self.boot_id, sequence: 0, offset }, port)),
+            Err(error) => {
+                self.tried = Some(Instant::now());
+                tracing::warn!("no records for recorders: {error}");
+            }
+        }
     }
 
     /// Takes the bytes of the robot.
-    fn take(&self, wire: &Wire, bytes: &[u8]) {
-        let run = wire.run();
-        // Without a recorder it is one that was under way when the last recorder left.
-        let mut output = self.lock();
-        let Some((stream, port)) = output.as_mut() else { return };
-        match stream.take(bytes, run) {
+    fn take(&mut self, bytes: &[u8]) {
+        // Without a recorder it is one that was in transit when the last recorder left.
+        let Some((stream, port)) = &mut self.open else { return };
+        match stream.take(bytes, self.wire.run()) {
             Some((record, lost)) => {
-                wire.latencies.count_records(lost);
+                self.wire.latencies.count_records(lost);
                 // A damaged connection; the other recorders have received it.
                 let _damaged = port.send(&record);
             }
-            None => wire.latencies.refuse_frame(),
+            None => self.wire.latencies.refuse_frame(),
         }
     }
 }
@@ -86,81 +130,54 @@ impl Output {
 /// The recorders of this computer, and the records for them.
 pub(super) struct Records<'a> {
     wire: &'a Wire,
-    recorders: Recorders,
-    boot_id: u64,
-    output: Arc<Output>,
     wants: Publisher<'a>,
-    checked: Instant,
     wanted: Option<Instant>,
-    tried: Option<Instant>,
+    /// A recorder is connected, and has its port.
+    is_open: Arc<AtomicBool>,
+    ends: Arc<AtomicBool>,
     _records: Subscriber<()>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl<'a> Records<'a> {
     /// For the daemon with this `boot_id`.
     pub(super) fn new(wire: &'a Arc<Wire>, recorders: Recorders, boot_id: u64) -> Result<Self, NetworkError> {
-        let output = Arc::<Output>::default();
-        let (of_thread, of_records) = (Arc::clone(wire), Arc::clone(&output));
-        let (sender, waiting) = sync_channel::<ZBytes>(WAITING_MAX);
-        // It ends with the subscriber.
-        std::thread::spawn(move || {
-            waiting.iter().for_each(|bytes| of_records.take(&of_thread, &bytes.to_bytes()));
-        });
-        let records = wire.session.declare_subscriber(wire.keys.record(wire.id()));
+        let wants = wire.publisher(wire.keys.want())?;
+        let (sender, records) = sync_channel(WAITING_MAX);
+        let subscriber = wire.session.declare_subscriber(wire.keys.record(wire.id()));
         // The states of the robot use the same thread of zenoh: a record that finds its queue full is lost.
-        let records = records.callback(move |sample| drop(sender.try_send(sample.payload().clone())));
-        let records = records.wait().map_err(NetworkError::of)?;
-        Ok(Self {
-            wire,
+        let subscriber = subscriber.callback(move |sample| drop(sender.try_send(sample.payload().clone())));
+        let subscriber = subscriber.wait().map_err(NetworkError::of)?;
+        let (is_open, ends) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let port = Port {
+            wire: Arc::clone(wire),
             recorders,
             boot_id,
-            output,
-            wants: wire.publisher(wire.keys.want())?,
-            checked: Instant::now(),
-            wanted: None,
+            is_open: Arc::clone(&is_open),
+            ends: Arc::clone(&ends),
+            open: None,
+            checked: None,
             tried: None,
-            _records: records,
-        })
+        };
+        let thread = Some(std::thread::spawn(move || port.run(&records)));
+        Ok(Self { wire, wants, wanted: None, is_open, ends, _records: subscriber, thread })
     }
 
     /// Asks the robot for records while a recorder is connected.
     pub(super) fn turn(&mut self) {
-        if self.checked.elapsed() < CHECK {
-            return;
-        }
-        self.checked = Instant::now();
-        if !self.recorders.are_connected() {
-            *self.output.lock() = None;
-            self.tried = None;
-            return;
-        }
-        self.open();
-        if self.wanted.is_none_or(|wanted| wanted.elapsed() >= WANT) {
+        let is_due = self.wanted.is_none_or(|wanted| wanted.elapsed() >= WANT);
+        if is_due && self.is_open.load(Ordering::Relaxed) {
             self.wanted = Some(Instant::now());
             let _dropped = self.wants.put(self.wire.up().beat()).wait();
-        }
-    }
-
-    fn open(&mut self) {
-        if self.output.lock().is_some() || self.tried.is_some_and(|tried| tried.elapsed() < RETRY) {
-            return;
-        }
-        let Some(offset) = self.wire.offset() else { return };
-        self.tried = Some(Instant::now());
-        match self.recorders.open() {
-            Ok(port) => {
-                let stream = Stream { boot_id: self.boot_id, sequence: 0, offset };
-                *self.output.lock() = Some((stream, port));
-            }
-            Err(error) => tracing::warn!("no records for recorders: {error}"),
         }
     }
 }
 
 impl Drop for Records<'_> {
-    /// Closes the port of the recorders: the thread of the records may end later than the instance.
+    /// Waits for the thread: the next instance needs its port.
     fn drop(&mut self) {
-        *self.output.lock() = None;
+        self.ends.store(true, Ordering::Relaxed);
+        let _panicked = self.thread.take().map(JoinHandle::join);
     }
 }
 
