@@ -42,6 +42,14 @@ struct Open {
 }
 
 impl Open {
+    fn setpoints(&mut self, lease: Lease) -> &mut Option<SetpointPort> {
+        let slot = &mut self.setpoints[lease.group()];
+        if slot.is_none() {
+            *slot = self.ports.setpoint_port().ok();
+        }
+        slot
+    }
+
     fn imus(&mut self) -> Option<&ImuSender> {
         if self.imus.is_none() && self.tried.is_none_or(|tried| tried.elapsed() >= RETRY) {
             self.tried = Some(Instant::now());
@@ -81,14 +89,19 @@ impl Link {
         }
     }
 
+    /// Opens the port for the setpoints of a group that was claimed: the first setpoint does not wait
+    /// for it.
+    pub(super) fn prepare(&self, lease: Lease) {
+        if let Some(open) = self.lock().as_mut() {
+            open.setpoints(lease);
+        }
+    }
+
     /// Passes a setpoint to the daemon. Without one it is lost: no states arrive then, either.
     pub(super) fn send(&self, lease: Lease, setpoint: &SetpointMessage) {
         let mut open = self.lock();
-        let Some(Open { ports, setpoints, .. }) = open.as_mut() else { return };
-        let slot = &mut setpoints[lease.group()];
-        if slot.is_none() {
-            *slot = ports.setpoint_port().ok();
-        }
+        let Some(open) = open.as_mut() else { return };
+        let slot = open.setpoints(lease);
         if slot.as_ref().is_some_and(|port| port.send(setpoint).is_err()) {
             *slot = None;
         }

@@ -139,6 +139,7 @@ fn carry_out(
     let is_claim = payload.operation() == Ok(Operation::Claim);
     if let (Some((session, _)), Some(lease)) = (from, Lease::from_raw(head.lease).filter(|_| is_claim)) {
         robot.admission().granted(session, lease, clock::now_ns());
+        robot.link.prepare(lease);
     }
     robot.counters.change(|counts| counts.requests += 1);
     Ok(reply_bytes(&head, &text))
