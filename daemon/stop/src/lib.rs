@@ -78,6 +78,10 @@ pub fn run(instance: &MotordInstance, robot: impl Robot, ended: impl Fn() -> boo
 /// Returns the listening socket as soon as the system grants it. An exiting predecessor may hold
 /// the name, or any other process.
 fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<OwnedFd> {
+    // With a table of its own, this thread has descriptors for callers however many the other threads
+    // use. It comes before the socket: a copy in the table of the other threads would hold the name
+    // after the end of this thread. Where the kernel refuses, all threads share one.
+    let _shared = keep_only(std::io::stderr().as_fd());
     let mut tries = 0_u32;
     while !ended() {
         match listen_for(instance) {
@@ -100,9 +104,6 @@ fn listen_for(instance: &MotordInstance) -> Result<OwnedFd, Errno> {
     let socket = stop_socket::open(SockFlag::SOCK_NONBLOCK)?;
     bind(socket.as_raw_fd(), &stop_socket::address(instance)?)?;
     listen(&socket, Backlog::new(BACKLOG)?)?;
-    // With a table of its own, this thread has descriptors for callers however many the other
-    // threads use. Where the kernel refuses, all threads share one.
-    let _shared = keep_only(socket.as_fd());
     Ok(socket)
 }
 
@@ -273,6 +274,19 @@ mod tests {
         std::thread::sleep(4 * NAME_TURN);
         std::fs::create_dir(&directory).unwrap();
         assert!(waits.join().unwrap());
+    }
+
+    #[test]
+    fn ended_thread_frees_the_name() {
+        let parent = tempfile::tempdir().unwrap();
+        let instance = MotordInstance::below(parent.path(), "robot").unwrap();
+        for round in 1..=2 {
+            let instance = instance.clone();
+            let tries = std::sync::atomic::AtomicU32::new(0);
+            let is_over = move || tries.fetch_add(1, std::sync::atomic::Ordering::Relaxed) > 10;
+            let served = std::thread::spawn(move || await_name(&instance, is_over).is_some());
+            assert!(served.join().unwrap(), "round {round}");
+        }
     }
 
     #[test]
