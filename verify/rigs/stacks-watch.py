@@ -28,16 +28,18 @@ class Watch:
         self.step = max(self.step, np.abs(state.q - before.q).max() / max(state.cycle - before.cycle, 1))
         self.low, self.high = np.minimum(self.low, state.q), np.maximum(self.high, state.q)
         self.count += 1
-        if self.driven is None and (self.high - self.low).min() > MOVED_MIN:
+        if self.driven is None and (self.high - self.low).max() > MOVED_MIN:
             self.driven = time.monotonic() - self.begun
             print("driven", flush=True)
 
     def report(self, drives):
-        moved = (self.high - self.low).min()
+        moved = self.high - self.low
+        joints = "each joint" if moved.min() > MOVED_MIN else "joints"
         good = self.step < STEP_MAX and (self.driven is not None) == drives
         after = f", driven after {self.driven:.0f} s" if self.driven is not None else ""
         verdict = "good" if good else "FAILED"
-        print(f"largest step {self.step:.6f} rad, each joint moved {moved:.3f} rad{after}, {self.count} states: {verdict}", flush=True)
+        span = f"{joints} moved {moved.min():.3f} to {moved.max():.3f} rad"
+        print(f"largest step {self.step:.6f} rad, {span}{after}, {self.count} states: {verdict}", flush=True)
 
 
 def main():
