@@ -135,8 +135,16 @@ def cause():
     return stop and stop["cause"]
 
 
-def log():
-    return open("bridge.log").read()
+class Log:
+    """The log of the bridge, of which each call reads what is new: the last part of the rig lets it grow."""
+
+    def __init__(self):
+        self.file, self.text, self.lock = open("bridge.log"), "", threading.Lock()
+
+    def __call__(self):
+        with self.lock:
+            self.text += self.file.read()
+            return self.text
 
 
 def stops():
@@ -152,7 +160,9 @@ class Bridge:
     def __init__(self, lines):
         with open("bridge.toml", "w") as file:
             file.write('[robot]\ninstance = "demo"\n[ros2]\njoint-states-hz = 0.0\nimu-hz = 0.0\ngroup-states-hz = 0.0\n' + lines)
+        global log
         open("bridge.log", "w").close()
+        log = Log()
         self.process = start("motord-bridge", "run", "--config", "bridge.toml", log="bridge.log")
 
     def end(self):
@@ -332,17 +342,16 @@ class PadSource:
     name = f"the gamepad {NAME}"
 
     def __init__(self):
-        self.pad, self.found = Pad(), 1
+        self.pad = Pad()
 
     def stop(self, dies, delay):
-        before = log().count(f"emergency stop by {self.name}")
+        before = len(log())
         self.pad.send((KEY, EAST, 1))
-        await_that("a receipt of the gamepad", lambda: log().count(f"emergency stop by {self.name}") > before)
+        await_that("a receipt of the gamepad", lambda: log().count(f"emergency stop by {self.name}", before))
         if dies:
             self.pad.unplug()
             self.pad = Pad()
-            self.found += 1
-            await_that("the gamepad is found again", lambda: log().count(f"gamepad {NAME} at") == self.found)
+            await_that("the gamepad is found again", lambda: log().count(f"gamepad {NAME} at", before) == 1)
         else:
             self.pad.send((KEY, EAST, 0))
         # The bridge has seen the release before the reset.
@@ -359,14 +368,14 @@ class LineSource:
         self.chip = Chip()
 
     def stop(self, dies, delay):
-        before, closed = log().count(f"emergency stop by {self.name}"), log().count("is closed")
+        before = len(log())
         self.chip.is_open = True
-        await_that("a receipt of the line", lambda: log().count(f"emergency stop by {self.name}") > before)
+        await_that("a receipt of the line", lambda: log().count(f"emergency stop by {self.name}", before))
         if dies:
             self.chip.unplug()
             self.chip = Chip()
         self.chip.is_open = False
-        await_that("the line is closed", lambda: log().count("is closed") > closed)
+        await_that("the line is closed", lambda: log().count("is closed", before))
         return True
 
 
