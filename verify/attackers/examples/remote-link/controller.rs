@@ -1,12 +1,11 @@
-//! A controller on the other computer, and a watcher on the robot that knows when each of its
-//! setpoints was sent.
+//! A controller on the other computer, whose setpoints a watcher on the robot finds again.
 
 use crate::network::{Network, UNPOISONED};
-use motord_client::{Client, Error, Phase, State};
+use crate::watcher::{Seen, Watcher};
+use motord_client::{Client, Error, Phase};
 use motord_ports::clock;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// When the network is cut, from the beginning.
@@ -22,30 +21,6 @@ pub(crate) struct Drive {
     seconds: f64,
 }
 
-/// Of one drive.
-#[derive(Default)]
-struct Seen {
-    /// By number of a setpoint, when it was sent, ns of `CLOCK_MONOTONIC`.
-    sent: Mutex<Vec<u64>>,
-    ended: AtomicBool,
-}
-
-/// The setpoints that the robot used, and its end.
-#[derive(Default)]
-struct Used {
-    /// Ages of setpoints in the first cycle that used them, µs, as the controller's clock has them.
-    ages: Vec<u64>,
-    /// Largest difference from the age that the robot reports, µs.
-    error_us: u64,
-    /// A setpoint was used after a newer one.
-    backwards: u64,
-    /// From the sending of the last used setpoint to the first state that was not active, µs.
-    damped_after_us: Option<u64>,
-    cause: Option<String>,
-    /// Beginnings of activity.
-    starts: u64,
-}
-
 impl Drive {
     pub(crate) fn new(robot: &str, other: &str, hz: f64, seconds: f64) -> Self {
         let split = |text: &str| {
@@ -58,17 +33,16 @@ impl Drive {
     /// Drives for some seconds; with `cut`, the network is cut for so long after a second. Returns
     /// JSON.
     pub(crate) fn drive(&self, cut: Option<Duration>, network: &Arc<Network>) -> String {
-        let seen = Arc::new(Seen::default());
-        let robot = Client::connect_in(Path::new(&self.robot.0), &self.robot.1).expect("a robot");
-        let of_watcher = Arc::clone(&seen);
-        let watcher = std::thread::spawn(move || watch(&robot, &of_watcher));
-        let outcome = self.control(cut, network, &seen);
+        let watcher = self.watch();
+        let outcome = self.control(cut, network, &watcher.seen);
         // The robot may stop after the controller's end.
         std::thread::sleep(Duration::from_millis(500));
-        seen.ended.store(true, Ordering::Relaxed);
-        let used = watcher.join().expect("a watcher");
-        let sent = seen.sent.lock().expect(UNPOISONED).len();
-        report(&used, sent, &outcome)
+        watcher.end(&outcome)
+    }
+
+    /// Watches the robot.
+    pub(crate) fn watch(&self) -> Watcher {
+        Watcher::start(Client::connect_in(Path::new(&self.robot.0), &self.robot.1).expect("a robot"))
     }
 
     /// Returns how the controller ended.
@@ -148,65 +122,4 @@ fn start(
             return Err(Error::Timeout { waited: LONGEST });
         }
     }
-}
-
-fn watch(robot: &Client, seen: &Seen) -> Used {
-    let mut used = Used::default();
-    let (mut sequence, mut was_active, mut last_sent) = (0, false, None);
-    let mut lease = None;
-    while !seen.ended.load(Ordering::Relaxed) {
-        let Ok(state) = robot.wait(Duration::from_millis(100)) else { continue };
-        let Some(group) = state.group(0) else { continue };
-        if group.lease.is_some() && group.lease != lease {
-            (lease, sequence) = (group.lease, 0);
-        }
-        let is_active = group.phase == Some(Phase::Active);
-        used.starts += u64::from(is_active && !was_active);
-        if was_active && !is_active {
-            used.damped_after_us = last_sent.map(|sent| since(sent, &state));
-            used.cause = group.cause.map(|cause| cause.to_string());
-        }
-        was_active = is_active;
-        if group.sequence != 0 && group.sequence != sequence {
-            used.backwards += u64::from(group.sequence < sequence);
-            sequence = group.sequence;
-            // The first message of a claim has the number 1.
-            let sent = seen.sent.lock().expect(UNPOISONED).get(sequence as usize - 1).copied();
-            if let Some(sent) = sent {
-                last_sent = Some(sent);
-                let age = since(sent, &state);
-                used.ages.push(age);
-                let reported = group.setpoint_age.map_or(0, |age| age.as_micros() as u64);
-                used.error_us = used.error_us.max(age.abs_diff(reported));
-            }
-        }
-    }
-    used
-}
-
-/// Returns the time from `sent_ns` to the beginning of the state's cycle, µs.
-fn since(sent_ns: u64, state: &State) -> u64 {
-    let began = state.tick_ns() + state.wake_latency().as_nanos() as u64;
-    began.saturating_sub(sent_ns) / 1000
-}
-
-fn report(used: &Used, sent: usize, outcome: &str) -> String {
-    let mut ages = used.ages.clone();
-    ages.sort_unstable();
-    let at =
-        |share: f64| ages.get(((ages.len() as f64 * share) as usize).min(ages.len().max(1) - 1)).copied();
-    let number = |value: Option<u64>| value.map_or_else(|| "null".to_owned(), |value| value.to_string());
-    let cause = used.cause.as_ref().map_or_else(|| "null".to_owned(), |cause| format!("{cause:?}"));
-    format!(
-        "{{\"sent\":{sent},\"used\":{},\"age_us\":{{\"p50\":{},\"p99\":{},\"max\":{}}},\"error_us\":{},\
-         \"backwards\":{},\"starts\":{},\"damped_after_us\":{},\"cause\":{cause},\"outcome\":{outcome:?}}}",
-        used.ages.len(),
-        number(at(0.5)),
-        number(at(0.99)),
-        number(ages.last().copied()),
-        used.error_us,
-        used.backwards,
-        used.starts,
-        number(used.damped_after_us),
-    )
 }

@@ -14,10 +14,13 @@
 //! cut MS                                                 no packet passes for so long
 //! replay                                                 the last packets to TARGET are sent again
 //! drive [cut MS]                                         the controller drives; a line of JSON follows
+//! watch                                                  the robot is watched, which another controller drives
+//! watched                                                until now; a line of JSON follows
 //! ```
 
 mod controller;
 mod network;
+mod watcher;
 
 use controller::Drive;
 use network::{Network, Quality};
@@ -39,8 +42,15 @@ fn main() {
     };
     let [listen, target] = addresses.map(|address| address.parse::<SocketAddr>().expect("an address"));
     let network = Network::start(listen, target);
+    let mut watcher = None;
     for line in std::io::stdin().lock().lines() {
-        obey(&line.expect("text"), &network, drive.as_ref());
+        let line = line.expect("text");
+        let robot = || drive.as_ref().expect("a robot");
+        match &line[..] {
+            "watch" => watcher = Some(robot().watch()),
+            "watched" => println!("{}", watcher.take().expect("a watcher").end("")),
+            line => obey(line, &network, drive.as_ref()),
+        }
     }
 }
 
