@@ -1,7 +1,7 @@
 # Sourced by qemu-run and fresh-debian: Debian's kernel, and the emulated machine that it runs on.
 
 modules=(virtio virtio_ring virtio_pci virtio_pci_modern_dev virtio_pci_legacy_dev fscache netfs 9p 9pnet 9pnet_virtio overlay
-    can can-raw can-gw can-dev vcan vxcan sja1000 kvaser_pci slcan sch_netem evdev uinput hid uhid hid-mcp2221)
+    can can-raw can-gw can-dev vcan vxcan sja1000 kvaser_pci slcan sch_netem veth evdev uinput hid uhid hid-mcp2221)
 flavour=${RIG_KERNEL:-amd64}
 kernel=$cache_root/$flavour
 # Each change of this script makes a new one.
