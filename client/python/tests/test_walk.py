@@ -76,6 +76,14 @@ def test_quadruped_walks_two_metres_straight(world: type[Twin]) -> None:
     assert forward.max() > 1.9 and np.abs(left).max() < 0.2 and np.abs(yaw).max() < 0.2
 
 
+def test_slow_controller_walks_with_horizon() -> None:
+    body = Watched()
+    walk(Twin(CONFIG, body, compute_us=300, seed=2), 9.5, hz=200.0)
+    forward, left, *_ = np.array(body.route).T
+    print(f"200 Hz: {forward.max():.2f} m in 9.5 s, {np.abs(left).max():.2f} m to the side")
+    assert forward.max() > 1.9 and np.abs(left).max() < 0.2
+
+
 def test_quadruped_turns_left() -> None:
     body = Watched()
     walk(Twin(CONFIG, body, seed=2), 4.0, speed=0.3, turn=1.0)

@@ -8,6 +8,7 @@ The robot is quadruped.xml with the motors of quadruped-simulated.toml.
 """
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,21 +81,34 @@ def rise(legs: Any) -> None:
     legs.move_to(STAND, 1.0)
 
 
-def trot(legs: Any, imu: str, seconds: float, speed: float, turn: float) -> None:
-    """Walks from the stand."""
+def due(legs: Any, rate: float) -> Iterator[Any]:
+    """The states at this rate. A network that is silent for a moment ends no walk: the setpoint timeout decides."""
+    states = iter(legs.cycles(hz=rate))
+    while True:
+        try:
+            yield next(states)
+        except motord.NotRunning:
+            # Raised after 50 ms; the next call waits for a second before it raises again.
+            yield next(states)
+
+
+def trot(legs: Any, imu: str, seconds: float, speed: float, turn: float, hz: float | None = None) -> None:
+    """Walks from the stand, at RATE_HZ. With hz, at that rate, and each setpoint has a horizon of 1.25 periods."""
     (kp, kd), gait = GAINS, Trot(speed, turn)
-    for state in legs.cycles(hz=RATE_HZ):
+    rate, horizon = (RATE_HZ, 0.0) if hz is None else (hz, 1.25 / hz)
+    for state in due(legs, rate):
         sensor = state.imu[imu]
-        legs.send(q=gait.step(1.0 / RATE_HZ, sensor.roll_pitch_yaw, sensor.angular_velocity), kp=kp, kd=kd)
+        q = gait.step(1.0 / rate, sensor.roll_pitch_yaw, sensor.angular_velocity)
+        legs.send(q=q, kp=kp, kd=kd, horizon=horizon)
         if gait.time >= seconds:
             break
 
 
-def walk(robot: Any, seconds: float, speed: float = 0.4, turn: float = 0.0) -> None:
+def walk(robot: Any, seconds: float, speed: float = 0.4, turn: float = 0.0, hz: float | None = None) -> None:
     """Stands up, walks, and releases the legs. Raises motord.Stopped when the robot is stopped."""
     with robot.claim("legs") as legs:
         rise(legs)
-        trot(legs, robot.imus[0], seconds, speed, turn)
+        trot(legs, robot.imus[0], seconds, speed, turn, hz)
 
 
 def main() -> None:
@@ -103,10 +117,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=9.0)
     parser.add_argument("--speed", type=float, default=0.4, help="m/s")
     parser.add_argument("--turn", type=float, default=0.0, help="rad/s to the left")
+    parser.add_argument("--hz", type=float, help="rate of the controller, whose setpoints then have a horizon of 1.25 periods [500, without]")
     parser.add_argument("--compute-us", type=float, default=300.0, help="of a twin's controller")
     arguments = parser.parse_args()
     if arguments.world not in ("ideal", "twin"):
-        walk(motord.connect(arguments.world), arguments.seconds, arguments.speed, arguments.turn)
+        walk(motord.connect(arguments.world), arguments.seconds, arguments.speed, arguments.turn, arguments.hz)
         print(f"{arguments.world}: walked for {arguments.seconds:g} s, then released the legs")
         return
 
@@ -115,7 +130,7 @@ def main() -> None:
     plant = Mujoco(MODEL, imu="imu", key="stand")
     ideal = arguments.world == "ideal"
     robot = Ideal(CONFIG, plant) if ideal else Twin(CONFIG, plant, compute_us=arguments.compute_us)
-    walk(robot, arguments.seconds, arguments.speed, arguments.turn)
+    walk(robot, arguments.seconds, arguments.speed, arguments.turn, arguments.hz)
     x, y, z = plant.data.body("trunk").xpos
     print(f"{arguments.world}: {x:.2f} m forward, {y:.2f} m to the left. Released, its trunk is {z:.2f} m above the ground.")
 
