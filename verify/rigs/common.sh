@@ -73,12 +73,12 @@ build_programs() {
     cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
 }
 
-# build_beside FOLDER PROGRAM: builds a program that is a workspace of its own, and prints its path.
+# build_beside FOLDER PROGRAM [EXAMPLE]: builds a program that is a workspace of its own, and prints its path, or that of its example.
 build_beside() {
     local target
     target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/${2#motord-}
-    cargo build --quiet --locked --release --manifest-path "$tree/$1/Cargo.toml" --target-dir "$target" >&2 || return
-    echo "$target/release/$2"
+    cargo build --quiet --locked --release --manifest-path "$tree/$1/Cargo.toml" --target-dir "$target" ${3:+--example "$3"} >&2 || return
+    echo "$target/release/${3:+examples/}${3:-$2}"
 }
 
 # build_bridge: builds motord-bridge, and sets RIG_BRIDGE to its path. RIG_BRIDGE may name one that is built.
@@ -93,6 +93,17 @@ zenoh_python() {
     python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
     python3 -m venv "$cache_root/remote"
     "$cache_root/remote/bin/pip" install --disable-pip-version-check --quiet eclipse-zenoh
+}
+
+# wheel_python FOLDER EXTRAS: an environment of Python with the wheel of this tree and its extras. RIG_WHEEL may name one that is built.
+wheel_python() {
+    local pip=("$1/bin/pip" --disable-pip-version-check --quiet) wheel
+    python3 -c 'import ensurepip' 2>/dev/null || apt install -y --no-install-recommends python3-venv
+    python3 -m venv "$1"
+    "${pip[@]}" install maturin
+    wheel=${RIG_WHEEL:-$(PATH=$1/bin:$PATH "$tree/packaging/wheel" "$1/wheel")}
+    "${pip[@]}" install --force-reinstall --no-deps "$wheel"
+    "${pip[@]}" install "$wheel[$2]"
 }
 
 # authority NAME: a certificate that signs others, NAME.pem and NAME.key in $work.
