@@ -73,12 +73,12 @@ build_programs() {
     cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
 }
 
-# build_beside FOLDER PROGRAM [EXAMPLE]: builds a program that is a workspace of its own, and prints its path, or that of its example.
+# build_beside FOLDER PROGRAM [OPTION...]: builds a program of a workspace of its own, with these options of cargo, and prints its path.
 build_beside() {
     local target
-    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/${2#motord-}
-    cargo build --quiet --locked --release --manifest-path "$tree/$1/Cargo.toml" --target-dir "$target" ${3:+--example "$3"} >&2 || return
-    echo "$target/release/${3:+examples/}${3:-$2}"
+    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")/${1#bridge/}
+    cargo build --quiet --locked --release --manifest-path "$tree/$1/Cargo.toml" --target-dir "$target" "${@:3}" >&2 || return
+    echo "$target/release/$2"
 }
 
 # build_bridge: builds motord-bridge, and sets RIG_BRIDGE to its path. RIG_BRIDGE may name one that is built.

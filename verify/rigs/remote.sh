@@ -8,6 +8,8 @@
 
 . "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/common.sh"
 
+arguments=("$@")
+
 fail() {
     echo "$(basename "$0"): $*" >&2
     tail -n 5 "$work"/*.log >&2
@@ -23,15 +25,16 @@ enter_network() {
     build_remote
     export RIG_BIN=$bin RIG_REMOTE
     if [ -n "${RIG_NETEM:-}" ] && [ -z "${RIG_IN_GUEST:-}" ]; then
-        RIG_IN_GUEST=1 exec "$rigs/qemu-run" "$0"
+        RIG_IN_GUEST=1 exec "$rigs/qemu-run" "$0" "${arguments[@]}"
     fi
-    RIG_IN_NAMESPACE=1 exec unshare --net "$0"
+    RIG_IN_NAMESPACE=1 exec unshare --net "$0" "${arguments[@]}"
 }
 
 # open_network: the folder $work, both namespaces and the cable.
 open_network() {
     open_work
     mkdir -m 700 "$work/robot" "$work/other"
+    [ -z "${RIG_NETEM:-}" ] || programs_into_memory
     unshare --net sleep infinity &
     robot_ns=$!
     processes+=("$robot_ns")
@@ -44,17 +47,26 @@ open_network() {
     on_robot ip address add 10.7.0.1/24 dev robot
     on_robot ip link set robot up
 }
+# The guest's time runs ahead while it waits for a file of this machine, such as a page of a program.
+programs_into_memory() {
+    mkdir -p "$work/bin/examples"
+    cp -L "$bin"/{motord,motorctl} "$RIG_REMOTE" "$work/bin"
+    cp -L "$bin/examples/remote-link" "$work/bin/examples"
+    bin=$work/bin RIG_REMOTE=$work/bin/$(basename "$RIG_REMOTE")
+}
 other_namespace() { [ "$(readlink "/proc/$1/ns/net")" != "$(readlink /proc/self/ns/net)" ]; }
 on_robot() { MOTORD_RUNTIME_DIR=$work/robot nsenter --net --target "$robot_ns" "$@"; }
 on_other() { MOTORD_RUNTIME_DIR=$work/other "$@"; }
 
-# start NAME PLACE COMMAND...: runs it in the background on `robot` or `other`, its output in NAME.log, its process in pid_NAME.
+# start NAME PLACE COMMAND...: runs it in the background on `robot` or `other`, its output in NAME.log, its process in pid_NAME. $scheduled
+# are the words of a command that runs it, such as chrt.
+scheduled=()
 start() {
     local name=$1 runtime="MOTORD_RUNTIME_DIR=$work/$2" enter=()
     [ "$2" = other ] || enter=(nsenter --net --target "$robot_ns")
     shift 2
     # No shell between: a signal must reach the program.
-    exec_in_background "$runtime" "${enter[@]}" "$@" >>"$work/$name.log" 2>&1 &
+    exec_in_background "$runtime" "${enter[@]}" "${scheduled[@]}" "$@" >>"$work/$name.log" 2>&1 &
     printf -v "pid_$name" %s $!
     processes+=($!)
 }
@@ -66,13 +78,15 @@ end() {
     wait "${!name}" 2>/dev/null || true
 }
 
-# configuration PROTOCOL [CERTIFICATE]: of both computers. The mirror connects to $peer, by default remote-link.
+# configuration PROTOCOL [CERTIFICATE]: of both computers. The mirror connects to $peer, by default remote-link. $of_serve are further lines
+# of [serve].
 peer=127.0.0.1
 options=
+of_serve=
 configuration() {
-    local security=$'plaintext = true\n' claims=
+    local security=$'plaintext = true\n' claims=$of_serve
     if [ $# = 2 ]; then
-        claims='may-claim = ["nuc"]'
+        claims+=$'\nmay-claim = ["nuc"]'
         security=$'[network.tls]\n'"authority = \"$work/ca.pem\""
     fi
     local of_robot="certificate = \"$work/robot.pem\"
@@ -98,7 +112,7 @@ reset() { on_robot "$bin/motorctl" --instance demo reset >/dev/null; }
 
 # start_link ARGUMENT...: remote-link on the other computer.
 start_link() {
-    coproc LINK { "$bin/examples/remote-link" "$@" 2>>"$work/link.log"; }
+    coproc LINK { "${scheduled[@]}" "$bin/examples/remote-link" "$@" 2>>"$work/link.log"; }
     processes+=("$LINK_PID")
 }
 # tell LINE: to remote-link.
