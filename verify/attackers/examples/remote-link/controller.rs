@@ -2,7 +2,7 @@
 
 use crate::network::{Network, UNPOISONED};
 use crate::watcher::{Seen, Watcher};
-use motord_client::{Client, Error, Phase};
+use motord_client::{Client, Error, Phase, Refusal};
 use motord_ports::clock;
 use std::path::Path;
 use std::sync::Arc;
@@ -115,8 +115,11 @@ fn start(
             return Ok(());
         }
         if !is_requested && begun.elapsed() > 4 * period {
-            client.enable(claim.group())?;
-            is_requested = true;
+            is_requested = match client.enable(claim.group()) {
+                // It has overtaken the first setpoints.
+                Err(Error::Refused { refusal: Refusal::NoSetpoint, .. }) => false,
+                other => other.map(|()| true)?,
+            };
         }
         if begun.elapsed() > LONGEST {
             return Err(Error::Timeout { waited: LONGEST });
