@@ -133,6 +133,9 @@ quality() {
         if ($4 > 0) printf " reorder %s%%", 100 * $4
         if ($5 > 0) printf " duplicate %s%%", 100 * $5
     }' <<<"$*")
-    tc qdisc replace dev cable root netem $netem
-    on_robot tc qdisc replace dev robot root netem $netem
+    # A changed qdisc would keep the reordering of the one before.
+    tc qdisc del dev cable root 2>/dev/null || true
+    on_robot tc qdisc del dev robot root 2>/dev/null || true
+    tc qdisc add dev cable root netem $netem
+    on_robot tc qdisc add dev robot root netem $netem
 }
