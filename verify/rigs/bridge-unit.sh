@@ -109,7 +109,11 @@ bridge_returns_after_a_kill_and_has_its_devices_by_drop_ins() {
 # mirrored FILTER: what jq's FILTER makes of the state of the mirror.
 mirrored() { motorctl --instance go7 status --json 2>mirror.log | jq -r "$1"; }
 
-mirror_has_newer_states() { [ "$(mirrored .cycle)" -gt "$1" ]; }
+mirror_has_newer_states() {
+    local cycle
+    cycle=$(mirrored .cycle)
+    [ "${cycle:-0}" -gt "$1" ]
+}
 
 # serve and mirror on one computer, in place of two.
 remote_robot_is_served_and_mirrored_by_units() {
