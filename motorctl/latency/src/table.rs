@@ -1,7 +1,7 @@
 //! Latencies as tables and as JSON.
 
 use crate::hgrm::Point;
-use motord_client::{ControlLatency, Percentiles, RobotDescription, Telemetry};
+use motord_client::{ControlLatency, NetworkLatency, Percentiles, RobotDescription, Telemetry};
 use motord_terminal::{Cell, Palette, Table};
 use std::io::{self, Write};
 
@@ -96,16 +96,23 @@ pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &T
     }
     if let Some(network) = &telemetry.network {
         writeln!(out, "\nnetwork between the robot and this computer")?;
-        let rows = [
-            ("round trip", network.round_trip_us),
-            ("age of states", network.state_age_us),
-            ("between states", network.state_interval_us),
-        ];
-        percentiles(&rows).write(out, palette)?;
+        network_table(network).write(out, palette)?;
     }
     writeln!(out, "\nreply latency by joint")?;
     let joints: Vec<_> = named(robot, telemetry).collect();
     percentiles(&joints).write(out, palette)?;
+    write_counters(out, telemetry)
+}
+
+fn network_table(network: &NetworkLatency) -> Table {
+    percentiles(&[
+        ("round trip", network.round_trip_us),
+        ("age of states", network.state_age_us),
+        ("between states", network.state_interval_us),
+    ])
+}
+
+fn write_counters(out: &mut dyn Write, telemetry: &Telemetry) -> io::Result<()> {
     let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
     writeln!(
         out,
