@@ -141,7 +141,7 @@ impl Latencies {
     }
 }
 
-/// What the other computer records: round trips, and times of one way.
+/// The times that the other computer records: round trips, and times of one way.
 struct Measured {
     begun: Option<Instant>,
     round_trip: Latencies,
@@ -276,8 +276,8 @@ fn setpoint() -> SetpointMessage {
 
 /// Measures how much later a client of the mirror has the state of a cycle than a client of the robot.
 fn states(robot: &str, other: &str, time: Duration) -> Value {
-    let read = |place: &str| {
-        let (runtime, instance) = place.rsplit_once('/').expect("RUNTIME/INSTANCE");
+    let read = |path: &str| {
+        let (runtime, instance) = path.rsplit_once('/').expect("RUNTIME/INSTANCE");
         let client = Client::connect_in(Path::new(runtime), instance).expect("a robot");
         std::thread::spawn(move || arrivals(&client, time))
     };

@@ -22,6 +22,8 @@ const ELSEWHERE: &[&str] = &[
     // Files and metadata of trainings, docs/python.md.
     "observation_terms_",
     "params/",
+    // A person's own program, docs/stacks.md.
+    "sway/",
     // Files of a robot.
     "motord.lock.toml",
     "motord.setup.toml",
