@@ -106,6 +106,15 @@ wheel_python() {
     "${pip[@]}" install "$wheel[$2]"
 }
 
+# build_router: the router zenohd, of the version of motord-remote's zenoh, and sets RIG_ZENOHD to its path. RIG_ZENOHD may name one that is
+# installed.
+build_router() {
+    local version
+    version=$(awk '$0 == "name = \"zenoh\"" { getline; gsub(/"/, ""); print $3 }' "$tree/bridge/remote/Cargo.lock")
+    RIG_ZENOHD=${RIG_ZENOHD:-$cache_root/zenohd-$version/bin/zenohd}
+    [ -x "$RIG_ZENOHD" ] || nice -n 10 cargo install --quiet --locked --root "$cache_root/zenohd-$version" "zenohd@$version"
+}
+
 # authority NAME: a certificate that signs others, NAME.pem and NAME.key in $work.
 authority() {
     openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -noenc -keyout "$work/$1.key" -subj "/CN=$1" -days 10 \
