@@ -54,16 +54,16 @@ fn main() {
 #[derive(Clone, Copy, Default)]
 struct Frame {
     sent_ns: u64,
-    /// The newest frame of the other side: its time of sending, how long it was on its way, and how
-    /// long it was held, ns.
+    /// The newest frame of the other side: its time of sending, its transit, and how long it was held,
+    /// ns.
     echo_sent_ns: u64,
-    echo_way_ns: u64,
+    echo_transit_ns: u64,
     echo_held_ns: u64,
 }
 
 impl Frame {
     fn write(self, bytes: &mut [u8]) {
-        let numbers = [self.sent_ns, self.echo_sent_ns, self.echo_way_ns, self.echo_held_ns];
+        let numbers = [self.sent_ns, self.echo_sent_ns, self.echo_transit_ns, self.echo_held_ns];
         for (bytes, number) in bytes.chunks_exact_mut(8).zip(numbers) {
             bytes.copy_from_slice(&number.to_le_bytes());
         }
@@ -73,7 +73,12 @@ impl Frame {
         let mut numbers =
             bytes.chunks_exact(8).map(|part| u64::from_le_bytes(part.try_into().unwrap_or_default()));
         let mut next = || numbers.next();
-        Some(Self { sent_ns: next()?, echo_sent_ns: next()?, echo_way_ns: next()?, echo_held_ns: next()? })
+        Some(Self {
+            sent_ns: next()?,
+            echo_sent_ns: next()?,
+            echo_transit_ns: next()?,
+            echo_held_ns: next()?,
+        })
     }
 }
 
@@ -96,7 +101,7 @@ fn send_at(hz: f64, size: usize, newest: &Newest, mut send: Transmit, mut goes_o
         let mut frame = Frame { sent_ns: now, ..Frame::default() };
         if let Some((echo, arrived)) = newest {
             frame.echo_sent_ns = echo.sent_ns;
-            frame.echo_way_ns = arrived.saturating_sub(echo.sent_ns);
+            frame.echo_transit_ns = arrived.saturating_sub(echo.sent_ns);
             frame.echo_held_ns = now.saturating_sub(arrived);
         }
         frame.write(&mut bytes);
@@ -157,7 +162,7 @@ impl Measured {
         }
         self.round_trip.record(now_ns.saturating_sub(frame.echo_sent_ns + frame.echo_held_ns));
         self.state.record(now_ns.saturating_sub(frame.sent_ns));
-        self.setpoint.record(frame.echo_way_ns);
+        self.setpoint.record(frame.echo_transit_ns);
     }
 }
 
@@ -211,7 +216,7 @@ fn over_udp(socket: UdpSocket, peer: Option<SocketAddr>, mut take: Take) -> Tran
     });
     Box::new(move |bytes| {
         if let Some(peer) = *peers.lock().expect("no thread panicked") {
-            let _gone = socket.send_to(bytes, peer);
+            let _dropped = socket.send_to(bytes, peer);
         }
     })
 }

@@ -13,7 +13,7 @@ use std::time::Duration;
 const SILENT_NS: u64 = 2_000_000_000;
 /// The groups of a mirror that has been silent for longer are released: its computer may be dead. The
 /// daemon's timeout damped them long before.
-pub(crate) const ABANDONED_NS: u64 = 5_000_000_000;
+const ABANDONED_NS: u64 = 5_000_000_000;
 /// Slots that watchers cannot take: a controller finds one.
 const RESERVED: usize = 2;
 /// The echo of an older state proves nothing: two clocks drift apart by up to 1 ms in this time.
@@ -69,6 +69,13 @@ struct Session {
     /// When it arrived, by the own clock, ns.
     arrived_ns: u64,
     ages: Ages,
+}
+
+impl Session {
+    /// Returns the time since its newest frame, ns.
+    const fn silence_ns(&self, now_ns: u64) -> u64 {
+        now_ns.saturating_sub(self.arrived_ns)
+    }
 }
 
 /// Upper bounds of the ages of the frames of a session that arrived in the last one to two windows.
@@ -158,7 +165,7 @@ impl Admission {
             return self.sessions.last_mut().ok_or(Refused::Full);
         }
         let Self { sessions, leases, .. } = self;
-        let is_silent = |session: &Session| now_ns.saturating_sub(session.arrived_ns) > SILENT_NS;
+        let is_silent = |session: &Session| session.silence_ns(now_ns) > SILENT_NS;
         let is_free = |session: &&mut Session| {
             is_silent(session) && !leases.values().any(|(owner, _)| *owner == session.id)
         };
@@ -192,8 +199,7 @@ impl Admission {
     pub(crate) fn abandoned(&mut self, now_ns: u64) -> Vec<Lease> {
         let Self { sessions, leases, .. } = self;
         let is_connected = |id: u64| {
-            let is_recent = |session: &Session| now_ns.saturating_sub(session.arrived_ns) <= ABANDONED_NS;
-            sessions.iter().any(|session| session.id == id && is_recent(session))
+            sessions.iter().any(|session| session.id == id && session.silence_ns(now_ns) <= ABANDONED_NS)
         };
         let is_abandoned = |(_, (owner, _)): &(&u64, &(u64, u64))| !is_connected(*owner);
         let raw = leases.iter().filter(is_abandoned).map(|(raw, _)| *raw);
@@ -214,7 +220,7 @@ impl Admission {
         let echo = |session: &Session| Echo {
             of: session.id,
             sent_ns: session.sent_ns,
-            held_ns: now_ns.saturating_sub(session.arrived_ns),
+            held_ns: session.silence_ns(now_ns),
         };
         self.sessions.iter().map(echo).collect()
     }

@@ -224,12 +224,24 @@ pub(crate) fn nanos(duration: Duration) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::collection::vec;
     use proptest::prelude::*;
+    use std::ops::Range;
 
-    const UP: Up = Up {
+    pub(super) const UP: Up = Up {
         head: Head { from: 7, sequence: 8, sent_ns: 9 },
         echo: Echo { of: 10, sent_ns: 11, held_ns: 12 },
     };
+
+    /// Random bytes behind the layout of this version.
+    pub(super) fn damaged(length: Range<usize>) -> impl Strategy<Value = Vec<u8>> {
+        vec(any::<u8>(), length).prop_map(|mut bytes| {
+            let head = layout().to_le_bytes();
+            let known = bytes.len().min(head.len());
+            bytes[..known].copy_from_slice(&head[..known]);
+            bytes
+        })
+    }
 
     #[test]
     fn age_is_known_without_common_clock() {
@@ -263,10 +275,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_frames_are_refused_or_read(mut bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
-            let head = layout().to_le_bytes();
-            let known = bytes.len().min(4);
-            bytes[..known].copy_from_slice(&head[..known]);
+        fn damaged_frames_are_refused_or_read(bytes in damaged(0..300)) {
             let _refused_or_read = (Up::read_beat(&bytes), Up::read_setpoint(&bytes), Up::read_request(&bytes), Down::read(&bytes));
         }
 

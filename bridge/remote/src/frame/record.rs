@@ -38,12 +38,12 @@ fn joints(known: u64) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout;
+    use super::super::tests::{UP, damaged};
     use super::*;
     use motord_shared::JointSetpoint;
     use proptest::prelude::*;
 
-    const HEAD: Head = Head { from: 7, sequence: 8, sent_ns: 9 };
+    const HEAD: Head = UP.head;
 
     fn record() -> CycleRecord {
         let mut record = CycleRecord { sequence: 3, ..CycleRecord::default() };
@@ -64,10 +64,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_records_are_refused_or_read(mut bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
-            let head = layout().to_le_bytes();
-            let known = bytes.len().min(4);
-            bytes[..known].copy_from_slice(&head[..known]);
+        fn damaged_records_are_refused_or_read(bytes in damaged(0..600)) {
             let _refused_or_read = read_record(&bytes);
         }
 

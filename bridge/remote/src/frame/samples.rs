@@ -31,14 +31,9 @@ impl Up {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Echo, Head, layout};
+    use super::super::tests::{UP, damaged};
     use super::*;
     use proptest::prelude::*;
-
-    const UP: Up = Up {
-        head: Head { from: 7, sequence: 8, sent_ns: 9 },
-        echo: Echo { of: 10, sent_ns: 11, held_ns: 12 },
-    };
 
     #[test]
     fn samples_survive_the_network() {
@@ -60,10 +55,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_samples_are_refused_or_read(mut bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
-            let head = layout().to_le_bytes();
-            let known = bytes.len().min(4);
-            bytes[..known].copy_from_slice(&head[..known]);
+        fn damaged_samples_are_refused_or_read(bytes in damaged(0..400)) {
             let _refused_or_read = Up::read_samples(&bytes);
         }
     }

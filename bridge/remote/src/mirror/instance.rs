@@ -164,7 +164,7 @@ impl Mirrored {
             granted.into_iter().for_each(|lease| self.own(lease, &payload));
             let answer = operation.map_or(None, |operation| extended(&self.wire, operation, answer));
             let is_answered = requests::reply(request, answer);
-            // Its client has given up: nobody would ever use or release the group.
+            // A client that has given up knows no lease, so it cannot release the group.
             granted.filter(|_| !is_answered).into_iter().for_each(|lease| self.release(lease));
         }
         while let Some(lease) = self.deaths.next(Duration::ZERO).and_then(Lease::from_raw) {

@@ -103,8 +103,8 @@ impl Received {
         let echo = down.echoes.iter().find(|echo| echo.of == session);
         // A capture of an earlier run repeats no frame of now.
         let proves = |echo: &Echo| echo.age(session, now_ns).is_some_and(|age| age <= NEW_RUN_AGE_MAX);
-        if run == 0 || (is_new_run && !echo.is_some_and(proves)) || (!is_new_run && sequence <= self.sequence)
-        {
+        let is_next = if is_new_run { echo.is_some_and(proves) } else { sequence > self.sequence };
+        if run == 0 || !is_next {
             return None;
         }
         if is_new_run {
