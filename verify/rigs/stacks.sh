@@ -56,7 +56,7 @@ reported() { tail -n "+$(($1 + 1))" seen.log | grep '^largest step' >/dev/null; 
 
 driven() { [ "$(tail -n 1 seen.log)" = driven ]; }
 
-# run NAME COMMAND...: runs a stack, from before it begins until the group is stopped. The time from the stack before is watched, too.
+# run NAME COMMAND...: runs a stack. The watcher reads the states from the stop of the stack before until the group is stopped again.
 run() {
     local name=$1 status=0
     shift
