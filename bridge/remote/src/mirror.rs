@@ -13,6 +13,7 @@ mod imus;
 mod instance;
 mod records;
 mod requests;
+mod session;
 mod stop_socket;
 mod wire;
 
@@ -22,9 +23,7 @@ use instance::{Mirrored, MirroredError};
 use motord_shared::StateMessage;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::Thread;
 use wire::{BEAT, Wire};
-use zenoh::Wait;
 
 /// The reason why a mirror ends.
 #[derive(Debug, thiserror::Error)]
@@ -38,23 +37,27 @@ pub(crate) enum MirrorError {
 /// Mirrors the robot until `ends`.
 pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) -> Result<(), MirrorError> {
     let is_over = || ends.load(Ordering::Relaxed);
+    let wire = Arc::new(Wire::new(Keys::of(&mirror.robot))?);
     let Some(session) = network::open(network, None, is_over)? else { return Ok(()) };
-    let wire = Arc::new(Wire::new(session, Keys::of(&mirror.robot))?);
-    let (of_states, main): (_, Thread) = (Arc::clone(&wire), std::thread::current());
-    let _states = wire
-        .session
-        .declare_subscriber(wire.keys.state())
-        .callback(move |sample| {
-            of_states.take_state(&sample.payload().to_bytes());
-            main.unpark();
-        })
-        .wait()
-        .map_err(NetworkError::of)?;
+    wire.link(session)?;
     tracing::info!(robot = mirror.robot, "waits for the robot");
+    std::thread::scope(|scope| {
+        // One that others connect to has no link of its own to open again.
+        if network.listen.is_empty() {
+            scope.spawn(|| session::keep(&wire, network, ends));
+        }
+        let mirrored = serve(&wire, mirror, ends);
+        ends.store(true, Ordering::Relaxed);
+        mirrored
+    })
+}
+
+/// Serves one run of the robot's daemon after the other until `ends`.
+fn serve(wire: &Arc<Wire>, mirror: &Mirror, ends: &AtomicBool) -> Result<(), MirrorError> {
     while !ends.load(Ordering::Relaxed) {
-        let Some(first) = await_robot(&wire, ends)? else { continue };
-        let Some(description) = requests::describe(&wire, &first) else { continue };
-        let mut served = Mirrored::open(&mirror.instance, &wire, description)?;
+        let Some(first) = await_robot(wire, ends)? else { continue };
+        let Some(description) = requests::describe(wire, &first) else { continue };
+        let mut served = Mirrored::open(&mirror.instance, wire, description)?;
         tracing::info!(robot = mirror.robot, instance = mirror.instance, "mirrors");
         served.run(&first, ends)?;
     }
@@ -63,12 +66,12 @@ pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) ->
 
 /// Sends frames until a state of the robot has arrived. `None` at the end.
 fn await_robot(wire: &Wire, ends: &AtomicBool) -> Result<Option<Box<StateMessage>>, NetworkError> {
-    let beats = wire.publisher(wire.keys.beat())?;
+    let beats = wire.sender(wire.keys.beat())?;
     while !ends.load(Ordering::Relaxed) {
         if let Some(state) = wire.newest() {
             return Ok(Some(state));
         }
-        let _dropped = beats.put(wire.up().beat()).wait();
+        beats.put(wire.up().beat());
         std::thread::park_timeout(BEAT);
     }
     Ok(None)

@@ -1,6 +1,6 @@
 //! Samples of external IMUs that programs of this computer publish, for the robot.
 
-use super::wire::Wire;
+use super::wire::{Sender, Wire};
 use crate::frame::SAMPLES_MAX;
 use crate::network::NetworkError;
 use motord_ports::ImuReceiver;
@@ -9,8 +9,6 @@ use motord_shared::limits::IMUS_MAX;
 use motord_shared::message::ImuMessage;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-use zenoh::Wait;
-use zenoh::pubsub::Publisher;
 
 /// Shortest time between two frames: a publisher without a pause must not fill the network.
 const PERIOD: Duration = Duration::from_micros(500);
@@ -44,7 +42,7 @@ impl Newest {
 /// Sends the samples of a robot with an external IMU.
 pub(super) struct Imus<'a> {
     wire: &'a Wire,
-    publisher: Publisher<'a>,
+    sender: Sender<'a>,
     boot_id: u64,
     newest: Newest,
     sent: Instant,
@@ -53,8 +51,8 @@ pub(super) struct Imus<'a> {
 impl<'a> Imus<'a> {
     /// For the daemon with this `boot_id`.
     pub(super) fn new(wire: &'a Wire, boot_id: u64) -> Result<Self, NetworkError> {
-        let publisher = wire.publisher(wire.keys.imu())?;
-        Ok(Self { wire, publisher, boot_id, newest: Newest::default(), sent: Instant::now() })
+        let sender = wire.sender(wire.keys.imu())?;
+        Ok(Self { wire, sender, boot_id, newest: Newest::default(), sent: Instant::now() })
     }
 
     /// Sends the samples that have arrived. Never waits for the network.
@@ -71,8 +69,7 @@ impl<'a> Imus<'a> {
         let samples = self.newest.take();
         if !samples.is_empty() {
             self.sent = Instant::now();
-            // A slow link drops the samples.
-            let _dropped = self.publisher.put(self.wire.up().with_samples(&samples)).wait();
+            self.sender.put(self.wire.up().with_samples(&samples));
         }
     }
 }

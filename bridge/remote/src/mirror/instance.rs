@@ -4,7 +4,7 @@ use super::imus::{Imus, has_external};
 use super::records::Records;
 use super::requests::{self, Requests, extended, refuse};
 use super::stop_socket;
-use super::wire::{BEAT, Wire};
+use super::wire::{BEAT, Sender, Wire};
 use crate::network::NetworkError;
 use motord_ports::instance::pid_namespace;
 use motord_ports::{
@@ -17,8 +17,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use zenoh::Wait;
-use zenoh::pubsub::Publisher;
 
 /// Interval of the checks for setpoints while a client of this computer owns a group.
 const OWNED_POLL: Duration = Duration::from_micros(200);
@@ -93,8 +91,8 @@ impl Mirrored {
     /// Serves clients until `ends`, or until the robot's daemon is another one than that of `first`.
     pub(super) fn run(&mut self, first: &StateMessage, ends: &AtomicBool) -> Result<(), NetworkError> {
         let wire = Arc::clone(&self.wire);
-        let setpoints = wire.publisher(wire.keys.setpoint())?;
-        let beats = wire.publisher(wire.keys.beat())?;
+        let setpoints = wire.sender(wire.keys.setpoint())?;
+        let beats = wire.sender(wire.keys.beat())?;
         let mut imus = Imus::new(&wire, first.boot_id)?;
         let mut records = Records::new(&wire, self.ports.recorders().clone(), first.boot_id)?;
         self.publish(first);
@@ -112,7 +110,7 @@ impl Mirrored {
                 beaten = Instant::now();
             } else if beaten.elapsed() >= BEAT {
                 beaten = Instant::now();
-                let _dropped = beats.put(self.wire.up().beat()).wait();
+                beats.put(self.wire.up().beat());
             }
             if let Some(receiver) = &self.imus {
                 imus.pass(receiver);
@@ -134,7 +132,7 @@ impl Mirrored {
     }
 
     /// Passes the newest setpoints of each owner on. Returns whether there were any.
-    fn pass_setpoints(&self, publisher: &Publisher<'_>) -> bool {
+    fn pass_setpoints(&self, sender: &Sender<'_>) -> bool {
         let mut newest: [Option<SetpointMessage>; GROUPS_MAX] = [None; GROUPS_MAX];
         let _damaged = self.ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
@@ -145,8 +143,7 @@ impl Mirrored {
         for message in newest.iter().flatten() {
             let up = self.wire.up();
             let age = up.head.sent_ns.saturating_sub(message.time_ns);
-            // A slow link drops the setpoint.
-            let _dropped = publisher.put(up.with_setpoint(message, Duration::from_nanos(age))).wait();
+            sender.put(up.with_setpoint(message, Duration::from_nanos(age)));
         }
         newest.iter().any(Option::is_some)
     }

@@ -8,7 +8,7 @@
 //! The robot sends records while a recorder of this computer is connected. A record that the
 //! network loses is a gap in their numbers, which recorders count as lost.
 
-use super::wire::{Wire, move_times};
+use super::wire::{Sender, Wire, move_times};
 use crate::clocks::Offset;
 use crate::frame::{Head, read_record};
 use crate::network::NetworkError;
@@ -20,9 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use zenoh::Wait;
 use zenoh::bytes::ZBytes;
-use zenoh::pubsub::{Publisher, Subscriber};
 
 /// Interval of the checks for recorders.
 const CHECK: Duration = Duration::from_millis(20);
@@ -130,24 +128,20 @@ impl Port {
 /// The recorders of this computer, and the records for them.
 pub(super) struct Records<'a> {
     wire: &'a Wire,
-    wants: Publisher<'a>,
+    wants: Sender<'a>,
     wanted: Option<Instant>,
     /// A recorder is connected, and has its port.
     is_open: Arc<AtomicBool>,
     ends: Arc<AtomicBool>,
-    _records: Subscriber<()>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl<'a> Records<'a> {
     /// For the daemon with this `boot_id`.
     pub(super) fn new(wire: &'a Arc<Wire>, recorders: Recorders, boot_id: u64) -> Result<Self, NetworkError> {
-        let wants = wire.publisher(wire.keys.want())?;
+        let wants = wire.sender(wire.keys.want())?;
         let (sender, records) = sync_channel(WAITING_MAX);
-        let subscriber = wire.session.declare_subscriber(wire.keys.record(wire.id()));
-        // The states of the robot use the same thread of zenoh: a record that finds its queue full is lost.
-        let subscriber = subscriber.callback(move |sample| drop(sender.try_send(sample.payload().clone())));
-        let subscriber = subscriber.wait().map_err(NetworkError::of)?;
+        wire.receive_records(Some(sender));
         let (is_open, ends) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
         let port = Port {
             wire: Arc::clone(wire),
@@ -160,7 +154,7 @@ impl<'a> Records<'a> {
             tried: None,
         };
         let thread = Some(std::thread::spawn(move || port.run(&records)));
-        Ok(Self { wire, wants, wanted: None, is_open, ends, _records: subscriber, thread })
+        Ok(Self { wire, wants, wanted: None, is_open, ends, thread })
     }
 
     /// Asks the robot for records while a recorder is connected.
@@ -168,7 +162,7 @@ impl<'a> Records<'a> {
         let is_due = self.wanted.is_none_or(|wanted| wanted.elapsed() >= WANT);
         if is_due && self.is_open.load(Ordering::Relaxed) {
             self.wanted = Some(Instant::now());
-            let _dropped = self.wants.put(self.wire.up().beat()).wait();
+            self.wants.put(self.wire.up().beat());
         }
     }
 }
@@ -177,6 +171,7 @@ impl Drop for Records<'_> {
     /// Waits for the thread: the next instance needs its port.
     fn drop(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
+        self.wire.receive_records(None);
         let _panicked = self.thread.take().map(JoinHandle::join);
     }
 }

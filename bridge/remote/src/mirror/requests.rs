@@ -131,7 +131,8 @@ fn send(wire: &Wire, number: u64, payload: &AdminRequest, done: impl FnOnce(Answ
     };
     let once = Once(Some(done));
     let cell = std::sync::Mutex::new(once);
-    let sent = wire.session.get(key).payload(bytes).timeout(ANSWER_TIMEOUT).callback(move |reply| {
+    let Some(session) = wire.session() else { return };
+    let sent = session.get(key).payload(bytes).timeout(ANSWER_TIMEOUT).callback(move |reply| {
         let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
         let answer = bytes.and_then(|bytes| read_reply(&bytes).map(|(head, text)| (head, text.to_vec())));
         cell.lock().unwrap_or_else(std::sync::PoisonError::into_inner).call(answer);

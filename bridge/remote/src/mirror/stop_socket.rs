@@ -66,7 +66,8 @@ fn stop(wire: &Wire, name: &str) -> Result<(), StopError> {
 
 fn attempt(wire: &Wire, name: &str) -> Option<Receipt> {
     let (sender, receipts) = channel();
-    let sent = wire.session.get(wire.keys.stop()).payload(name).timeout(RECEIPT_TIMEOUT);
+    let session = wire.session()?;
+    let sent = session.get(wire.keys.stop()).payload(name).timeout(RECEIPT_TIMEOUT);
     let sent = sent.callback(move |reply| {
         let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
         let _late = sender.send(bytes);

@@ -1,5 +1,6 @@
 //! The network's end of a mirror: what arrived last, and what is sent.
 
+use super::session::Link;
 use crate::clocks::{Clocks, Offset, RoundTrip};
 use crate::frame::{Down, Echo, Head, Up};
 use crate::measure::Latencies;
@@ -9,9 +10,12 @@ use motord_ports::clock;
 use motord_shared::StateMessage;
 use motord_shared::description::NetworkLatency;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::Thread;
 use std::time::Duration;
-use zenoh::pubsub::Publisher;
+use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait};
 
@@ -23,8 +27,13 @@ pub(super) const BEAT: Duration = Duration::from_millis(5);
 /// The network's end of a mirror.
 #[derive(Debug)]
 pub(super) struct Wire {
-    pub(super) session: Session,
+    /// `None` before the first.
+    link: Mutex<Option<Link>>,
     pub(super) keys: Keys,
+    /// The thread that waits for states.
+    main: Thread,
+    /// Where records go. `None` while no instance is served.
+    records: Mutex<Option<SyncSender<ZBytes>>>,
     /// A random number of this process.
     id: u64,
     sequence: AtomicU64,
@@ -135,10 +144,13 @@ impl Received {
 }
 
 impl Wire {
-    pub(super) fn new(session: Session, keys: Keys) -> Result<Self, NetworkError> {
+    /// For the calling thread.
+    pub(super) fn new(keys: Keys) -> Result<Self, NetworkError> {
         Ok(Self {
-            session,
+            link: Mutex::default(),
             keys,
+            main: std::thread::current(),
+            records: Mutex::default(),
             id: random().map_err(NetworkError::of)?,
             sequence: AtomicU64::new(0),
             requests: AtomicU64::new(0),
@@ -147,7 +159,32 @@ impl Wire {
         })
     }
 
-    /// Takes the bytes of the robot.
+    /// Uses `session` from now on, and closes the one before it.
+    pub(super) fn link(self: &Arc<Self>, session: Session) -> Result<(), NetworkError> {
+        let link = Link::new(session, self)?;
+        let before = lock(&self.link).replace(link);
+        // It may have no link any more.
+        let _closed = before.map(|before| before.session.close().wait());
+        Ok(())
+    }
+
+    /// Returns the session. `None` before the first.
+    pub(super) fn session(&self) -> Option<Session> {
+        lock(&self.link).as_ref().map(|link| link.session.clone())
+    }
+
+    /// Passes records on to `records`, or to nobody.
+    pub(super) fn receive_records(&self, records: Option<SyncSender<ZBytes>>) {
+        *lock(&self.records) = records;
+    }
+
+    /// Takes the bytes of a record. Never waits: the states of the robot use the same thread of zenoh,
+    /// so a record that finds its queue full is lost.
+    pub(super) fn take_record(&self, bytes: &ZBytes) {
+        let _lost = lock(&self.records).as_ref().map(|records| records.try_send(bytes.clone()));
+    }
+
+    /// Takes the bytes of a state, and wakes the thread that waits for it.
     pub(super) fn take_state(&self, bytes: &[u8]) {
         let now_ns = clock::now_ns();
         let taken = Down::read(bytes)
@@ -157,6 +194,7 @@ impl Wire {
             Some(lost) => drop(self.latencies.lost.fetch_add(lost, Ordering::Relaxed)),
             None => self.latencies.refuse_frame(),
         }
+        self.main.unpark();
     }
 
     /// Returns the newest state that was not taken yet, with times of the own clock. `None` also
@@ -194,11 +232,9 @@ impl Wire {
         Up { head: Head { from: self.id, sequence, sent_ns: now_ns }, echo: received.echo(now_ns) }
     }
 
-    /// Returns a publisher whose messages a slow link drops.
-    pub(super) fn publisher(&self, key: String) -> Result<Publisher<'_>, NetworkError> {
-        let publisher = self.session.declare_publisher(key).congestion_control(CongestionControl::Drop);
-        let publisher = publisher.priority(Priority::RealTime).reliability(Reliability::BestEffort);
-        publisher.express(true).wait().map_err(NetworkError::of)
+    /// Returns the way of frames to the robot.
+    pub(super) fn sender(&self, key: String) -> Result<Sender<'_>, NetworkError> {
+        Ok(Sender { wire: self, key: KeyExpr::new(key).map_err(NetworkError::of)? })
     }
 
     /// Returns the numbers of states and records that were lost, and of frames that did not count.
@@ -213,11 +249,32 @@ impl Wire {
     }
 
     fn received(&self) -> MutexGuard<'_, Received> {
-        self.received.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.received)
     }
 
     pub(super) fn time_since_state(&self) -> Duration {
         Duration::from_nanos(clock::now_ns().saturating_sub(self.received().arrived_ns))
+    }
+}
+
+fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
+    value.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The way of frames with one key to the robot.
+#[derive(Debug)]
+pub(super) struct Sender<'a> {
+    wire: &'a Wire,
+    key: KeyExpr<'static>,
+}
+
+impl Sender<'_> {
+    /// Sends a frame with its whole key. Never waits: a slow link drops the frame.
+    pub(super) fn put(&self, frame: Vec<u8>) {
+        let Some(session) = self.wire.session() else { return };
+        let frame = session.put(&self.key, frame).congestion_control(CongestionControl::Drop);
+        let frame = frame.priority(Priority::RealTime).reliability(Reliability::BestEffort);
+        let _dropped = frame.express(true).wait();
     }
 }
 
