@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct Receipt {
     /// The daemon confirmed that it sent the commands that damp the motors.
     pub(crate) sent: bool,
-    /// Each motor answered after these commands, too.
+    /// Each motor answered after these commands.
     pub(crate) confirmed: bool,
     /// A sentence.
     pub(crate) message: String,

@@ -20,8 +20,8 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Returns the recording in a file. `None` for a file that is missing, not regular, or not
-    /// complete: its recorder still writes it, or was killed.
+    /// Returns the recording in a file. `None` for a file that is missing, incomplete or not
+    /// regular: the recorder of an incomplete one still writes it, or was killed.
     pub(crate) fn at(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_owned();
         let metadata = fs::symlink_metadata(path).ok().filter(fs::Metadata::is_file)?;

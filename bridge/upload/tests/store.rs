@@ -59,7 +59,7 @@ impl Scene {
         }
     }
 
-    /// Writes a recording of so many bytes, which differ in each part and each recording.
+    /// Writes a recording of this length. Its bytes differ in each part and each recording.
     fn record(&self, name: &str, bytes: usize) -> Vec<u8> {
         let seed = name.bytes().map(usize::from).sum::<usize>();
         let middle =

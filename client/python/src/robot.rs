@@ -162,7 +162,7 @@ impl Robot {
         self.call(py, Client::emergency_stop)
     }
 
-    /// Damps and stops the motors of a group, whoever owns it.
+    /// Damps and stops the motors of a group, also of another owner.
     fn disable(&self, py: Python<'_>, group: &str) -> PyResult<()> {
         self.call(py, |client| client.disable(group))
     }

@@ -113,7 +113,7 @@ impl State {
         self.array(py, |joint| joint.supply_current)
     }
 
-    /// Whether each motor answered in this cycle.
+    /// True for each motor that answered in this cycle.
     #[getter]
     fn fresh<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         let array = PyArray1::from_iter(py, self.each().map(|joint| joint.is_some_and(|joint| joint.fresh)));

@@ -92,7 +92,7 @@ impl Claims {
     }
 
     /// Discards the frames that wait on a bus, if no other adapter has its name by now. Returns
-    /// whether it took the interface down and up.
+    /// `true` if it took the interface down and up.
     ///
     /// # Errors
     ///

@@ -173,7 +173,7 @@ impl Wire {
         lock(&self.link).as_ref().map(|link| link.session.clone())
     }
 
-    /// Passes records on to `records`, or to nobody.
+    /// Passes records on to `records`; with `None` they are dropped.
     pub(super) fn receive_records(&self, records: Option<SyncSender<ZBytes>>) {
         *lock(&self.records) = records;
     }

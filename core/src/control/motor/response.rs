@@ -6,7 +6,7 @@
 //! | not compared | because |
 //! |---|---|
 //! | less than the floor: a tenth of the rated torque, and four codes | friction, offsets and the rounding of codes are as large |
-//! | a joint that turns fast in the direction of the torque | at its speed without load a healthy motor gives no torque, and its supply may be lower than that of the model |
+//! | a joint that turns fast in the direction of the torque | a healthy motor gives no torque at its speed without load, which a lower supply lowers |
 //! | commands that changed sign or fell below the floor in the last [`COMMANDS`] | a reply may answer each of them |
 //! | speed and position setpoints of native motors | the drive decides the torque |
 //!

@@ -31,7 +31,7 @@ impl<'l> Rmd<'l> {
     }
 
     /// Returns the number of motors that answer the question for the status within `window`, and
-    /// whether answers collided. Equal answers are one frame, so one answer is followed by the question
+    /// `true` if answers collided. Equal answers are one frame, so one answer is followed by the question
     /// for the angle, in which motors differ. Moves and changes nothing.
     ///
     /// # Errors

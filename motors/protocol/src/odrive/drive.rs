@@ -1,7 +1,7 @@
 //! A drive in ODrive's CANSimple.
 //!
-//! No command is answered, so every state is one that the drive sends by itself, and a heartbeat tells
-//! whether it runs. The drive keeps its inputs, also those of other modes, and the bus may lose a frame:
+//! No command is answered, so every state is one that the drive sends by itself, and a heartbeat
+//! reports its mode. The drive keeps its inputs, also those of other modes, and the bus may lose a frame:
 //!
 //! ```text
 //!   stop       axis idle, in every turn

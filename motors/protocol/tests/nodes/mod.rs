@@ -37,7 +37,7 @@ impl Row {
     }
 }
 
-/// The rows of a file in this direction, at least so many.
+/// The rows of a file in this direction, at least `least`.
 pub(crate) fn rows(file: &str, direction: &str, least: usize) -> Vec<Row> {
     let rows = file.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
     let rows: Vec<Row> = rows.filter(|row| row[0] == direction).map(|row| Row::of(&row)).collect();
