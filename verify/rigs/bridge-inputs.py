@@ -21,6 +21,8 @@ ROBOT = """
 instance = "demo"
 [cycle]
 rate-hz = 200
+max-lateness-ms = 1000.0
+max-skipped-percent = 100
 [safety]
 setpoint-timeout-ms = 1000.0
 lost-cycles = 100

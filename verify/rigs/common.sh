@@ -27,17 +27,12 @@ apt() {
     rm "$log"
 }
 
-# User Mode Linux 6.1 exits at its first program on a processor with AMX: it cannot restore that many registers (put_fp_registers).
+# User Mode Linux 6.1, Debian's, exits at its first program on a processor with AMX: it cannot restore that many registers
+# (put_fp_registers).
 uml_runs() { ! grep -qw amx_tile /proc/cpuinfo; }
 
 # Prints the hypervisor of `fresh-debian`: uml or qemu.
 hypervisor() { echo "${RIG_HYPERVISOR:-$(uml_runs && echo uml || echo qemu)}"; }
-
-must_run_uml() {
-    uml_runs && return
-    echo "$(basename "$0"): User Mode Linux 6.1 does not run on a processor with AMX: use another machine" >&2
-    exit 125
-}
 
 # takes_no_longer QUIET RUN: the median cycle of RUN is at most 1.25 times that of QUIET, in the same run of the rig. Medians of two runs
 # differed by 5 %; the spread of 20 runs was not measured. Both are files of `motorctl latency --json`. Missed ticks depend on the
