@@ -36,10 +36,10 @@ class Empty(IdlStruct, typename="std_msgs::msg::dds_::Empty_"):
     structure_needs_at_least_one_member: uint8
 
 
-def await_that(what, holds):
+def await_that(what, holds, seen=lambda: ""):
     end = time.monotonic() + LONGEST
     while not holds():
-        assert time.monotonic() < end, f"not within {LONGEST} s: {what}"
+        assert time.monotonic() < end, f"not within {LONGEST} s: {what} {seen()}"
         time.sleep(0.01)
 
 
@@ -215,7 +215,8 @@ def order(number, dice, sources, daemon, bridge):
     requests = lambda: {source: bridge.text.count(f"emergency stop by {source.name}") for source in bridged}
     # Both subscriptions of the topic, the reliable one and the other, get the message of a reliable writer.
     complete = lambda: all(count in ((1, 2) if isinstance(source, RosTopic) else (1,)) for source, count in requests().items())
-    await_that("one line for each request", complete)
+    seen = lambda: {source.name: (count, source in dying) for source, count in requests().items()}
+    await_that("one line for each request (lines, dies)", complete, seen)
     stop = group()["stop"]
     assert stop and stop["cause"] == "emergency-stop", stop
     by = stop["asked_by"]["program"] or "a program that has ended"
