@@ -66,17 +66,20 @@ pub(super) fn keep(wire: &Arc<Wire>, network: &Network, ends: &AtomicBool) {
         if wire.time_since_state() < SILENCE {
             (opened, silence) = (Instant::now(), SILENCE);
         } else if opened.elapsed() >= silence {
-            match network::open(network, None, is_over)
-                .and_then(|session| session.map_or(Ok(()), |session| wire.link(session)))
-            {
-                Ok(()) => tracing::info!("the robot is silent: opened the network again"),
-                Err(error) => {
-                    tracing::warn!("the robot is silent, and the network was not opened again: {error}")
-                }
+            if silence == SILENCE {
+                tracing::warn!("the robot is silent: opens the network again until it sends a state");
+            }
+            if let Err(error) = open_again(wire, network, is_over) {
+                tracing::warn!("cannot open the network again: {error}");
             }
             (opened, silence) = (Instant::now(), (silence * 2).min(SILENCE_MAX));
         }
     }
+}
+
+fn open_again(wire: &Arc<Wire>, network: &Network, is_over: impl Fn() -> bool) -> Result<(), NetworkError> {
+    let session = network::open(network, None, is_over)?;
+    session.map_or(Ok(()), |session| wire.link(session))
 }
 
 #[cfg(test)]
