@@ -214,7 +214,8 @@ def order(number, dice, sources, daemon, bridge):
     bridged = [source for source in sources if not isinstance(source, Program)]
     requests = lambda: {source: bridge.text.count(f"emergency stop by {source.name}") for source in bridged}
     # Both subscriptions of the topic, the reliable one and the other, get the message of a reliable writer.
-    complete = lambda: all(count in ((1, 2) if isinstance(source, RosTopic) else (1,)) for source, count in requests().items())
+    most = lambda source: 2 if isinstance(source, RosTopic) else 1 + stalls(bridge.text) if "GPIO" in source.name else 1
+    complete = lambda: all(1 <= count <= most(source) for source, count in requests().items())
     seen = lambda: {source.name: (count, source in dying) for source, count in requests().items()}
     await_that("one line for each request (lines, dies)", complete, seen)
     stop = group()["stop"]
@@ -225,14 +226,23 @@ def order(number, dice, sources, daemon, bridge):
     names += ["a program that has ended"] * any(isinstance(source, Program) for source in dying)
     assert any(by.startswith(name) for name in names), by
     latches = lambda: len(re.findall(LATCH, daemon.text))
-    await_that("one latch", lambda: latches() == 1)
+    known = stalls(bridge.text)
+    await_that("one latch", lambda: 1 <= latches() <= 1 + known)
     if number % 100 == 0:
         print(f"  order {number}: {len(dying)} of {len(sources)} die; stopped by {by}")
     motorctl("reset", "--wait")
-    assert group()["stop"] is None, "only a reset clears it, and it does"
-    assert latches() == 1, "a second latch"
+    while group()["stop"] is not None:
+        assert stalls(bridge.text) > known, "only a reset clears it, and it does"
+        known += 1
+        motorctl("reset", "--wait")
+    assert 1 <= latches() <= 1 + stalls(bridge.text), "a second latch"
     # Without the number of a viewer and the address behind the page.
     return len(dying), receipts, re.sub(r" \d+$", "", by.split(",")[0])
+
+
+def stalls(text):
+    """A guest that stalls has a chip that does not answer, which stops the robot once more."""
+    return text.count("does not answer for 200 ms")
 
 
 LATCH = r"cause=\"?emergency-stop"

@@ -13,7 +13,7 @@ mod imus;
 mod instance;
 mod records;
 mod requests;
-mod session;
+mod silence;
 mod stop_socket;
 mod wire;
 
@@ -44,7 +44,7 @@ pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) ->
     std::thread::scope(|scope| {
         // One that others connect to has no link of its own to open again.
         if network.listen.is_empty() {
-            scope.spawn(|| session::keep(&wire, network, ends));
+            scope.spawn(|| silence::watch(&wire, network, ends));
         }
         let mirrored = serve(&wire, mirror, ends);
         ends.store(true, Ordering::Relaxed);

@@ -1,6 +1,5 @@
 //! The network's end of a mirror: what arrived last, and what is sent.
 
-use super::session::Link;
 use crate::clocks::{Clocks, Offset, RoundTrip};
 use crate::frame::{Down, Echo, Head, Up};
 use crate::measure::Latencies;
@@ -16,7 +15,9 @@ use std::thread::Thread;
 use std::time::Duration;
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
+use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 /// Greatest age of the first frame of a run that counts.
@@ -41,6 +42,41 @@ pub(super) struct Wire {
     requests: AtomicU64,
     received: Mutex<Received>,
     pub(super) latencies: Measured,
+}
+
+/// A session, and what it receives.
+#[derive(Debug)]
+struct Link {
+    session: Session,
+    _received: [Subscriber<()>; 2],
+}
+
+impl Link {
+    /// Receives states and records for `wire`.
+    fn new(session: Session, wire: &Arc<Wire>) -> Result<Self, NetworkError> {
+        let received = [
+            subscribe(&session, wire.keys.state(), wire, |wire, state| {
+                wire.take_state(&state.payload().to_bytes())
+            })?,
+            subscribe(&session, wire.keys.record(wire.id()), wire, |wire, record| {
+                wire.take_record(record.payload())
+            })?,
+        ];
+        Ok(Self { session, _received: received })
+    }
+}
+
+fn subscribe(
+    session: &Session,
+    key: String,
+    wire: &Arc<Wire>,
+    take: fn(&Wire, &Sample),
+) -> Result<Subscriber<()>, NetworkError> {
+    let wire = Arc::downgrade(wire);
+    let subscriber = session.declare_subscriber(key).callback(move |sample| {
+        wire.upgrade().into_iter().for_each(|wire| take(&wire, &sample));
+    });
+    subscriber.wait().map_err(NetworkError::of)
 }
 
 /// Latencies and losses of the network since the last reset, as this side sees them.

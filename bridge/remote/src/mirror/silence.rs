@@ -1,4 +1,4 @@
-//! The zenoh session of a mirror, and what it receives.
+//! The silence of a robot, after which its mirror opens the network again.
 //!
 //! Over UDP zenoh sends a declaration once. One that is lost leaves a robot that sends nothing: a
 //! mirror whose robot is silent opens another session, which declares everything again. Frames carry
@@ -10,9 +10,6 @@ use crate::network::{self, NetworkError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use zenoh::pubsub::Subscriber;
-use zenoh::sample::Sample;
-use zenoh::{Session, Wait};
 
 /// After this long without a state the session is opened again: the network had time to open a link
 /// again by itself.
@@ -22,43 +19,8 @@ const SILENCE_MAX: Duration = Duration::from_secs(24);
 /// Interval of the checks for silence.
 const CHECK: Duration = Duration::from_millis(100);
 
-/// A session, and what it receives.
-#[derive(Debug)]
-pub(super) struct Link {
-    pub(super) session: Session,
-    _received: [Subscriber<()>; 2],
-}
-
-impl Link {
-    /// Receives states and records for `wire`.
-    pub(super) fn new(session: Session, wire: &Arc<Wire>) -> Result<Self, NetworkError> {
-        let received = [
-            subscribe(&session, wire.keys.state(), wire, |wire, state| {
-                wire.take_state(&state.payload().to_bytes())
-            })?,
-            subscribe(&session, wire.keys.record(wire.id()), wire, |wire, record| {
-                wire.take_record(record.payload())
-            })?,
-        ];
-        Ok(Self { session, _received: received })
-    }
-}
-
-fn subscribe(
-    session: &Session,
-    key: String,
-    wire: &Arc<Wire>,
-    take: fn(&Wire, &Sample),
-) -> Result<Subscriber<()>, NetworkError> {
-    let wire = Arc::downgrade(wire);
-    let subscriber = session.declare_subscriber(key).callback(move |sample| {
-        wire.upgrade().into_iter().for_each(|wire| take(&wire, &sample));
-    });
-    subscriber.wait().map_err(NetworkError::of)
-}
-
 /// Opens the session again whenever the robot is silent, until `ends`.
-pub(super) fn keep(wire: &Arc<Wire>, network: &Network, ends: &AtomicBool) {
+pub(super) fn watch(wire: &Arc<Wire>, network: &Network, ends: &AtomicBool) {
     let is_over = || ends.load(Ordering::Relaxed);
     let (mut opened, mut silence) = (Instant::now(), SILENCE);
     while !is_over() {
@@ -93,6 +55,8 @@ mod tests {
     use std::collections::HashMap;
     use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
     use std::sync::Mutex;
+    use zenoh::pubsub::Subscriber;
+    use zenoh::{Session, Wait};
 
     const ROBOT: &str = "go7";
     /// The handshake of zenoh, the declarations, and a few frames.
@@ -169,7 +133,7 @@ mod tests {
         std::thread::scope(|scope| {
             scope.spawn(|| relay(&of_mirrors, SocketAddr::from((Ipv4Addr::LOCALHOST, port)), lost, &ends));
             wire.link(network::open(&connect, None, || false).unwrap().unwrap()).unwrap();
-            scope.spawn(|| keep(&wire, &connect, &ends));
+            scope.spawn(|| watch(&wire, &connect, &ends));
             let beats = wire.sender(wire.keys.beat()).unwrap();
             let is_found = (0..FRAMES_MAX).any(|_| {
                 beats.put(wire.up().beat());
