@@ -204,7 +204,7 @@ def stop_at_once(dice, sources, dying):
 
 
 def order(number, dice, sources, daemon, bridge):
-    """One order. Returns how many sources died, how many have a receipt, and the cause."""
+    """One order. Returns how many sources died, how many have a receipt, how often the guest stalled, and the cause."""
     daemon.begin()
     bridge.begin()
     dying = {source for source in sources if dice.random() < 0.2}
@@ -213,9 +213,7 @@ def order(number, dice, sources, daemon, bridge):
     # A source that died without a process of its own had sent its request.
     bridged = [source for source in sources if not isinstance(source, Program)]
     requests = lambda: {source: bridge.text.count(f"emergency stop by {source.name}") for source in bridged}
-    # Both subscriptions of the topic, the reliable one and the other, get the message of a reliable writer.
-    most = lambda source: 2 if isinstance(source, RosTopic) else 1 + stalls(bridge.text) if "GPIO" in source.name else 1
-    complete = lambda: all(1 <= count <= most(source) for source, count in requests().items())
+    complete = lambda: all(1 <= count <= most(source, bridge.text) for source, count in requests().items())
     seen = lambda: {source.name: (count, source in dying) for source, count in requests().items()}
     await_that("one line for each request (lines, dies)", complete, seen)
     stop = group()["stop"]
@@ -237,12 +235,20 @@ def order(number, dice, sources, daemon, bridge):
         motorctl("reset", "--wait")
     assert 1 <= latches() <= 1 + stalls(bridge.text), "a second latch"
     # Without the number of a viewer and the address behind the page.
-    return len(dying), receipts, re.sub(r" \d+$", "", by.split(",")[0])
+    return len(dying), receipts, stalls(bridge.text), re.sub(r" \d+$", "", by.split(",")[0])
 
 
 def stalls(text):
     """A guest that stalls has a chip that does not answer, which stops the robot once more."""
     return text.count("does not answer for 200 ms")
+
+
+def most(source, text):
+    """The largest number of lines for one request."""
+    if isinstance(source, RosTopic):
+        # Both subscriptions, the reliable one and the other, get the message of a reliable writer.
+        return 2
+    return 1 + stalls(text) if "GPIO" in source.name else 1
 
 
 LATCH = r"cause=\"?emergency-stop"
@@ -267,14 +273,15 @@ def all_sources(participant):
 
 
 def repeat(orders, dice, sources):
-    died, receipts, first = 0, 0, {}
+    died, receipts, stalled, first = 0, 0, 0, {}
     daemon, bridge = Log("motord.log"), Log("bridge.log")
     for number in range(orders):
-        dead, received, by = order(number, dice, sources, daemon, bridge)
-        died, receipts = died + dead, receipts + received
+        dead, received, stall, by = order(number, dice, sources, daemon, bridge)
+        died, receipts, stalled = died + dead, receipts + received, stalled + stall
         first[by] = first.get(by, 0) + 1
     for count, what in [(orders, f"orders of {len(sources)} sources, one latch each"), (orders * len(sources), "requests"),
                         (died, "requests of sources that died"), (receipts, "receipts, none lost"),
+                        *[(stalled, "stalls of the guest, each a stop more")] * (stalled > 0),
                         *((count, f"named {by}") for by, count in sorted(first.items(), key=lambda item: -item[1]))]:
         print(f"{count} {what}")
 
