@@ -387,7 +387,8 @@ class LineSource:
     def stop(self, dies, delay):
         before = len(log())
         self.chip.is_open = True
-        # A guest that stalled had a chip that did not answer, and a stop that continues.
+        # A guest that stalled had a chip that did not answer, and a stop that continues with the open line.
+        await_that("the line is open", lambda: log().count(f"{self.name} is open", before))
         await_that("a receipt of the line", lambda: log().count(f"emergency stop by {self.name}", self.seen))
         if dies:
             self.chip.unplug()
