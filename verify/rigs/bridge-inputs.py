@@ -384,17 +384,20 @@ class LineSource:
     def __init__(self):
         self.chip, self.seen = Chip(), 0
 
+    def demands_stop(self):
+        """A chip that does not answer, as that of a guest that stalled, demands a stop as an open line does."""
+        last = lambda state: log().rfind(f"{self.name} {state}")
+        return max(map(last, ["is open", "is lost", "does not answer"])) > last("is closed")
+
     def stop(self, dies, delay):
-        before = len(log())
         self.chip.is_open = True
-        # A guest that stalled had a chip that did not answer, and a stop that continues with the open line.
-        await_that("the line is open", lambda: log().count(f"{self.name} is open", before))
+        await_that("the open line demands a stop", self.demands_stop)
         await_that("a receipt of the line", lambda: log().count(f"emergency stop by {self.name}", self.seen))
         if dies:
             self.chip.unplug()
             self.chip = Chip()
         self.chip.is_open = False
-        await_that("the line is closed", lambda: log().count("is closed", before))
+        await_that("the closed line demands none", lambda: not self.demands_stop())
         self.seen = len(log())
         return True
 
