@@ -151,6 +151,8 @@ impl Server {
         let answer = |request| async move { Ok::<_, Infallible>(self.answer(request, peer, progress).await) };
         let connection = http1::Builder::new()
             .keep_alive(false)
+            // Otherwise a stop is dropped whose page has left when its request is read.
+            .half_close(true)
             .timer(TokioTimer::new())
             .header_read_timeout(HEAD_TIMEOUT)
             .max_buf_size(HEAD_MAX)

@@ -101,6 +101,32 @@ fn stop_answers_401_then_403_then_receipt() {
 }
 
 #[test]
+fn stop_of_page_that_has_left_counts() {
+    let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap();
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let address = listener.local_addr().unwrap();
+    let mut peer = Peer::connect(address).unwrap();
+    let web = Web { port: address.port(), ..Web::default() };
+    let server = Rc::new(Server::new(Guard::new(&web, None), Arc::clone(&desk)));
+    let requested = async {
+        // The server waits for the request, which arrives together with the end of the page.
+        sleep(Duration::from_millis(20)).await;
+        peer.write_all(format!("POST /api/stop HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
+        drop(peer);
+        for _ in 0..2000 {
+            if !desk.waiting().is_empty() {
+                break;
+            }
+            sleep(Duration::from_millis(1)).await;
+        }
+    };
+    let serving = futures_lite::future::or(run(&server, &listener, None, &shared), requested);
+    tokio::task::LocalSet::new().block_on(&runtime, serving);
+    assert_eq!(desk.waiting().len(), 1);
+}
+
+#[test]
 fn damaged_requests_are_refused_within_bounds() {
     let server = Running::start(false);
     assert_eq!(status(&server.send(b"\x16\x03\x01\x02\x00\x01\r\n\r\n")), "400");
