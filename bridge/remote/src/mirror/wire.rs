@@ -56,10 +56,10 @@ impl Link {
     fn new(session: Session, wire: &Arc<Wire>) -> Result<Self, NetworkError> {
         let received = [
             subscribe(&session, wire.keys.state(), wire, |wire, state| {
-                wire.take_state(&state.payload().to_bytes())
+                wire.take_state(&state.payload().to_bytes());
             })?,
             subscribe(&session, wire.keys.record(wire.id()), wire, |wire, record| {
-                wire.take_record(record.payload())
+                wire.take_record(record.payload());
             })?,
         ];
         Ok(Self { session, _received: received })
