@@ -42,18 +42,26 @@ pub(crate) fn run(mirror: &Mirror, network: &Network, ends: &Arc<AtomicBool>) ->
     wire.link(session)?;
     tracing::info!(robot = mirror.robot, "waits for the robot");
     std::thread::scope(|scope| {
+        let _end = EndAll(ends);
         // One that others connect to has no link of its own to open again.
         if network.listen.is_empty() {
             scope.spawn(|| silence::watch(&wire, network, ends));
         }
-        let mirrored = serve(&wire, mirror, ends);
-        ends.store(true, Ordering::Relaxed);
-        mirrored
+        mirror_runs(&wire, mirror, ends)
     })
 }
 
-/// Serves one run of the robot's daemon after the other until `ends`.
-fn serve(wire: &Arc<Wire>, mirror: &Mirror, ends: &AtomicBool) -> Result<(), MirrorError> {
+/// Ends all threads of the mirror when it is dropped, also by a panic.
+struct EndAll<'a>(&'a AtomicBool);
+
+impl Drop for EndAll<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Mirrors one run of the robot's daemon after the other until `ends`.
+fn mirror_runs(wire: &Arc<Wire>, mirror: &Mirror, ends: &AtomicBool) -> Result<(), MirrorError> {
     while !ends.load(Ordering::Relaxed) {
         let Some(first) = await_robot(wire, ends)? else { continue };
         let Some(description) = requests::describe(wire, &first) else { continue };

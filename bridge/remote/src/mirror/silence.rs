@@ -72,27 +72,27 @@ mod tests {
 
     /// Passes datagrams between mirrors and `robot` until `ends`, but not the one with number `lost`.
     fn relay(of_mirrors: &UdpSocket, robot: SocketAddr, lost: usize, ends: &AtomicBool) {
-        let mut ways: HashMap<SocketAddr, Arc<UdpSocket>> = HashMap::new();
+        let mut sockets: HashMap<SocketAddr, Arc<UdpSocket>> = HashMap::new();
         let mut datagram = [0; 65_536];
         let mut passed = 0;
         std::thread::scope(|scope| {
             while !ends.load(Ordering::Relaxed) {
                 let Ok((length, mirror)) = of_mirrors.recv_from(&mut datagram) else { continue };
-                let way = ways.entry(mirror).or_insert_with(|| {
-                    let way = Arc::new(socket());
-                    let back = Arc::clone(&way);
+                let to_robot = sockets.entry(mirror).or_insert_with(|| {
+                    let to_robot = Arc::new(socket());
+                    let back = Arc::clone(&to_robot);
                     scope.spawn(move || {
                         let mut datagram = [0; 65_536];
                         while !ends.load(Ordering::Relaxed) {
                             let Ok(length) = back.recv(&mut datagram) else { continue };
-                            let _gone = of_mirrors.send_to(&datagram[..length], mirror);
+                            let _dropped = of_mirrors.send_to(&datagram[..length], mirror);
                         }
                     });
-                    way.connect(robot).unwrap();
-                    way
+                    to_robot.connect(robot).unwrap();
+                    to_robot
                 });
                 if passed != lost {
-                    let _gone = way.send(&datagram[..length]);
+                    let _dropped = to_robot.send(&datagram[..length]);
                 }
                 passed += 1;
             }

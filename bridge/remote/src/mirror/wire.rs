@@ -268,7 +268,7 @@ impl Wire {
         Up { head: Head { from: self.id, sequence, sent_ns: now_ns }, echo: received.echo(now_ns) }
     }
 
-    /// Returns the way of frames to the robot.
+    /// Returns a sender of frames with this key.
     pub(super) fn sender(&self, key: String) -> Result<Sender<'_>, NetworkError> {
         Ok(Sender { wire: self, key: KeyExpr::new(key).map_err(NetworkError::of)? })
     }
@@ -297,7 +297,7 @@ fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The way of frames with one key to the robot.
+/// Sends frames with one key to the robot.
 #[derive(Debug)]
 pub(super) struct Sender<'a> {
     wire: &'a Wire,

@@ -11,6 +11,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 const SECRET: &str = "0123456789abcdef";
 
+/// A port of loopback, and the configuration of a page there.
+fn listening() -> (tokio::runtime::Runtime, TcpListener, SocketAddr, Web) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap();
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let address = listener.local_addr().unwrap();
+    (runtime, listener, address, Web { port: address.port(), ..Web::default() })
+}
+
 /// A server, and a thread that answers stops.
 struct Running {
     address: SocketAddr,
@@ -23,11 +31,7 @@ impl Running {
         let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
         let stops = Arc::new(AtomicBool::new(false));
         let ends = [Arc::clone(&shared.ends), Arc::clone(&stops)];
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap();
-        let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
-        let address = listener.local_addr().unwrap();
-        let web = Web { port: address.port(), ..Web::default() };
+        let (runtime, listener, address, web) = listening();
         let tokens = needs_token.then(|| Tokens::parse(&format!("anna {SECRET}")).unwrap());
         let stopping = Arc::clone(&desk);
         let serve = move || {
@@ -103,11 +107,8 @@ fn stop_answers_401_then_403_then_receipt() {
 #[test]
 fn stop_of_page_that_has_left_counts() {
     let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().unwrap();
-    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
-    let address = listener.local_addr().unwrap();
+    let (runtime, listener, address, web) = listening();
     let mut peer = Peer::connect(address).unwrap();
-    let web = Web { port: address.port(), ..Web::default() };
     let server = Rc::new(Server::new(Guard::new(&web, None), Arc::clone(&desk)));
     let requested = async {
         // The server waits for the request, which arrives together with the end of the page.
