@@ -151,7 +151,7 @@ class State:
         """Currents from the supply, A, as the motors reported them last; NaN where they report none."""
     @property
     def fresh(self) -> NDArray[np.bool_]:
-        """Whether each motor answered in this cycle."""
+        """True for each motor that answered in this cycle."""
     @property
     def mode(self) -> list[str]:
         """Mode of each motor, such as active or offline; unknown for one that this library does not know."""
@@ -371,7 +371,7 @@ class Robot:
         Otherwise motors may still move, so cut the power. MotorsOffline names those that do not answer.
         """
     def disable(self, group: str) -> None:
-        """Damps and stops the motors of a group, whoever owns it."""
+        """Damps and stops the motors of a group, also of another owner."""
     def reset(self, group: str) -> None:
         """Clears the latched cause of a stop. Leave this to a person who has inspected the robot."""
     def telemetry(self) -> dict[str, Any]:
