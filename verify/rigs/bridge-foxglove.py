@@ -6,7 +6,8 @@ rates PORT SECONDS      the messages of each topic per interval of its rate
 watchers PORT SECONDS   20 viewers beside one that never reads, which then reads
 ages PORT               the age of the states that the thread `motor` hands over
 stop PORT               the service /motord/stop: its receipt names each motor
-starved PORT            the same while connections use up the file descriptors of the bridge, and after them
+starved PORT            the same while connections use up the file descriptors of the bridge, and after them, by the same viewer and a new one
+leaves PORT LOG         20 viewers that read nothing, stop and reset their connection at once: the log of the bridge names each stop
 hostile PORT            random bytes, damaged and unknown messages, connections that use up the file descriptors
 files MCAP              a recording in the reader of MCAP
 """
@@ -16,7 +17,9 @@ import base64
 import collections
 import json
 import os
+import pathlib
 import random
+import re
 import socket
 import struct
 import sys
@@ -383,11 +386,35 @@ async def starved(port):
     await stop_whole(viewer)
     for connection in idle:
         connection.close()
-    # To listen again, the server closes every connection.
-    await asyncio.wait_for(viewer.socket.wait_closed(), 60)
-    viewer = await connect_again(port)
-    await stop_whole(viewer)
-    await viewer.socket.close()
+    newcomer = await connect_again(port)
+    # The server has another listener for the newcomer, and keeps those that were connected before.
+    for each in (viewer, newcomer):
+        await stop_whole(each)
+        await each.socket.close()
+
+
+async def leaves(port, log):
+    stops = lambda: len(re.findall("emergency stop by the Foxglove viewer", pathlib.Path(log).read_text()))
+    for seed in range(20):
+        before, connection = stops(), silent_viewer(port)
+        # The server has sent its channels: they stay unread, so that the kernel resets the connection when it is closed.
+        data = b""
+        while not (found := re.search(rb'"id":(\d+),"name":"/motord/stop"', data)):
+            data += connection.recv(1 << 16)
+        subscriptions = [{"id": number, "channelId": number} for number in map(int, re.findall(rb'"id":(\d+),"topic"', data))]
+        connection.sendall(frame(1, json.dumps({"op": "subscribe", "subscriptions": subscriptions}).encode()))
+        # Without it the kernel may hold the stop, and drop it when the connection is closed: it would never have left the viewer.
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # Random: between no message and some that wait in the kernel.
+        await asyncio.sleep(random.Random(seed).random() / 10)
+        connection.sendall(frame(2, struct.pack("<BIII", 2, int(found[1]), 1, 4) + b"json{}"))
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        connection.close()
+        end = time.monotonic() + 60
+        while stops() == before:
+            assert time.monotonic() < end, f"the stop of viewer {seed} that left was lost"
+            await asyncio.sleep(0.01)
+    print("  20 viewers stopped and left: each stop counted")
 
 
 def damaged(seed):
@@ -447,4 +474,4 @@ async def files(path):
 
 
 if __name__ == "__main__":
-    asyncio.run({"channels": channels, "rates": rates, "watchers": watchers, "ages": ages, "stop": stop, "starved": starved, "hostile": hostile, "files": files}[sys.argv[1]](*sys.argv[2:]))
+    asyncio.run({"channels": channels, "rates": rates, "watchers": watchers, "ages": ages, "stop": stop, "starved": starved, "leaves": leaves, "hostile": hostile, "files": files}[sys.argv[1]](*sys.argv[2:]))

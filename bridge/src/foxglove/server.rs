@@ -67,6 +67,8 @@ pub(crate) struct Server {
     parts: Parts,
     runtime: Runtime,
     handle: WebSocketServerHandle,
+    /// The servers that no longer listen, each with a viewer that is still connected.
+    retired: Vec<WebSocketServerHandle>,
     next_check: Instant,
 }
 
@@ -105,21 +107,24 @@ impl Server {
                 settings.address
             );
         }
-        Ok(Self { parts, runtime, handle, next_check: Instant::now() + CHECK })
+        Ok(Self { parts, runtime, handle, retired: Vec::new(), next_check: Instant::now() + CHECK })
     }
 
     /// Returns the number of viewers.
     pub(crate) fn viewers(&self) -> usize {
-        self.handle.client_count()
+        self.retired.iter().chain([&self.handle]).map(WebSocketServerHandle::client_count).sum()
     }
 
     /// Listens again if the server no longer does: the SDK stops listening when it cannot accept a
-    /// connection, such as without a free file descriptor.
+    /// connection, such as without a free file descriptor. Viewers stay connected, for one may have
+    /// sent a stop that is not read yet.
     pub(crate) fn restart_if_closed(&mut self) {
         if Instant::now() < self.next_check {
             return;
         }
         self.next_check = Instant::now() + CHECK;
+        let left = self.retired.extract_if(.., |server| server.client_count() == 0);
+        left.for_each(|server| drop(server.stop()));
         let address = SocketAddr::new(self.parts.settings.address, self.handle.port());
         // The address of a socket that listens cannot be bound.
         if TcpListener::bind(address).is_err() {
@@ -129,7 +134,7 @@ impl Server {
         match self.parts.listen(&self.runtime) {
             Ok(handle) => {
                 log::warn!("Foxglove's server had stopped listening: it listens again");
-                drop(std::mem::replace(&mut self.handle, handle).stop());
+                self.retired.push(std::mem::replace(&mut self.handle, handle));
             }
             Err(error) => log::warn!("Foxglove's server has stopped listening: {error}"),
         }
@@ -137,7 +142,7 @@ impl Server {
 
     /// Closes the connections.
     pub(crate) fn stop(self) {
-        drop(self.handle.stop());
+        self.retired.into_iter().chain([self.handle]).for_each(|server| drop(server.stop()));
         self.runtime.shutdown_timeout(CLOSE);
     }
 }
