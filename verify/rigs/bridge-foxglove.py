@@ -346,6 +346,17 @@ def idle_connections(port):
     raise AssertionError("600 connections do not use up the file descriptors of the bridge")
 
 
+async def when_it_listens(connect):
+    """The connection, as soon as the server listens: where it closes connections slower than they come, it has no descriptor for a while."""
+    end = time.monotonic() + 60
+    while True:
+        try:
+            return connect()
+        except ConnectionRefusedError:
+            assert time.monotonic() < end, "the server does not listen any more"
+            await asyncio.sleep(0.5)
+
+
 async def connect_again(port):
     """A viewer that connects as soon as the server listens again."""
     end = time.monotonic() + 60
@@ -438,13 +449,13 @@ def damaged(seed):
 async def hostile(port):
     for seed in range(200):
         dice = random.Random(seed)
-        with socket.create_connection(("127.0.0.1", int(port))) as connection:
+        with await when_it_listens(lambda: socket.create_connection(("127.0.0.1", int(port)))) as connection:
             try:
                 connection.sendall(dice.randbytes(dice.randrange(1, 4000)))
             except OSError:
                 pass
     for seed in range(20):
-        with silent_viewer(port) as connection:
+        with await when_it_listens(lambda: silent_viewer(port)) as connection:
             try:
                 for message in damaged(seed):
                     connection.sendall(message)
