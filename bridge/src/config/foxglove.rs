@@ -18,7 +18,7 @@ pub(crate) struct Foxglove {
     pub(crate) allow_remote: bool,
     /// The certificate of the server, PEM. With it, the server accepts TLS only.
     pub(crate) tls_certificate: Option<PathBuf>,
-    /// The private key of the certificate, PKCS #8 in PEM.
+    /// The private key of the certificate, in PEM.
     pub(crate) tls_key: Option<PathBuf>,
     /// Messages per second of each joint, 0 for none. At most one per cycle.
     pub(crate) joints_hz: f64,
