@@ -113,15 +113,14 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let motor = Motor::new(client, Arc::clone(&shared), requests, config.commands.timeout(), cycles);
     let desk = Arc::new(StopDesk::default());
     let stop = {
-        let (instance, desk, ends) =
-            (config.robot.instance.clone(), Arc::clone(&desk), Arc::clone(&shared.ends));
-        spawn("stop", move || stop::run(&instance, &desk, &ends)).map_err(BridgeError::Start)?
+        let (instance, desk) = (config.robot.instance.clone(), Arc::clone(&desk));
+        spawn("stop", move || stop::run(&instance, &desk)).map_err(BridgeError::Start)?
     };
     // The nearest sources first: they need no network.
     let mut sources = inputs::start(&config, &shared, &desk).map_err(BridgeError::Start)?;
     sources
         .extend(page.map(|page| web::start(page, &shared, &desk)).transpose().map_err(BridgeError::Start)?);
-    let node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
+    let mut node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
     sources.extend(foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?);
     let motor = spawn("motor", move || motor.run()).map_err(BridgeError::Start)?;
     while !shared.ends() {
@@ -133,10 +132,13 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
             shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
         }
     }
-    // The motor thread releases the groups first.
-    for thread in [motor, stop].into_iter().chain(sources) {
+    // The motor thread releases the groups first. The stop ends after its last source.
+    for thread in [motor].into_iter().chain(sources) {
         let _panicked = thread.join();
     }
+    node.join();
+    desk.close();
+    let _panicked = stop.join();
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
 }

@@ -119,6 +119,7 @@ fn main() -> ExitCode {
         Command::Check { config } => check(&config),
         Command::Gamepad { name, json } => bridge::gamepad(name, json),
     };
+    log::logger().flush();
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -4,14 +4,14 @@
 use motord_client::{Client, Error};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Limit on requests that wait for a receipt: more than the page has connections. A request beyond
 /// it joins the stop, without a receipt.
 const RECEIPTS_MAX: usize = 256;
 
-/// Time after which the thread checks whether the bridge ends.
+/// Time after which the thread checks whether its sources have ended.
 const POLL: Duration = Duration::from_millis(200);
 
 /// The answer to a request without a receipt.
@@ -55,6 +55,7 @@ struct Request {
 pub(crate) struct StopDesk {
     requests: Mutex<VecDeque<Request>>,
     arrived: Condvar,
+    is_closed: AtomicBool,
     last: Mutex<Option<LastStop>>,
 }
 
@@ -77,6 +78,11 @@ impl StopDesk {
         receiver
     }
 
+    /// Ends the thread of the stops, after those that wait: no source requests another one.
+    pub(crate) fn close(&self) {
+        self.is_closed.store(true, Ordering::Release);
+    }
+
     /// Returns the last stop.
     pub(crate) fn last(&self) -> Option<LastStop> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -97,12 +103,17 @@ impl StopDesk {
     }
 }
 
-/// Stops the robot `instance` for the requests at `desk`, until the bridge ends.
-pub(crate) fn run(instance: &str, desk: &StopDesk, ends: &Arc<AtomicBool>) {
+/// Stops the robot `instance` for the requests at `desk`, until it is closed.
+pub(crate) fn run(instance: &str, desk: &StopDesk) {
     let mut client = Client::connect_to_stop(instance).ok();
-    while !ends.load(Ordering::Relaxed) {
+    loop {
+        // Before the requests are taken: all that were made before it closed are among them.
+        let is_closed = desk.is_closed.load(Ordering::Acquire);
         let requests = desk.take(POLL);
         if requests.is_empty() {
+            if is_closed {
+                break;
+            }
             continue;
         }
         if client.is_none() {
@@ -215,6 +226,15 @@ mod tests {
         let silent = Error::Silent { silent_for: Duration::from_secs(1) };
         let receipt = Receipt::of(Err(Error::MotorsUnchecked { reason: Box::new(silent) }), joints());
         assert_eq!((receipt.is_confirmed, receipt.confirmed, receipt.unconfirmed), (false, vec![], joints()));
+    }
+
+    #[test]
+    fn stop_before_the_end_is_carried_out() {
+        let desk = StopDesk::default();
+        let receipt = desk.request("the page".to_owned());
+        desk.close();
+        run("no-such-robot", &desk);
+        assert!(!receipt.try_recv().unwrap().is_confirmed);
     }
 
     #[test]

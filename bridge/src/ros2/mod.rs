@@ -126,12 +126,16 @@ impl Ros2Node {
         self.threads.iter().any(JoinHandle::is_finished) || self.dds_threads.have_ended()
     }
 
-    /// Waits for the threads, and leaves the graph.
-    pub(crate) fn leave(self) {
-        for thread in self.threads {
+    /// Waits for the threads.
+    pub(crate) fn join(&mut self) {
+        for thread in self.threads.drain(..) {
             // A panic has printed itself.
             let _panicked = thread.join();
         }
+    }
+
+    /// Leaves the graph.
+    pub(crate) fn leave(self) {
         // The DDS library reports its own end as an error.
         log::set_max_level(log::LevelFilter::Off);
     }

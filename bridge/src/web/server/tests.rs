@@ -22,27 +22,28 @@ fn listening() -> (tokio::runtime::Runtime, TcpListener, SocketAddr, Web) {
 /// A server, and a thread that answers stops.
 struct Running {
     address: SocketAddr,
-    ends: [Arc<AtomicBool>; 2],
+    ends: Arc<AtomicBool>,
+    desk: Arc<StopDesk>,
     threads: Vec<std::thread::JoinHandle<()>>,
 }
 
 impl Running {
     fn start(needs_token: bool) -> Self {
         let (shared, desk) = (shared(), Arc::new(StopDesk::default()));
-        let stops = Arc::new(AtomicBool::new(false));
-        let ends = [Arc::clone(&shared.ends), Arc::clone(&stops)];
+        let ends = Arc::clone(&shared.ends);
         let (runtime, listener, address, web) = listening();
         let tokens = needs_token.then(|| Tokens::parse(&format!("anna {SECRET}")).unwrap());
-        let stopping = Arc::clone(&desk);
+        let [stopping, closing] = [&desk; 2].map(Arc::clone);
         let serve = move || {
             let server = Rc::new(Server::new(Guard::new(&web, tokens), desk));
             tokio::task::LocalSet::new().block_on(&runtime, run(&server, &listener, None, &shared));
         };
         let stop = move || {
             // No motord runs this instance: each stop is unconfirmed.
-            crate::stop::run("no-such-robot", &stopping, &stops);
+            crate::stop::run("no-such-robot", &stopping);
         };
-        Self { address, ends, threads: vec![std::thread::spawn(serve), std::thread::spawn(stop)] }
+        let threads = vec![std::thread::spawn(serve), std::thread::spawn(stop)];
+        Self { address, ends, desk: closing, threads }
     }
 
     fn open(&self) -> Peer {
@@ -68,7 +69,8 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        self.ends.iter().for_each(|ends| ends.store(true, Ordering::Relaxed));
+        self.ends.store(true, Ordering::Relaxed);
+        self.desk.close();
         for thread in self.threads.drain(..) {
             assert!(thread.join().is_ok());
         }
