@@ -34,29 +34,32 @@ impl ClaimGate {
 pub(crate) type Writer = [u8; 16];
 
 /// The writer whose commands count. A claim is bound to the first writer whose valid command
-/// arrives after it.
+/// arrives after it. DDS numbers the messages of a writer.
 #[derive(Debug, Default)]
 pub(crate) struct Binding {
     claim: u64,
-    writer: Option<Writer>,
+    /// With the number of its newest command.
+    writer: Option<(Writer, i64)>,
 }
 
 impl Binding {
-    /// Checks whether a command of `writer` may count under `claim`, and returns its number.
-    pub(crate) fn admit(&mut self, claim: Option<u64>, writer: Writer) -> Result<u64, Refusal> {
+    /// Checks whether the command `number` of `writer` may count under `claim`, and returns the number
+    /// of the claim.
+    pub(crate) fn admit(&mut self, claim: Option<u64>, writer: Writer, number: i64) -> Result<u64, Refusal> {
         let claim = claim.ok_or(Refusal::NoClaim)?;
         if self.claim != claim {
             *self = Self { claim, writer: None };
         }
         match self.writer {
-            Some(bound) if bound != writer => Err(Refusal::ForeignWriter),
+            Some((bound, _)) if bound != writer => Err(Refusal::ForeignWriter),
+            Some((_, newest)) if number <= newest => Err(Refusal::Reordered),
             _ => Ok(claim),
         }
     }
 
-    /// Binds the claim to `writer`, whose command was valid. Returns `true` for a new binding.
-    pub(crate) fn bind(&mut self, writer: Writer) -> bool {
-        self.writer.replace(writer) != Some(writer)
+    /// Binds the claim to `writer`, whose command `number` was valid. Returns `true` for a new binding.
+    pub(crate) fn bind(&mut self, writer: Writer, number: i64) -> bool {
+        self.writer.replace((writer, number)).is_none_or(|(bound, _)| bound != writer)
     }
 }
 
@@ -70,29 +73,41 @@ mod tests {
     #[test]
     fn nothing_counts_without_a_claim() {
         let (gate, mut binding) = (ClaimGate::default(), Binding::default());
-        assert_eq!(binding.admit(gate.claim(), A), Err(Refusal::NoClaim));
+        assert_eq!(binding.admit(gate.claim(), A, 1), Err(Refusal::NoClaim));
         gate.open();
         gate.close();
-        assert_eq!(binding.admit(gate.claim(), A), Err(Refusal::NoClaim));
+        assert_eq!(binding.admit(gate.claim(), A, 1), Err(Refusal::NoClaim));
     }
 
     #[test]
     fn first_valid_writer_excludes_the_others() {
         let (gate, mut binding) = (ClaimGate::default(), Binding::default());
         gate.open();
-        assert_eq!(binding.admit(gate.claim(), A), Ok(1));
-        assert_eq!(binding.admit(gate.claim(), B), Ok(1), "no valid command was seen yet");
-        assert!(binding.bind(B) && !binding.bind(B));
-        assert_eq!(binding.admit(gate.claim(), A), Err(Refusal::ForeignWriter));
-        assert_eq!(binding.admit(gate.claim(), B), Ok(1));
+        assert_eq!(binding.admit(gate.claim(), A, 1), Ok(1));
+        assert_eq!(binding.admit(gate.claim(), B, 1), Ok(1), "no valid command was seen yet");
+        assert!(binding.bind(B, 1) && !binding.bind(B, 2));
+        assert_eq!(binding.admit(gate.claim(), A, 9), Err(Refusal::ForeignWriter));
+        assert_eq!(binding.admit(gate.claim(), B, 3), Ok(1));
+    }
+
+    #[test]
+    fn command_after_newer_one_is_refused() {
+        let (gate, mut binding) = (ClaimGate::default(), Binding::default());
+        gate.open();
+        assert_eq!(binding.admit(gate.claim(), A, 5), Ok(1));
+        binding.bind(A, 5);
+        for number in [4, 5] {
+            assert_eq!(binding.admit(gate.claim(), A, number), Err(Refusal::Reordered));
+        }
+        assert_eq!(binding.admit(gate.claim(), A, 6), Ok(1));
     }
 
     #[test]
     fn new_claim_ends_the_binding() {
         let (gate, mut binding) = (ClaimGate::default(), Binding::default());
         gate.open();
-        binding.bind(A);
+        binding.bind(A, 7);
         gate.close();
-        assert_eq!((gate.open(), binding.admit(gate.claim(), B)), (2, Ok(2)));
+        assert_eq!((gate.open(), binding.admit(gate.claim(), B, 1)), (2, Ok(2)));
     }
 }

@@ -30,6 +30,7 @@ macro_rules! refusals {
 refusals! {
     NoClaim "no-claim" "The bridge does not hold the group: call its service `claim` first."
     ForeignWriter "foreign-writer" "Another writer commands the group: call `release`, then `claim`, to change it."
+    Reordered "reordered" "A later command of its writer has arrived before it."
     Undecodable "undecodable" "The message does not have the layout of its type, or one of its lists is too long."
     MissingJoint "missing-joint" "A joint of the group is not named: name each one."
     UnknownJoint "unknown-joint" "A name is that of no joint of the group."

@@ -161,7 +161,7 @@ impl Inbox {
             Err(refusal) => self.refuse(refusal, F::TOPIC),
             Ok(command) => {
                 self.link.counters.accepted.fetch_add(1, Ordering::Relaxed);
-                if self.binding.borrow_mut().bind(writer) {
+                if self.binding.borrow_mut().bind(writer, info.sequence_number()) {
                     let (name, writer) = (&self.link.group.name, hexadecimal(&writer));
                     log::info!("group {name}: writer {writer} of {} controls it", F::TOPIC);
                 }
@@ -171,7 +171,8 @@ impl Inbox {
     }
 
     fn accept<F: Form>(&self, message: &F, info: &MessageInfo, writer: Writer) -> Result<Command, Refusal> {
-        let claim = self.binding.borrow_mut().admit(self.link.gate.claim(), writer)?;
+        let claim =
+            self.binding.borrow_mut().admit(self.link.gate.claim(), writer, info.sequence_number())?;
         let arrived = Instant::now();
         let rules = Rules {
             group: &self.link.group,
