@@ -5,6 +5,9 @@
 //!  at rest         its setpoints              zero torque, some times a second, which keeps the claim
 //!  running         its setpoints              disable, then nothing: motord's own timeout follows
 //! ```
+//!
+//! The end of a run, a disable and a reset end the command: no later enable goes on with its
+//! trajectory.
 
 use crate::command::{Command, Target};
 use crate::link::GroupLink;
@@ -46,6 +49,8 @@ pub(crate) struct Held {
     /// The number under which commands count.
     number: u64,
     command: Option<Command>,
+    /// The group ran at the last state.
+    ran: bool,
     /// The setpoints of the command were sent, and only need to be repeated.
     is_sent: bool,
     is_disabled: bool,
@@ -56,7 +61,16 @@ pub(crate) struct Held {
 
 impl Held {
     pub(crate) fn new(claim: Claim, number: u64) -> Self {
-        Self { claim, number, command: None, is_sent: false, is_disabled: false, rested: None, logged: None }
+        Self {
+            claim,
+            number,
+            command: None,
+            ran: false,
+            is_sent: false,
+            is_disabled: false,
+            rested: None,
+            logged: None,
+        }
     }
 
     /// Sends what the cycle of `state` needs.
@@ -67,6 +81,10 @@ impl Held {
         let view = state.of(&self.claim)?;
         let runs = matches!(view.phase(), Some(Phase::Starting | Phase::Active));
         self.is_disabled &= runs;
+        if self.ran && !runs {
+            self.forget(link);
+        }
+        self.ran = runs;
         let now = Instant::now();
         self.accept(link);
         let in_force = self.command.as_ref().is_some_and(|command| command.is_in_force(now, timeout));
@@ -84,6 +102,12 @@ impl Held {
         if let Some(command) = link.command.try_take().filter(|command| command.claim == self.number) {
             (self.command, self.is_sent) = (Some(command), false);
         }
+    }
+
+    /// Ends the command, also one that was not taken yet.
+    fn forget(&mut self, link: &GroupLink) {
+        self.command = None;
+        drop(link.command.try_take());
     }
 
     fn send(&mut self, now: Instant) {
@@ -153,11 +177,13 @@ impl Held {
         Ok(format!("group {name} is starting"))
     }
 
-    pub(crate) fn disable(&mut self) -> Result<(), Error> {
+    pub(crate) fn disable(&mut self, link: &GroupLink) -> Result<(), Error> {
+        self.forget(link);
         self.claim.disable()
     }
 
-    pub(crate) fn reset(&mut self) -> Result<(), Error> {
+    pub(crate) fn reset(&mut self, link: &GroupLink) -> Result<(), Error> {
+        self.forget(link);
         self.claim.reset()
     }
 

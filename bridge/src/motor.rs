@@ -55,7 +55,8 @@ impl Motor {
                     std::thread::sleep(WAIT.saturating_sub(begun.elapsed()).min(WAIT / 10));
                 }
             }
-            while let Ok(request) = self.requests.try_recv() {
+            // One between two states: a flood of requests delays no setpoint.
+            if let Ok(request) = self.requests.try_recv() {
                 let answer = self.perform(request.group, request.operation);
                 // A caller that has gone needs no answer.
                 let _closed = request.answer.try_send(answer);
@@ -121,7 +122,7 @@ impl Motor {
             },
             Operation::Disable => {
                 let disabled = match &mut self.held[index] {
-                    Some(held) => held.disable(),
+                    Some(held) => held.disable(&link),
                     None => self.client.disable(name),
                 };
                 disabled
@@ -130,7 +131,7 @@ impl Motor {
             }
             Operation::Reset => {
                 let reset = match &mut self.held[index] {
-                    Some(held) => held.reset(),
+                    Some(held) => held.reset(&link),
                     None => self.client.reset(name),
                 };
                 reset

@@ -289,6 +289,18 @@ def trajectories(peer):
     print(f"joint_trajectory: error at its end {error:.4f} rad")
     assert error < 0.05, error
     peer.reset()
+    # A stop ends a trajectory: no enable goes on with it.
+    base = list(peer.group().position)
+    peer.call(f"{GROUP}/claim")
+    send([(0.0, 0.0), (30.0, 0.0)])
+    time.sleep(0.1)
+    peer.call(f"{GROUP}/enable")
+    peer.wait(lambda: peer.group().phase == "active", 5, "start of the group")
+    peer.call("/motord/stop")
+    peer.wait(lambda: peer.group().phase == "disarmed", 5, "end of the group")
+    peer.call(f"{GROUP}/reset")
+    peer.call(f"{GROUP}/enable", expect=False)
+    peer.reset()
 
 
 def bad_commands(names, away):
