@@ -15,7 +15,7 @@ use motord_realtime::process;
 use motord_stop::Robot;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -50,11 +50,12 @@ pub(super) fn start(instance: &Instance, wire: Arc<Wire>, ends: Arc<AtomicBool>)
 }
 
 /// Stops the robot, and waits for its receipt. A network may lose the request or the receipt: it is
-/// sent again and again.
+/// sent again and again, and the receipt of each attempt counts.
 fn stop(wire: &Wire, name: &str) -> Result<(), StopError> {
     let begun = Instant::now();
+    let (sender, replies) = channel();
     while begun.elapsed() < RECEIPT_TIMEOUT {
-        if let Some(receipt) = attempt(wire, name) {
+        if let Some(receipt) = attempt(wire, name, &sender, &replies) {
             if !receipt.sent {
                 tracing::error!(receipt = receipt.message, "the robot was not stopped");
             }
@@ -64,23 +65,41 @@ fn stop(wire: &Wire, name: &str) -> Result<(), StopError> {
     Err(StopError::NoCycle)
 }
 
-fn attempt(wire: &Wire, name: &str) -> Option<Receipt> {
-    let (sender, receipts) = channel();
-    let session = wire.session()?;
+/// The bytes of a receipt. `None` for an attempt that ended without one.
+type Reply = Option<Vec<u8>>;
+
+/// Sends the request, and returns a receipt of this attempt, or of one before it.
+fn attempt(wire: &Wire, name: &str, sender: &Sender<Reply>, replies: &Receiver<Reply>) -> Option<Receipt> {
+    let Some(session) = wire.session() else {
+        std::thread::sleep(PAUSE);
+        return None;
+    };
+    let ended = Ended(sender.clone());
     let sent = session.get(wire.keys.stop()).payload(name).timeout(RECEIPT_TIMEOUT);
     let sent = sent.callback(move |reply| {
         let bytes = reply.result().ok().map(|sample| sample.payload().to_bytes().into_owned());
-        let _late = sender.send(bytes);
+        // The stop has its receipt already.
+        let _late = ended.0.send(bytes);
     });
-    sent.wait().ok()?;
-    match receipts.recv_timeout(ATTEMPT) {
-        Ok(bytes) => serde_json::from_slice(&bytes?).ok(),
+    // Dropped with its callback where it cannot be sent.
+    let _failed = sent.wait();
+    match replies.recv_timeout(ATTEMPT) {
+        Ok(Some(bytes)) => serde_json::from_slice(&bytes).ok(),
         // No robot answers at all: the next attempt must not follow at once.
-        Err(RecvTimeoutError::Disconnected) => {
+        Ok(None) => {
             std::thread::sleep(PAUSE);
             None
         }
-        Err(RecvTimeoutError::Timeout) => None,
+        Err(_) => None,
+    }
+}
+
+/// Tells the end of an attempt when it is dropped with the callback.
+struct Ended(Sender<Reply>);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        let _late = self.0.send(None);
     }
 }
 
@@ -104,5 +123,39 @@ impl Remote {
             Some(source) => format!("{program}: {source}"),
             None => program,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Network;
+    use crate::network::{self, Keys};
+    use zenoh::Session;
+
+    fn open(text: &str) -> Session {
+        let network: Network = toml::from_str(&format!("plaintext = true\n{text}")).unwrap();
+        network::open(&network, None, || false).unwrap().unwrap()
+    }
+
+    #[test]
+    fn receipt_of_slow_robot_counts() {
+        let socket = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = socket.local_addr().unwrap();
+        drop(socket);
+        let robot = open(&format!("listen = [\"tcp/{address}\"]\n"));
+        let keys = Keys::of("go7");
+        let answering = robot.declare_queryable(keys.stop()).callback(|query| {
+            // As long as a stop takes while a motor is silent.
+            std::thread::spawn(move || {
+                std::thread::sleep(3 * ATTEMPT);
+                let receipt = serde_json::to_string(&Receipt::of(Ok(()))).unwrap();
+                let _late = query.reply(query.key_expr(), receipt).wait();
+            });
+        });
+        let _answering = answering.wait().unwrap();
+        let wire = Arc::new(Wire::new(keys).unwrap());
+        wire.link(open(&format!("connect = [\"tcp/{address}\"]\n"))).unwrap();
+        assert!(stop(&wire, "test").is_ok());
     }
 }
