@@ -58,13 +58,21 @@ impl From<FrameError> for Refused {
     }
 }
 
+/// Who may send a frame, by its key. Everybody may forge the number of a session in a frame of
+/// watchers, so it hides none of a controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sender {
+    Watcher,
+    Controller,
+}
+
 /// A mirror.
 #[derive(Debug)]
 struct Session {
     id: u64,
-    /// Number of its newest frame.
-    sequence: u64,
-    /// When that left, by the mirror's clock, ns.
+    /// Numbers of its newest frames, by [`Sender`].
+    sequences: [u64; 2],
+    /// When the newest left, by the mirror's clock, ns.
     sent_ns: u64,
     /// When it arrived, by the own clock, ns.
     arrived_ns: u64,
@@ -121,46 +129,56 @@ impl Admission {
 
     /// Takes a frame that only measures, which every watcher may send.
     pub(crate) fn admit_watcher(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
-        self.admit_as(up, now_ns, SESSIONS_MAX - RESERVED)
+        self.admit_as(up, now_ns, Sender::Watcher)
     }
 
     /// Takes a frame that arrived at `now_ns`. Returns an upper bound of the time since it left.
     pub(crate) fn admit(&mut self, up: &Up, now_ns: u64) -> Result<Duration, Refused> {
-        self.admit_as(up, now_ns, SESSIONS_MAX)
+        self.admit_as(up, now_ns, Sender::Controller)
     }
 
-    fn admit_as(&mut self, up: &Up, now_ns: u64, slots: usize) -> Result<Duration, Refused> {
+    fn admit_as(&mut self, up: &Up, now_ns: u64, sender: Sender) -> Result<Duration, Refused> {
         let age = up.echo.age(self.run, now_ns);
-        self.note(&up.head, age, now_ns, slots)?;
+        self.note(&up.head, age, now_ns, sender)?;
         let age = age.ok_or(Refused::Unechoed)?;
         let is_proof = up.echo.held_ns <= nanos(HELD);
         if age <= self.age_max && is_proof { Ok(age) } else { Err(Refused::Late) }
     }
 
-    /// Notes the newest frame of a session. A new session needs one of the first `slots` slots.
-    fn note(&mut self, head: &Head, age: Option<Duration>, now_ns: u64, slots: usize) -> Result<(), Refused> {
+    /// Notes the newest frame of a session.
+    fn note(
+        &mut self,
+        head: &Head,
+        age: Option<Duration>,
+        now_ns: u64,
+        sender: Sender,
+    ) -> Result<(), Refused> {
         if head.from == 0 {
             return Err(Refused::Malformed);
         }
         let Head { from: id, sequence, sent_ns } = *head;
-        let mut ages = Ages::default();
+        let (mut ages, mut sequences) = (Ages::default(), [0; 2]);
         let slot = match self.sessions.iter_mut().find(|known| known.id == id) {
-            Some(known) if sequence <= known.sequence => return Err(Refused::Old),
+            Some(known) if sequence <= known.sequences[sender as usize] => return Err(Refused::Old),
             Some(known) => {
-                ages = known.ages;
+                (ages, sequences) = (known.ages, known.sequences);
                 known
             }
-            None => self.slot(now_ns, slots)?,
+            None => self.slot(now_ns, sender)?,
         };
         ages.take(age, now_ns);
-        *slot = Session { id, sequence, sent_ns, arrived_ns: now_ns, ages };
+        sequences[sender as usize] = sequence;
+        *slot = Session { id, sequences, sent_ns, arrived_ns: now_ns, ages };
         Ok(())
     }
 
     /// Returns a slot for a new session: a free one, or that of a silent session without a lease.
-    fn slot(&mut self, now_ns: u64, slots: usize) -> Result<&mut Session, Refused> {
+    fn slot(&mut self, now_ns: u64, sender: Sender) -> Result<&mut Session, Refused> {
+        let reserved = if sender == Sender::Watcher { RESERVED } else { 0 };
+        let slots = SESSIONS_MAX - reserved;
         if self.sessions.len() < slots {
-            let empty = Session { id: 0, sequence: 0, sent_ns: 0, arrived_ns: 0, ages: Ages::default() };
+            let empty =
+                Session { id: 0, sequences: [0; 2], sent_ns: 0, arrived_ns: 0, ages: Ages::default() };
             self.sessions.push(empty);
             return self.sessions.last_mut().ok_or(Refused::Full);
         }
@@ -257,6 +275,15 @@ mod tests {
         assert_eq!(admission.admit(&up(1, 4, 0), 3), Err(Refused::Old));
         assert!(admission.admit(&up(2, 4, 0), 3).is_ok(), "numbers belong to a session");
         assert!(admission.admit(&up(1, 6, 0), 3).is_ok());
+    }
+
+    #[test]
+    fn forged_frame_of_watcher_hides_no_setpoint() {
+        let mut admission = admission();
+        assert!(admission.admit(&up(1, 5, 0), 3).is_ok());
+        assert!(admission.admit_watcher(&up(1, u64::MAX, 0), 3).is_ok());
+        assert!(admission.admit(&up(1, 6, 0), 3).is_ok());
+        assert_eq!(admission.admit_watcher(&up(1, 7, 0), 3), Err(Refused::Old));
     }
 
     #[test]

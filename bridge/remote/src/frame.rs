@@ -117,7 +117,8 @@ pub(crate) struct Up {
 }
 
 impl Up {
-    /// Returns the bytes of a frame that only measures.
+    /// Returns the bytes of a frame that only measures: of a watcher, or with the key of setpoints of
+    /// a mirror that may claim.
     pub(crate) fn beat(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(64);
         self.head.write(&mut bytes);

@@ -74,12 +74,14 @@ fn mirror_runs(wire: &Arc<Wire>, mirror: &Mirror, ends: &AtomicBool) -> Result<(
 
 /// Sends frames until a state of the robot has arrived. `None` at the end.
 fn await_robot(wire: &Wire, ends: &AtomicBool) -> Result<Option<Box<StateMessage>>, NetworkError> {
-    let beats = wire.sender(wire.keys.beat())?;
+    // The second key reaches the robot from a mirror that may claim: it finds a slot also beside
+    // many watchers.
+    let senders = [wire.sender(wire.keys.beat())?, wire.sender(wire.keys.setpoint())?];
     while !ends.load(Ordering::Relaxed) {
         if let Some(state) = wire.newest() {
             return Ok(Some(state));
         }
-        beats.put(wire.up().beat());
+        senders.iter().for_each(|sender| sender.put(wire.up().beat()));
         std::thread::park_timeout(BEAT);
     }
     Ok(None)

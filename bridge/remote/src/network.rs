@@ -14,6 +14,9 @@ const RETRY: Duration = Duration::from_millis(200);
 const GIVE_UP: Duration = Duration::from_secs(3);
 /// Longest time that a message waits for the queue of a slow link before it is dropped, µs.
 const DROP_AFTER_US: u64 = 100;
+/// Longest time that an answer waits for the queue of a slow link before that is closed, µs. The
+/// thread that waits may be one that receives from all links.
+const CLOSE_AFTER_US: u64 = 200_000;
 /// Limit on the bytes of one message: an answer has at most 48 KiB of text.
 const MESSAGE_MAX: usize = 128 * 1024;
 
@@ -184,6 +187,7 @@ fn settings(network: &Network, served: Option<&Served<'_>>) -> Vec<(&'static str
         ("scouting/gossip/enabled", json!(false)),
         ("transport/link/tx/lease", json!(LINK_LEASE.as_millis() as u64)),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(DROP_AFTER_US)),
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(CLOSE_AFTER_US)),
         ("transport/link/rx/max_message_size", json!(MESSAGE_MAX)),
     ];
     if let Some(tls) = &network.tls {

@@ -12,11 +12,16 @@ use motord_shared::{AdminRequest, Lease, Operation, Refusal};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
 /// Limit on requests that wait for a thread.
 const WAITING_MAX: usize = 16;
+
+/// A request that waited longer is refused: its client has given up, and must not see the robot
+/// move later.
+const WAIT_MAX: Duration = Duration::from_millis(500);
 
 /// Answers that are kept for requests that arrive again.
 const ANSWERS_KEPT: usize = 32;
@@ -27,6 +32,7 @@ struct Request {
     /// The session of its mirror, and its number there. `None` for a watcher, who may ask again.
     from: Option<(u64, u64)>,
     payload: AdminRequest,
+    arrived: Instant,
 }
 
 /// The newest answers. A network may lose one, and its mirror then sends the request again: it is
@@ -69,7 +75,7 @@ fn declare(
     let (of_thread, of_callback) = (Arc::clone(robot), Arc::clone(robot));
     std::thread::spawn(move || answer_all(&of_thread, &requests));
     let declared = session.declare_queryable(key).callback(move |query| match admit(&of_callback, &query) {
-        Ok((from, payload)) => hand_over(&sender, Request { query, from, payload }),
+        Ok((from, payload)) => hand_over(&sender, Request { query, from, payload, arrived: Instant::now() }),
         Err(reason) => {
             of_callback.counters.refuse(reason);
             let _disconnected = query.reply_err(format!("{reason:?}")).wait();
@@ -103,16 +109,27 @@ fn read_only(query: &Query) -> Result<Admitted, Refused> {
 
 fn hand_over(sender: &SyncSender<Request>, request: Request) {
     if let Err(TrySendError::Full(request) | TrySendError::Disconnected(request)) = sender.try_send(request) {
-        let busy = AdminReply { lease: 0, refusal: Refusal::Busy.code(), detail: NO_JOINT };
-        reply(&request.query, &reply_bytes(&busy, b""));
+        reply(&request.query, &busy());
     }
+}
+
+/// Returns the bytes of a refusal: the client may ask again.
+fn busy() -> Vec<u8> {
+    let busy = AdminReply { lease: 0, refusal: Refusal::Busy.code(), detail: NO_JOINT };
+    reply_bytes(&busy, b"")
 }
 
 fn answer_all(robot: &Robot, requests: &Receiver<Request>) {
     let mut answers = Answers::default();
-    while let Ok(Request { query, from, payload }) = requests.recv() {
+    while let Ok(Request { query, from, payload, arrived }) = requests.recv() {
         if let Some(answer) = from.and_then(|from| answers.get(from)) {
             reply(&query, answer);
+            continue;
+        }
+        if arrived.elapsed() > WAIT_MAX {
+            reply(&query, &busy());
+            // Another attempt of this request may have waited less.
+            from.into_iter().for_each(|from| answers.keep(from, busy()));
             continue;
         }
         match carry_out(robot, from, payload) {

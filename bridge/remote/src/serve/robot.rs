@@ -43,9 +43,15 @@ impl Robot {
         self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the bytes of a mirror: passes a setpoint that counts to the daemon, and counts others.
+    /// Takes the bytes of a mirror that may claim: passes a setpoint that counts to the daemon, and
+    /// counts others. A frame that only measures announces the mirror.
     pub(super) fn take_setpoint(&self, bytes: &[u8]) {
-        if let Err(reason) = self.pass_setpoint(bytes, clock::now_ns()) {
+        let now_ns = clock::now_ns();
+        let taken = match Up::read_beat(bytes) {
+            Ok(up) => self.admission().admit(&up, now_ns).map(drop),
+            Err(_) => self.pass_setpoint(bytes, now_ns),
+        };
+        if let Err(reason) = taken {
             self.counters.refuse(reason);
         }
     }
