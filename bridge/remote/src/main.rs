@@ -28,8 +28,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use tracing_appender::non_blocking::NonBlockingBuilder;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
+
+/// Limit on lines of the log that wait for standard error.
+const LINES_MAX: usize = 1024;
 
 /// Examples in the help.
 const EXAMPLES: &str = "\
@@ -140,8 +144,12 @@ impl Failure {
 fn main() -> ExitCode {
     let ours =
         Targets::new().with_target("motord_remote", LevelFilter::INFO).with_default(LevelFilter::ERROR);
+    // Standard error may block, such as that of a stopped terminal: then lines are lost, and no stop
+    // waits.
+    let queue = NonBlockingBuilder::default().buffered_lines_limit(LINES_MAX).lossy(true);
+    let (queue, written) = queue.thread_name("log").finish(std::io::stderr());
     let lines = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
+        .with_writer(queue)
         .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .with_target(false);
@@ -152,6 +160,8 @@ fn main() -> ExitCode {
         Command::Fleet(command) => fleet(command),
         Command::Check(file) => check(&file).map(|()| true),
     };
+    // Writes the lines that wait.
+    drop(written);
     match outcome {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,

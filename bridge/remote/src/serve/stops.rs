@@ -48,13 +48,13 @@ fn stop_all(robot: &Robot, instance: &str, key: &str, requests: &Receiver<Query>
         }
         robot.counters.change(|counts| counts.stops += 1);
         let receipt = Receipt::of(outcome);
-        tracing::warn!(source, confirmed = receipt.confirmed, "emergency stop: {}", receipt.message);
         let json = serde_json::to_string(&receipt).unwrap_or_default();
         for query in [first].iter().chain(&others) {
             // The request may be to all robots: the receipt names this one. A requester that has gone
             // needs none.
             let _disconnected = query.reply(key, json.as_str()).wait();
         }
+        tracing::warn!(source, confirmed = receipt.confirmed, "emergency stop: {}", receipt.message);
     }
 }
 
