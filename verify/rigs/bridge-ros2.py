@@ -292,7 +292,7 @@ def trajectories(peer):
     # A stop ends a trajectory: no enable goes on with it.
     base = list(peer.group().position)
     peer.call(f"{GROUP}/claim")
-    send([(0.0, 0.0), (30.0, 0.0)])
+    send([(0.0, 0.0), (9.0, 0.0)])
     time.sleep(0.1)
     peer.call(f"{GROUP}/enable")
     peer.wait(lambda: peer.group().phase == "active", 5, "start of the group")
