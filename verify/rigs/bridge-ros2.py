@@ -264,11 +264,20 @@ def forms(peer):
     trajectories(peer)
 
 
+def resting(peer):
+    """The positions of the group once it no longer sinks: a trajectory begins where the joints are."""
+    while True:
+        before = list(peer.group().position)
+        time.sleep(0.2)
+        if max(abs(p - b) for p, b in zip(peer.group().position, before)) < 0.005:
+            return before
+
+
 def trajectories(peer):
     publisher = peer.node.create_publisher(JointTrajectory, f"{GROUP}/joint_trajectory", 10)
     peer.wait(lambda: publisher.get_subscription_count() > 0, 10, "subscription of the bridge")
-    names, base = list(peer.group().names), list(peer.group().position)
     peer.call(f"{GROUP}/claim")
+    names, base = list(peer.group().names), resting(peer)
 
     def send(offsets):
         message = JointTrajectory(joint_names=names)
@@ -290,8 +299,8 @@ def trajectories(peer):
     assert error < 0.05, error
     peer.reset()
     # A stop ends a trajectory: no enable goes on with it.
-    base = list(peer.group().position)
     peer.call(f"{GROUP}/claim")
+    base = resting(peer)
     send([(0.0, 0.0), (9.0, 0.0)])
     time.sleep(0.1)
     peer.call(f"{GROUP}/enable")
