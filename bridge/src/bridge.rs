@@ -1,5 +1,6 @@
 //! The commands: `check`, and `run`, which starts and ends the threads.
 
+use crate::clock::ClockCheck;
 use crate::config::{Config, ConfigError, Range};
 use crate::foxglove;
 use crate::gamepad;
@@ -123,15 +124,10 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let mut node = ros2::start(&config, &network, &shared, &desk, sender).map_err(BridgeError::Start)?;
     sources.extend(foxglove::start(&config, &shared, &desk).map_err(BridgeError::Start)?);
     let motor = spawn("motor", move || motor.run()).map_err(BridgeError::Start)?;
-    while !shared.ends() {
-        std::thread::sleep(RETRY);
+    await_end(&shared, || {
         let source_has_ended = sources.iter().any(JoinHandle::is_finished);
-        let has_ended = node.has_ended() || motor.is_finished() || stop.is_finished() || source_has_ended;
-        // After a signal the threads end by themselves.
-        if has_ended && !shared.ends() {
-            shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
-        }
-    }
+        node.has_ended() || motor.is_finished() || stop.is_finished() || source_has_ended
+    });
     // The motor thread releases the groups first. The stop ends after its last source.
     for thread in [motor].into_iter().chain(sources) {
         let _panicked = thread.join();
@@ -141,6 +137,25 @@ pub(crate) fn run(path: &Path) -> Result<(), BridgeError> {
     let _panicked = stop.join();
     node.leave();
     shared.failure().map_or(Ok(()), |failure| Err(BridgeError::Ended(failure.to_owned())))
+}
+
+/// Waits until the bridge ends. It ends by itself with one of its threads, and with a clock that is set
+/// back.
+fn await_end(shared: &Shared, thread_has_ended: impl Fn() -> bool) {
+    let mut clock = ClockCheck::new();
+    while !shared.ends() {
+        std::thread::sleep(RETRY);
+        // After a signal the threads end by themselves.
+        if thread_has_ended() && !shared.ends() {
+            shared.fail("a thread of the bridge has ended: see the lines above".to_owned());
+        }
+        if let Some(step) = clock.step_back() {
+            let seconds = step.as_secs_f64();
+            shared.fail(format!(
+                "the clock was set back by {seconds:.3} s, and ROS 2 would be deaf for as long"
+            ));
+        }
+    }
 }
 
 /// Returns the number of cycles between two states that any thread needs while no group is claimed.

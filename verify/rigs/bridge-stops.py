@@ -1,4 +1,5 @@
-"""The sources of test-bridge-stops: `bridge-stops.py ORDERS SEED`. A failed check ends it with an error.
+"""The sources of test-bridge-stops: `bridge-stops.py ORDERS SEED`; or `bridge-stops.py --best-effort`, one stop by a writer whose messages
+need not arrive. A failed check ends it with an error.
 
 Reads motord.log and bridge.log. Its last lines are the numbers of the run, which the rig adds to those of other robots.
 """
@@ -28,6 +29,7 @@ from trigger import Request, Response
 
 JOINTS = {f"{leg}-{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "thigh", "knee")}
 LONGEST = 30
+BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1))
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=5)), Policy.History.KeepLast(100))
 
 
@@ -94,8 +96,8 @@ class Foxglove:
 class RosTopic:
     name = "the topic /motord/stop"
 
-    def __init__(self, participant):
-        self.writer = DataWriter(participant, Topic(participant, "rt/motord/stop", Empty, qos=RELIABLE), qos=RELIABLE)
+    def __init__(self, participant, qos=RELIABLE):
+        self.writer = DataWriter(participant, Topic(participant, "rt/motord/stop", Empty, qos=qos), qos=qos)
         await_that("the bridge reads the topic", self.writer.get_matched_subscriptions)
 
     def stop(self, dies, delay):
@@ -261,6 +263,20 @@ def main(orders, seed):
     repeat(orders, random.Random(seed), all_sources(participant))
 
 
+def stop_best_effort():
+    """The writer repeats its message, as one does whose messages may be lost."""
+    await_that("no earlier stop", lambda: group()["stop"] is None)
+    source = RosTopic(DomainParticipant(0), BEST_EFFORT)
+
+    def stopped():
+        source.stop(False, 0)
+        time.sleep(0.05)
+        return group()["stop"] is not None
+
+    await_that("the stop of a best-effort writer counts", stopped)
+    motorctl("reset", "--wait")
+
+
 def all_sources(participant):
     return [
         Page(),
@@ -287,4 +303,7 @@ def repeat(orders, dice, sources):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2])
+    if sys.argv[1] == "--best-effort":
+        stop_best_effort()
+    else:
+        main(int(sys.argv[1]), sys.argv[2])
